@@ -1,0 +1,71 @@
+# lf_flame: every target is a thin call of the program `lf-flame` (see `lf-flame --help`).
+#
+#   PRESET            smoke (CI, two minutes), quick (default, 15 minutes), paper (the paper's sizes)
+#   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
+#   BACKBONE_DEPTH    conv5 (default, all of ResNet-50) or conv4
+#   RUN               name of the folders for runs and results (default: PRESET). Use another name
+#                     to keep results of other weights beside these, e.g. RUN=quick-imagenet
+
+PRESET ?= quick
+RUN ?= $(PRESET)
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= 0
+
+BIN := $(VENV)/bin
+LF := $(BIN)/lf-flame
+DATA := data/$(PRESET)
+RUNS := runs/$(RUN)
+RESULTS := experiments/results/$(RUN)
+BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
+            $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+INSTALLED := $(VENV)/installed
+
+.DELETE_ON_ERROR:
+.PHONY: help install dataset slopes train-shapes train-flame tables test test-jit-off lint clean
+# A data set or a trained model is never removed as an intermediate file.
+.SECONDARY:
+
+help:  ## show this list
+	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [RUN=...]'
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
+$(INSTALLED): setup.cfg pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+dataset: $(DATA)/shapes.zarr/zarr.json $(DATA)/flames.zarr/zarr.json  ## simulate both data sets
+$(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(INSTALLED)
+	$(LF) dataset $< --preset $(PRESET) --workers $(WORKERS) --out $(DATA)/$*.zarr
+
+slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
+	@cat $(RESULTS)/slopes.md
+$(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
+	$(LF) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
+
+train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
+train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
+$(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(INSTALLED)
+	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(BACKBONE)
+
+tables: $(RESULTS)/table1.csv $(RESULTS)/table2.csv $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8
+	@cat $(RESULTS)/table1.md $(RESULTS)/table2.md
+$(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
+	$(LF) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
+$(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
+	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
+
+test: | $(INSTALLED)  ## run the tests
+	$(BIN)/python -m pytest
+
+test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/test_kernels.py tests/test_render.py tests/test_refocus.py
+
+lint: | $(INSTALLED)  ## check style with ruff
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+clean:  ## remove caches; data sets, runs and results stay
+	rm -rf build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

@@ -1,0 +1,220 @@
+"""The plenoptic camera: main lens, microlens array at its image plane, sensor behind that.
+
+Lengths are in mm, angles in rad. ``depth`` is measured from the focal plane, positive = farther
+from the main lens. ``slope`` is in lenslets per view step, positive = behind the focal plane.
+``alpha`` is Ng's relative image distance: the refocused image plane lies at ``alpha`` times the
+distance of the microlens array. Images are stored upright: the whole sensor, lenslets and
+micro-images alike, is turned by 180 degrees, so that rows run down and columns run right in the
+scene and in the image; that leaves the sign of the slope as it is.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lf_flame import transfer
+from lf_flame.errors import InputError
+
+
+@dataclass(frozen=True)
+class PlenopticCamera:
+    """A standard (unfocused) plenoptic camera.
+
+    Parameters
+    ----------
+    main_lens_focal_mm : float
+        Focal length of the main lens, above 0.
+    focus_distance_mm : float
+        Distance from the focal plane in object space to the main lens, above the focal length.
+        The microlens array stands at the image distance that the thin-lens equation gives for it
+        (deviation 1 in experiments/DEVIATIONS.md).
+    lenslet_focal_mm : float
+        Focal length of a lenslet, which is its distance from the sensor too; above 0.
+    lenslet_pitch_mm : float
+        Distance between the centres of neighbouring lenslets, above 0; the lenslets are square
+        and fill the array.
+    views : int
+        Pixels under a lenslet along each axis, at least 1. An odd number has a central view.
+    lenslets : (int, int)
+        Lenslet rows and columns that are recorded, at least 1 each.
+    pixel_pitch_mm : float, optional
+        Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; the message names it.
+    """
+
+    main_lens_focal_mm: float
+    focus_distance_mm: float
+    lenslet_focal_mm: float
+    lenslet_pitch_mm: float
+    views: int
+    lenslets: tuple[int, int]
+    pixel_pitch_mm: float | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
+
+    def __post_init__(self):
+        lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
+        lengths += ["lenslet_pitch_mm"] + ["pixel_pitch_mm"] * (self.pixel_pitch_mm is not None)
+        for name in lengths:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be a positive, finite length in mm, got {value}.")
+        if self.focus_distance_mm <= self.main_lens_focal_mm:
+            raise InputError(
+                f"focus_distance_mm must exceed main_lens_focal_mm ({self.main_lens_focal_mm}) for "
+                f"the main lens to form an image on the microlens array, "
+                f"got {self.focus_distance_mm}."
+            )
+        object.__setattr__(self, "lenslets", tuple(self.lenslets))
+        if len(self.lenslets) != 2 or min(self.lenslets) < 1 or self.views < 1:
+            raise InputError(
+                f"views must be at least 1 and lenslets two numbers of at least 1, "
+                f"got views={self.views}, lenslets={self.lenslets}."
+            )
+        if self.pixel_mm * self.views > self.micro_image_pitch_mm * (1 + 1e-9):
+            raise InputError(
+                f"pixel_pitch_mm must be at most {self.micro_image_pitch_mm / self.views:.6g} for "
+                f"{self.views} pixels to fit under a lenslet, got {self.pixel_pitch_mm}."
+            )
+
+    @cached_property
+    def image_distance_mm(self) -> float:
+        """Main lens to microlens array, in mm, by the thin-lens equation."""
+        f, a = self.main_lens_focal_mm, self.focus_distance_mm
+        return a * f / (a - f)
+
+    @cached_property
+    def micro_image_pitch_mm(self) -> float:
+        """Distance between micro-image centres: the lenslet pitch seen from the main lens."""
+        return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.image_distance_mm)
+
+    @cached_property
+    def pixel_mm(self) -> float:
+        """Sensor pixel pitch in mm, worked out where `pixel_pitch_mm` is None."""
+        return self.pixel_pitch_mm or self.micro_image_pitch_mm / self.views
+
+    @cached_property
+    def aperture_mm(self) -> float:
+        """Width of the main-lens aperture whose f-number matches the lenslets', in mm."""
+        return self.image_distance_mm * self.lenslet_pitch_mm / self.lenslet_focal_mm
+
+    @cached_property
+    def view_step_mm(self) -> float:
+        """Distance on the main lens between the centres of neighbouring views, in mm."""
+        return self.image_distance_mm * self.pixel_mm / self.lenslet_focal_mm
+
+    @cached_property
+    def field_of_view_deg(self) -> tuple[float, float]:
+        """Full angles (vertical, horizontal) that the recorded lenslets see, in degrees."""
+        return tuple(
+            math.degrees(2 * math.atan(n * self.lenslet_pitch_mm / 2 / self.image_distance_mm))
+            for n in self.lenslets
+        )
+
+    def field_mm(self, depth_mm: float) -> tuple[float, float]:
+        """Height and width, in mm, of what the central view sees at a depth."""
+        scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
+        return tuple(n * self.lenslet_pitch_mm * scale for n in self.lenslets)
+
+    def object_to_array(self, depth_mm: float) -> np.ndarray:
+        """Ray transfer matrix from a layer at `depth_mm` to the microlens array.
+
+        Raises
+        ------
+        InputError
+            If the layer does not stand in front of the main lens.
+        """
+        distance = self.focus_distance_mm + depth_mm
+        if not distance > 0:
+            raise InputError(
+                f"A layer must stand in front of the main lens, at a depth above "
+                f"{-self.focus_distance_mm} mm, got {depth_mm} mm."
+            )
+        return transfer.chain(
+            transfer.free_space(distance),
+            transfer.thin_lens(self.main_lens_focal_mm),
+            transfer.free_space(self.image_distance_mm),
+        )
+
+    def lenslet_to_sensor(self) -> np.ndarray:
+        """Ray transfer matrix from before a lenslet to the sensor, about the lenslet's own axis.
+
+        With the sensor in the lenslet's focal plane it is ``[[0, f], [-1/f, 1]]``: a pixel
+        collects a range of angles, over the whole lenslet.
+        """
+        return transfer.chain(
+            transfer.thin_lens(self.lenslet_focal_mm), transfer.free_space(self.lenslet_focal_mm)
+        )
+
+    def depth_to_slope(self, depth_mm):
+        """Slope at which a layer is in focus.
+
+        From ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the thin-lens equation put in,
+        which leaves ``1/a0 - 1/(a0 + z)``: finite for z to infinity and through the focal length.
+
+        Parameters
+        ----------
+        depth_mm : float or ndarray
+            Depth from the focal plane, above minus the focus distance; infinity is allowed.
+
+        Returns
+        -------
+        float or ndarray
+            Slope in lenslets per view step.
+        """
+        depth, a0 = np.asarray(depth_mm, float), self.focus_distance_mm
+        if not np.all(depth > -a0):
+            raise InputError(f"depth_mm must be above {-a0} (the main lens), got {depth_mm}.")
+        with np.errstate(invalid="ignore"):
+            vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 * (a0 + depth)))
+        return _scalar(vergence * self.image_distance_mm / self._alpha_step)
+
+    def slope_to_depth(self, slope):
+        """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
+
+        Infinite at the slope of infinity; beyond it no real layer is in focus and the depth is
+        that of the virtual one, below minus the focus distance.
+        """
+        a0 = self.focus_distance_mm
+        shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
+        with np.errstate(divide="ignore"):
+            return _scalar(a0 * shift / (1 - shift))
+
+    def slope_to_alpha(self, slope):
+        """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
+
+        Infinite at ``slope = -view_step / pitch``, where the refocused image is at infinity.
+        """
+        with np.errstate(divide="ignore"):
+            return _scalar(1 / (1 + np.asarray(slope, float) * self._alpha_step))
+
+    def alpha_to_slope(self, alpha):
+        """Slope for Ng's alpha; the inverse of `slope_to_alpha`, infinite alpha allowed."""
+        with np.errstate(divide="ignore"):
+            return _scalar((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
+
+    @cached_property
+    def _alpha_step(self) -> float:
+        """Change of 1/alpha for a slope of 1."""
+        return self.lenslet_pitch_mm / self.view_step_mm
+
+
+def _scalar(array: np.ndarray):
+    return array.item() if np.ndim(array) == 0 else array
+
+
+PAPER_CAMERA = PlenopticCamera(
+    main_lens_focal_mm=150.0,  # section III.A
+    focus_distance_mm=326.0,  # Figure 5
+    lenslet_focal_mm=0.4,  # section III.A
+    lenslet_pitch_mm=0.112,  # section III.A
+    views=15,  # not stated; follows from the slopes (deviation 2)
+    lenslets=(270, 540),  # not stated; 3 x 3 lenslets to a pixel of 90 x 180 (deviation 4)
+)
+"""The camera of the paper, as far as the paper states it (experiments/DEVIATIONS.md)."""

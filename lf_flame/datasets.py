@@ -1,0 +1,395 @@
+"""Data sets of light-field images and their refocused stacks, as Zarr v3 groups.
+
+A group holds ``input`` (n, h, w), the raw lenslet image resized to the network's grid by area
+averaging; ``target`` (n, objects, h, w), the light field refocused at the slope of each object;
+``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of its own with a
+checksum, seeded by its index, so that workers write side by side, a run that was cut goes on, and
+the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and renamed
+when it is whole.
+"""
+
+import hashlib
+import multiprocessing
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import zarr
+from skimage.transform import downscale_local_mean
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from lf_flame import provenance
+from lf_flame.camera import PlenopticCamera
+from lf_flame.config import build, read_toml, to_json
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
+from lf_flame.render import render
+from lf_flame.templates import TEMPLATES, Template
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """What a data set is made of; read from data_gen/*.toml by `read_config`.
+
+    Parameters
+    ----------
+    kind : {"shapes", "flames"}
+    seed : int
+        Sample i is drawn from ``numpy.random.default_rng([seed, i])``.
+    image : (int, int)
+        Height and width of input and targets; the lenslets are a whole multiple of it.
+    samples : dict
+        Number of light fields for each preset.
+    camera : PlenopticCamera
+    template : ShapeTemplate or FlameTemplate
+    """
+
+    kind: Literal["shapes", "flames"]
+    seed: int
+    image: tuple[int, int]
+    samples: dict[str, int]
+    camera: PlenopticCamera
+    template: Template
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        lenslets = self.camera.lenslets
+        if min(self.image) < 1 or any(n % m for n, m in zip(lenslets, self.image, strict=True)):
+            raise InputError(
+                f"image must divide the camera's lenslets {lenslets} into whole numbers, "
+                f"got {self.image}."
+            )
+        if self.seed < 0 or min(self.samples.values(), default=0) < 1:
+            raise InputError(
+                f"seed must be 0 or above and samples at least 1 for each preset, "
+                f"got seed={self.seed}, samples={self.samples}."
+            )
+
+    def sample_count(self, preset: str) -> int:
+        """Light fields of a preset."""
+        if preset not in self.samples:
+            raise InputError(f"preset must be one of {', '.join(self.samples)}, got {preset!r}.")
+        return self.samples[preset]
+
+    @property
+    def block(self) -> tuple[int, int]:
+        """Lenslets that are averaged into one pixel, along (t, s)."""
+        return tuple(n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
+
+    @property
+    def depths_mm(self) -> list[float]:
+        """Depths of the objects, in the order of the targets."""
+        return [o.depth_mm for o in self.template.objects]
+
+
+def read_config(path: str | Path) -> DatasetConfig:
+    """Read a data-set configuration from a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds an unknown, missing or impossible value.
+    """
+    values = read_toml(path)
+    return config_from_json(values, path)
+
+
+def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
+    """Rebuild a configuration from the JSON values that are stored with a data set."""
+    template = TEMPLATES.get(values.get("kind"))
+    if template is not None and "template" in values:
+        # Built first, by its kind, so that a mistake in it is told in the words of that kind.
+        built = build(template, values["template"], f"{source}: template")
+        values = {**values, "template": built}
+    return build(DatasetConfig, values, source)
+
+
+def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
+    """Find, on the mean scene, the slope that makes each object sharpest.
+
+    Each search sees only the part of the image around its object.
+
+    Returns
+    -------
+    list of SlopeSearch
+        In the order of the template's objects.
+    """
+    scene, _ = config.template.draw(None)
+    light_field = render(scene, config.camera)
+    regions = [_region(layer, config.camera) for layer in scene.layers]
+    return [find_sharpest_slope(light_field, region=region) for region in regions]
+
+
+def _region(layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
+    """Lenslets around a layer, with the room that its views and a blur of some lenslets need."""
+    slope = abs(camera.depth_to_slope(layer.depth_mm))
+    margin = slope * (camera.views - 1) / 2 + 12
+    scale = camera.field_mm(layer.depth_mm)[0] / camera.lenslets[0]  # mm per lenslet
+    region = []
+    for axis in (0, 1):
+        middle = (camera.lenslets[axis] - 1) / 2
+        edges = layer.cell_edges_mm(axis)[[0, -1]] / scale + middle
+        low, high = np.clip((edges[0] - margin, edges[1] + margin), 0, camera.lenslets[axis])
+        region += [int(low), int(np.ceil(high))]
+    return tuple(region)
+
+
+def encode_input(light_field: LightField, image: tuple[int, int]) -> np.ndarray:
+    """Resize the raw lenslet image by area averaging: all that the paper's network sees.
+
+    Every output pixel is the mean of whole micro-images, so this is the photograph averaged over
+    blocks of lenslets; no angular information is left (deviation 5).
+
+    Returns
+    -------
+    ndarray of float32, shape `image`
+    """
+    return _average(light_field.photograph, image)
+
+
+def _average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Area-average the last two axes to `size`."""
+    factors = (1,) * (images.ndim - 2) + tuple(
+        n // m for n, m in zip(images.shape[-2:], size, strict=True)
+    )
+    return downscale_local_mean(images, factors).astype(np.float32)
+
+
+def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:
+    """Draw, render and refocus one sample.
+
+    Returns
+    -------
+    dict
+        ``input`` (h, w) and ``target`` (objects, h, w), float32 in [0, 1], and ``parameters``.
+    """
+    scene, parameters = config.template.draw(np.random.default_rng([config.seed, index]))
+    light_field = render(scene, config.camera)
+    stack = shift_and_sum(light_field, slopes)
+    return {
+        # Where objects overlap in a view their light adds; the sensor saturates at 1.
+        "input": np.clip(encode_input(light_field, config.image), 0, 1),
+        "target": np.clip(_average(stack, config.image), 0, 1),
+        "parameters": parameters,
+    }
+
+
+def make_dataset(
+    config: DatasetConfig,
+    samples: int,
+    path: str | Path,
+    workers: int = 1,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+) -> None:
+    """Make a data set, or finish one that was cut off.
+
+    Parameters
+    ----------
+    config : DatasetConfig
+    samples : int
+    path : str or Path
+        Folder of the finished group, which must not exist yet.
+    workers : int, optional
+        Processes; 1 works in this one.
+    progress : callable, optional
+        ``progress(finished, done, total)`` wraps the iterable of finished samples.
+
+    Raises
+    ------
+    InputError
+        If `path` exists, or a part of another data set lies in its way.
+    OSError
+        If a file cannot be written; finished samples are kept.
+    """
+    started, path = time.perf_counter(), Path(path)
+    if path.exists():
+        raise InputError(f"{path} exists; remove it or choose another folder.")
+    part = path.with_name(path.name + ".part")
+    if not (part / "zarr.json").exists():
+        _create(part, config, samples)
+    group = zarr.open_group(part, mode="r+")
+    _check_same(group, config, samples, part)
+    slopes = group.attrs["slopes"]
+    open_indices = np.flatnonzero(group["complete"][:] == 0).tolist()
+    finished = _run(config, slopes, part, open_indices, workers)
+    if progress is not None:
+        finished = progress(finished, samples - len(open_indices), samples)
+    for _ in finished:
+        pass
+    group.attrs["sha256"] = _digest(group)
+    group.attrs["provenance"] = {
+        **provenance.environment(),
+        "workers": workers,
+        "wall_s": round(time.perf_counter() - started, 2),
+        "samples_this_run": len(open_indices),
+    }
+    part.rename(path)
+
+
+def _create(part: Path, config: DatasetConfig, samples: int) -> None:
+    part.mkdir(parents=True, exist_ok=True)
+    searches = search_slopes(config)
+    _, parameters = config.template.draw(None)
+    group = zarr.open_group(part, mode="w", zarr_format=3)
+
+    def add(name: str, shape: tuple[int, ...], dtype, fill) -> None:
+        group.create_array(
+            name,
+            shape=(samples, *shape),
+            chunks=(1, *shape),
+            dtype=dtype,
+            fill_value=fill,
+            compressors=[ZstdCodec(level=3), Crc32cCodec()],
+        )
+
+    add("input", config.image, "float32", np.nan)
+    add("target", (len(searches), *config.image), "float32", np.nan)
+    for name, values in parameters.items():
+        add(f"parameters/{name}", values.shape, "float64", np.nan)
+    add("complete", (), "uint8", 0)
+    group.attrs.update(
+        {
+            "slopes": [search.slope for search in searches],
+            "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
+            "depths_mm": config.depths_mm,
+            "objects": [o.name for o in config.template.objects],
+            "config": to_json(config),  # last: its presence says that the group is laid out
+        }
+    )
+
+
+def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
+    same = group.attrs.get("config") == to_json(config) and group["complete"].shape[0] == samples
+    if not same:
+        raise InputError(
+            f"{part} was begun with another configuration or number of samples; "
+            f"remove it or choose another folder."
+        )
+
+
+def _run(config, slopes, part: Path, indices: list[int], workers: int) -> Iterable[int]:
+    if workers == 1:
+        group = zarr.open_group(part, mode="r+")
+        for index in indices:
+            _store(group, index, simulate_sample(config, slopes, index))
+            yield index
+        return
+    context = multiprocessing.get_context("spawn")
+    setup = (to_json(config), slopes, str(part))
+    with ProcessPoolExecutor(workers, context, _start_worker, setup) as pool:
+        jobs = [pool.submit(_work, index) for index in indices]
+        try:
+            for job in as_completed(jobs):
+                yield job.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+_worker = {}
+
+
+def _start_worker(config: dict, slopes: list[float], part: str) -> None:
+    import signal
+
+    import numba
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    numba.set_num_threads(1)  # one process per core: the kernels run serially here
+    _worker["config"] = config_from_json(config, part)
+    _worker["slopes"] = slopes
+    _worker["group"] = zarr.open_group(part, mode="r+")
+
+
+def _work(index: int) -> int:
+    _store(_worker["group"], index, simulate_sample(_worker["config"], _worker["slopes"], index))
+    return index
+
+
+def _store(group: zarr.Group, index: int, sample: dict) -> None:
+    group["input"][index] = sample["input"]
+    group["target"][index] = sample["target"]
+    for name, values in sample["parameters"].items():
+        group[f"parameters/{name}"][index] = values
+    group["complete"][index] = 1  # last: a sample without it is made again
+
+
+def _digest(group: zarr.Group) -> str:
+    digest = hashlib.sha256()
+    for index in range(group["complete"].shape[0]):
+        digest.update(np.ascontiguousarray(group["input"][index]))
+        digest.update(np.ascontiguousarray(group["target"][index]))
+    return digest.hexdigest()
+
+
+class Dataset:
+    """A finished data set on disk.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the Zarr group.
+
+    Raises
+    ------
+    InputError
+        If there is none, it is not finished, or it is damaged.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        if not (self.path / "zarr.json").exists():
+            part = self.path.with_name(self.path.name + ".part")
+            hint = " (it was begun, but is not finished)" if part.exists() else ""
+            raise InputError(f"There is no data set at {path}{hint}; make it with `make dataset`.")
+        try:
+            self._group = zarr.open_group(self.path, mode="r")
+            self.attrs = dict(self._group.attrs)
+            self.config = config_from_json(self.attrs["config"], self.path)
+            complete = self._group["complete"][:]
+        except (KeyError, ValueError, TypeError, RuntimeError, OSError) as error:
+            raise InputError(f"{path} is not a data set, or is damaged: {error}") from None
+        if not np.all(complete == 1):
+            missing = np.flatnonzero(complete != 1)[0]
+            raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
+
+    def __len__(self) -> int:
+        return self._group["complete"].shape[0]
+
+    @cached_property
+    def inputs(self) -> np.ndarray:
+        """Network inputs, shape (n, h, w), float32 in [0, 1]."""
+        return self._read("input")
+
+    @cached_property
+    def targets(self) -> np.ndarray:
+        """Refocused images, shape (n, objects, h, w), float32 in [0, 1]."""
+        return self._read("target")
+
+    def parameters(self, name: str) -> np.ndarray:
+        """Drawn values, shape (n, objects) or (n, objects, 2), float64."""
+        return self._read(f"parameters/{name}")
+
+    def _read(self, name: str) -> np.ndarray:
+        array = self._group[name]
+        samples = []
+        for index in range(len(self)):
+            try:
+                samples.append(array[index])
+            except (ValueError, RuntimeError, OSError) as error:
+                raise InputError(
+                    f"Sample {index} of {self.path}/{name} is damaged ({error}); "
+                    f"remove the data set and make it again."
+                ) from None
+            if not np.all(np.isfinite(samples[-1])):
+                raise InputError(
+                    f"Sample {index} of {self.path}/{name} is missing or not finite; "
+                    f"remove the data set and make it again."
+                )
+        return np.stack(samples)

@@ -1,0 +1,96 @@
+"""Burner flames as layer textures: an axisymmetric luminous body seen along the line of sight.
+
+At height fraction ``h`` (0 = burner, 1 = tip) the body glows with
+``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)``, with a hollow parameter c(h) that falls from the sheet
+at the burner to the filled tip, and a radius b(h). Its projection along the line of sight has
+the closed form (Abel transform, term by term of the Gaussian moments)
+``I(x) = sqrt(pi) b exp(-q^2) (1 + c (q^2 + 1/2))``, ``q = x / b``.
+Wrinkles sway the axis and change the radius along the height, as a random sum of waves whose
+energy falls as the wave number to -5/3.
+"""
+
+import numpy as np
+
+WAVES = 6
+"""Number of wrinkle waves over the height of a flame."""
+
+HOLLOW_AT_BURNER = 1.5
+"""Parameter c at the burner: above 1 the projection is brightest beside the axis."""
+
+HALF_WIDTH = 3.2
+"""Half-width of the texture in units of the radius; the glow outside it is below 1e-4."""
+
+
+def radius_profile(h: np.ndarray) -> np.ndarray:
+    """Radius b of the flame relative to its nominal radius, 0.6 at the burner and 0 at the tip."""
+    return np.sqrt(np.clip(1 - h, 0, None)) * (0.6 + 1.2 * h)
+
+
+def projected_glow(x: np.ndarray, b: np.ndarray, hollow: np.ndarray) -> np.ndarray:
+    """Line-of-sight integral of ``(1 + c (r/b)^2) exp(-(r/b)^2)`` at distance x from the axis."""
+    q2 = (x / b) ** 2
+    return np.sqrt(np.pi) * b * np.exp(-q2) * (1 + hollow * (q2 + 0.5))
+
+
+def draw_wrinkles(rng: np.random.Generator) -> np.ndarray:
+    """Draw the waves of one flame.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, WAVES, 2)
+        Cosine and sine coefficients of the sway and of the change of radius; on average over
+        draws each of the two has a root-mean-square of 1 over the height.
+    """
+    amplitude = np.arange(1, WAVES + 1.0) ** (-5 / 6)
+    amplitude /= np.sqrt(np.sum(amplitude**2))
+    return rng.normal(size=(2, WAVES, 2)) * amplitude[:, None]
+
+
+def flame_texture(
+    height_mm: float,
+    radius_mm: float,
+    wrinkles: np.ndarray | None = None,
+    sway_mm: float = 0.0,
+    swelling: float = 0.0,
+    cell_mm: float = 0.1,
+) -> np.ndarray:
+    """Radiance of a flame, its base on the last row and its tip on the first.
+
+    Parameters
+    ----------
+    height_mm : float
+        Height from burner to tip, which is the height of the texture.
+    radius_mm : float
+        Nominal radius; the texture is ``2 * HALF_WIDTH * radius_mm`` wide.
+    wrinkles : ndarray, shape (2, WAVES, 2), optional
+        From `draw_wrinkles`. Default: a smooth flame.
+    sway_mm : float, optional
+        Root-mean-square sway of the axis at the tip; it grows from 0 at the burner.
+    swelling : float, optional
+        Root-mean-square relative change of the radius at the tip.
+    cell_mm : float, optional
+        Wanted size of a texture cell.
+
+    Returns
+    -------
+    ndarray of float64, shape (rows, columns), values in [0, 1]
+        Scaled so that its brightest cell is 1.
+    """
+    rows = max(2, round(height_mm / cell_mm))
+    columns = max(3, round(2 * HALF_WIDTH * radius_mm / cell_mm))
+    h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
+    x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * HALF_WIDTH * radius_mm
+    sway, swell = _waves(h, wrinkles)
+    b = radius_mm * radius_profile(h) * np.exp(swelling * h * swell)
+    ignition = 0.15 + 0.85 * (1 - np.exp(-((h / 0.15) ** 2)))
+    glow = ignition * projected_glow(x - sway_mm * h * sway, b, HOLLOW_AT_BURNER * (1 - h))
+    return glow / glow.max()
+
+
+def _waves(h: np.ndarray, wrinkles: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Sum the waves of the sway and of the radius over the height, shape of h."""
+    if wrinkles is None:
+        return np.zeros_like(h), np.zeros_like(h)
+    phase = 2 * np.pi * h * np.arange(1, WAVES + 1)
+    sums = [np.cos(phase) @ wave[:, 0] + np.sin(phase) @ wave[:, 1] for wave in wrinkles]
+    return sums[0][:, None], sums[1][:, None]

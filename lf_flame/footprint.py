@@ -1,0 +1,101 @@
+"""What a sensor pixel sees of a layer: the ray bundle behind it, traced backward.
+
+In one dimension a pixel collects all rays that cross its lenslet at ``h + delta`` and reach the
+sensor within its own width. On a layer they cover the segment
+``centre + lenslet_width * a + pixel_width * b`` with a and b uniform in [-1/2, 1/2]: a trapezoid.
+Both axes have this form, and a square lenslet over a square pixel makes the two independent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame import transfer
+from lf_flame.camera import PlenopticCamera
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Ray bundles of all pixels along one axis, on one layer.
+
+    Attributes
+    ----------
+    centres_mm : ndarray of float64, shape (views, lenslets)
+        Where the bundle's central ray meets the layer, in mm from the optical axis, upright.
+    lenslet_width_mm, pixel_width_mm : float
+        Signed images of the lenslet and of the pixel on the layer, in mm.
+    """
+
+    centres_mm: np.ndarray
+    lenslet_width_mm: float
+    pixel_width_mm: float
+
+    @property
+    def half_width_mm(self) -> float:
+        """Half of the bundle's full extent on the layer, in mm."""
+        return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
+
+
+def trace_footprint(camera: PlenopticCamera, depth_mm: float, axis: int) -> Footprint:
+    """Compose the matrices of the camera into one affine map per pixel, for one axis.
+
+    With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
+    matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
+    matrix takes height and angle to the layer. Micro-images are centred on the chief ray.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    depth_mm : float
+        Depth of the layer.
+    axis : int
+        0 for rows (v, t), 1 for columns (u, s).
+
+    Returns
+    -------
+    Footprint
+    """
+    back = transfer.inverse(camera.object_to_array(depth_mm))
+    (s_height, s_angle), _ = camera.lenslet_to_sensor()
+    lenslet = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
+    chief = lenslet * camera.lenslet_focal_mm / camera.image_distance_mm
+    pixel = chief[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
+    centres = back[0, 0] * lenslet[None, :] + back[0, 1] * pixel / s_angle
+    return Footprint(
+        centres_mm=-centres,  # the sensor is turned by 180 degrees: images are upright
+        lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * camera.lenslet_pitch_mm,
+        pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
+    )
+
+
+def centred(n: int) -> np.ndarray:
+    """Count n places from their middle: 0 .. n-1 less (n-1)/2, float64."""
+    return np.arange(n) - (n - 1) / 2
+
+
+def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:
+    """Cumulative distribution of the sum of two centred uniform variables.
+
+    Written for ``|x|`` in its linear and its quadratic part, so that nothing cancels and one
+    width, or both, may be zero: a zero width makes a box, two make a step whose middle counts half.
+
+    Parameters
+    ----------
+    x : ndarray
+    width_a, width_b : float
+        Full widths of the two boxes, 0 or above, in the unit of x.
+
+    Returns
+    -------
+    ndarray of float64
+        Rises from 0 to 1; 1/2 at x = 0.
+    """
+    wide, narrow = max(width_a, width_b), min(width_a, width_b)
+    if wide == 0:
+        return 0.5 + 0.5 * np.sign(x)
+    distance = np.abs(x)
+    half = distance / wide
+    rest = (wide + narrow) / 2 - distance
+    shoulder = rest < narrow
+    half[shoulder] = 0.5 - np.maximum(rest[shoulder], 0) ** 2 / (2 * wide * max(narrow, 1e-300))
+    return 0.5 + np.sign(x) * np.minimum(half, 0.5)

@@ -1,0 +1,79 @@
+"""The light field and its two layouts.
+
+``views[v, u, t, s]``, float32: v, u are the angular row and column (sub-aperture view), t, s the
+spatial row and column (lenslet); a fifth axis, if there is one, holds colour channels. The raw
+lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor order, not flipped.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """A light field as sub-aperture views.
+
+    Parameters
+    ----------
+    views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        Finite radiance values. Stored as float32, without a copy where that is possible.
+
+    Raises
+    ------
+    InputError
+        If the array has another number of axes, is empty, or holds NaN or infinite values.
+    """
+
+    views: np.ndarray
+
+    def __post_init__(self):
+        views = np.asarray(self.views)
+        if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
+            raise InputError(
+                f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
+                f"got an array of shape {views.shape} and type {views.dtype}."
+            )
+        views = views.astype(np.float32, copy=False)
+        if not np.all(np.isfinite(views)):
+            bad = np.count_nonzero(~np.isfinite(views))
+            raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
+        object.__setattr__(self, "views", views)
+
+    @classmethod
+    def from_raw(cls, raw, views: int = 15) -> "LightField":
+        """Cut a raw lenslet image into its views.
+
+        Parameters
+        ----------
+        raw : array_like, shape (t * views, s * views) or with a last axis of channels
+        views : int
+            Pixels under a lenslet along each axis.
+
+        Raises
+        ------
+        InputError
+            If the sides are no multiples of `views`, or a pixel is not finite.
+        """
+        raw = np.asarray(raw)
+        if raw.ndim not in (2, 3) or views < 1 or any(n % views for n in raw.shape[:2]):
+            raise InputError(
+                f"A raw lenslet image needs sides that are multiples of the {views} pixels under "
+                f"a lenslet, got an array of shape {raw.shape}."
+            )
+        lenslets = [n // views for n in raw.shape[:2]]
+        cells = raw.reshape(lenslets[0], views, lenslets[1], views, *raw.shape[2:])
+        return cls(np.moveaxis(cells, (1, 3), (0, 1)))
+
+    def to_raw(self) -> np.ndarray:
+        """Raw lenslet image, float32, shape (t * v, s * u) or with a last axis of channels."""
+        v, u, t, s = self.views.shape[:4]
+        cells = np.moveaxis(self.views, (0, 1), (1, 3))
+        return cells.reshape(t * v, s * u, *self.views.shape[4:])
+
+    @property
+    def photograph(self) -> np.ndarray:
+        """The image an ordinary camera would take: the mean view, shape (t, s), float32."""
+        return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)

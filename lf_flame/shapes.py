@@ -1,0 +1,54 @@
+"""Geometric shapes as layer textures: area coverage of each cell, in [0, 1]."""
+
+import numpy as np
+
+from lf_flame.errors import InputError
+
+SUPERSAMPLING = 16
+"""Points per cell and axis that decide its coverage; an edge cell is right to 1/256."""
+
+
+def _inside_circle(y, x):
+    return y**2 + x**2 <= 1
+
+
+def _inside_triangle(y, x):
+    return np.abs(x) <= (y + 1) / 2  # apex up, base along the lower edge
+
+
+SHAPES = {"rectangle": None, "square": None, "circle": _inside_circle, "triangle": _inside_triangle}
+"""Shape names, each with its test on coordinates that run from -1 to 1 over the bounding box."""
+
+
+def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.05) -> np.ndarray:
+    """Coverage texture of a shape that fills its bounding box.
+
+    Parameters
+    ----------
+    shape : {"rectangle", "square", "circle", "triangle"}
+        A circle in a box that is not square becomes an ellipse.
+    size_mm : (float, float)
+        Height and width of the bounding box.
+    cell_mm : float, optional
+        Wanted size of a texture cell. A rectangle needs only one cell, whatever its size.
+
+    Returns
+    -------
+    ndarray of float64, shape (rows, columns), values in [0, 1]
+
+    Raises
+    ------
+    InputError
+        If the shape is unknown.
+    """
+    if shape not in SHAPES:
+        raise InputError(f"Unknown shape {shape!r}; known are {', '.join(SHAPES)}.")
+    inside = SHAPES[shape]
+    if inside is None:
+        return np.ones((1, 1))
+    rows, columns = (max(1, round(length / cell_mm)) for length in size_mm)
+    y, x = (
+        (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
+    )
+    hits = inside(y[:, None], x[None, :])
+    return hits.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING).mean(axis=(1, 3))

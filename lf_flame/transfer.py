@@ -1,0 +1,65 @@
+"""Ray transfer (ABCD) matrices of paraxial optics.
+
+A ray is the column vector ``(y, theta)``: height in mm and angle in rad at a plane. A matrix maps
+the ray at one plane to the ray at a later one; every matrix here has determinant 1.
+"""
+
+import numpy as np
+
+
+def free_space(distance_mm: float) -> np.ndarray:
+    """Propagation over a distance: ``[[1, d], [0, 1]]`` (paper, equation 4).
+
+    Parameters
+    ----------
+    distance_mm : float
+        Distance along the optical axis in mm. Negative means back to a virtual plane.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, 2)
+    """
+    return np.array([[1.0, distance_mm], [0.0, 1.0]])
+
+
+def thin_lens(focal_mm: float) -> np.ndarray:
+    """Thin lens: ``[[1, 0], [-1/f, 1]]`` (paper, equation 5).
+
+    Parameters
+    ----------
+    focal_mm : float
+        Focal length in mm, positive for a converging lens; infinite for no lens.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, 2)
+    """
+    return np.array([[1.0, 0.0], [-1.0 / focal_mm, 1.0]])
+
+
+def chain(*elements: np.ndarray) -> np.ndarray:
+    """Compose elements, named in the order in which the light meets them.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, 2)
+        The matrix product, last element leftmost.
+    """
+    system = np.eye(2)
+    for element in elements:
+        system = element @ system
+    return system
+
+
+def inverse(system: np.ndarray) -> np.ndarray:
+    """Matrix of the light path walked backward: ``[[D, -B], [-C, A]]``.
+
+    Exact for determinant 1: no division, so it holds for imaging (B = 0), afocal (C = 0) and
+    telecentric (A or D = 0) systems alike.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, 2)
+    """
+    (a, b), (c, d) = system
+    return np.array([[d, -b], [-c, a]])
