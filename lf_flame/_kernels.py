@@ -53,9 +53,9 @@ def _integrate_layer(texture, row_start, row_weight, column_start, column_weight
         for u in range(column_weight.shape[0]):
             for s in range(first[u], last[u]):
                 start = column_start[u, s]
-                light = 0.0
+                light, cells, weight = 0.0, line[start : start + band_x], column_weight[u, s]
                 for j in range(band_x):
-                    light += column_weight[u, s, j] * line[start + j]
+                    light += weight[j] * cells[j]
                 out[v, u, t, s] += np.float32(light)
 
 
@@ -76,8 +76,10 @@ def _shift_columns(views, whole, fraction, out):
             high = max(min(width - 1 - i, width), low)
             for s in range(low):
                 total[s] += line[0]
-            for s in range(low, high):
-                total[s] += (1.0 - f) * line[s + i] + f * line[s + i + 1]
+            near, far = line[low + i : high + i], line[low + i + 1 : high + i + 1]
+            inside = total[low:high]
+            for s in range(high - low):  # from 0, so that no index can be negative: vectorises
+                inside[s] += (1.0 - f) * near[s] + f * far[s]
             for s in range(high, width):
                 total[s] += line[width - 1]
         out[v, t] = total

@@ -62,9 +62,11 @@ def to_json(config) -> dict[str, Any]:
 
 
 def _first_problem(error: ValidationError) -> str:
-    problem = error.errors()[0]
+    # A misspelt key is reported before the key that is missing because of it.
+    unknown = ("unexpected_keyword_argument", "extra_forbidden")
+    problem = min(error.errors(), key=lambda problem: problem["type"] not in unknown)
     key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "unexpected_keyword_argument" or problem["type"] == "extra_forbidden":
+    if problem["type"] in unknown:
         return f"{key} is not a known key."
     if problem["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return f"{key} is missing."

@@ -128,15 +128,13 @@ def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
 
 
 def _region(layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
-    """Lenslets around a layer, with the room that its views and a blur of some lenslets need."""
-    slope = abs(camera.depth_to_slope(layer.depth_mm))
-    margin = slope * (camera.views - 1) / 2 + 12
+    """Lenslets that a layer covers in the central view, and a few around them."""
     scale = camera.field_mm(layer.depth_mm)[0] / camera.lenslets[0]  # mm per lenslet
     region = []
     for axis in (0, 1):
         middle = (camera.lenslets[axis] - 1) / 2
         edges = layer.cell_edges_mm(axis)[[0, -1]] / scale + middle
-        low, high = np.clip((edges[0] - margin, edges[1] + margin), 0, camera.lenslets[axis])
+        low, high = np.clip((edges[0] - 6, edges[1] + 6), 0, camera.lenslets[axis])
         region += [int(low), int(np.ceil(high))]
     return tuple(region)
 

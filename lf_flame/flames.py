@@ -11,11 +11,11 @@ energy falls as the wave number to -5/3.
 
 import numpy as np
 
-WAVES = 6
+WAVES = 4
 """Number of wrinkle waves over the height of a flame."""
 
-HOLLOW_AT_BURNER = 1.5
-"""Parameter c at the burner: above 1 the projection is brightest beside the axis."""
+HOLLOW_AT_BURNER = 3.0
+"""Parameter c at the burner: above 2 the projection is brightest beside the axis."""
 
 HALF_WIDTH = 3.2
 """Half-width of the texture in units of the radius; the glow outside it is below 1e-4."""

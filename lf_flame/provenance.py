@@ -1,6 +1,5 @@
 """Where a result comes from: the record that lies beside it."""
 
-import json
 import os
 import platform
 import subprocess
@@ -33,13 +32,6 @@ def environment() -> dict:
 def cpu_count() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-
-
-def write_json(path: Path, record: dict) -> None:
-    """Write a record as JSON, aside first, so that no half-written file can be left."""
-    aside = path.with_name(path.name + ".part")
-    aside.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    aside.replace(path)
 
 
 def _versions() -> dict[str, str]:

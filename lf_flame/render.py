@@ -17,8 +17,9 @@ from lf_flame.footprint import Footprint, trace_footprint, trapezoid_cdf
 from lf_flame.lightfield import LightField
 from lf_flame.scene import Layer, Scene
 
-RAYS_AT_FIRST = 4
-RAYS_AT_MOST = 64
+RAY_COUNTS = (5, 13, 34, 89)
+"""Rays per pixel and axis that are tried for a tolerance: every second Fibonacci number, whose
+lattices are the most even."""
 
 
 def render(
@@ -37,8 +38,8 @@ def render(
     camera : PlenopticCamera
     tolerance : float, optional
         Error that is acceptable, root-mean-square over the image relative to its brightest pixel.
-        The exact integrator stays at float32 rounding; the ray integrator doubles its rays until
-        two images differ by less than this.
+        The exact integrator stays at float32 rounding; the ray integrator adds rays until two
+        images differ by less than this.
     integrator : {"auto", "exact", "rays"}, optional
         "auto" takes the exact integrator, which does everything that planar layers of added
         light need.
@@ -102,17 +103,17 @@ def _accumulate(add_layer, traced, camera: PlenopticCamera, *options) -> np.ndar
 
 
 def _trace_to_tolerance(traced, camera, tolerance: float) -> np.ndarray:
-    rays, coarse = RAYS_AT_FIRST, None
-    while rays <= RAYS_AT_MOST:
+    coarse = None
+    for rays in RAY_COUNTS:
         fine = _accumulate(_add_rays, traced, camera, rays)
         if coarse is not None:
             change = np.sqrt(np.mean(np.square(fine - coarse, dtype=np.float64)))
             if change <= tolerance * fine.max():
                 return fine
-        rays, coarse = 2 * rays, fine
+        coarse = fine
     raise InputError(
-        f"tolerance {tolerance} was not met with {RAYS_AT_MOST} x {RAYS_AT_MOST} rays per pixel; "
-        f"allow more, or use the exact integrator."
+        f"tolerance {tolerance} was not met with {rays} x {rays} rays per pixel; allow more, "
+        f"or use the exact integrator."
     )
 
 

@@ -2,8 +2,8 @@
 
 Bilinear shifts by a fraction of a lenslet soften an image, so a search over them is drawn to
 whole slopes. This one works on exact spectra (`lf_flame.refocus.fourier`): the
-sharpness is the gradient energy of the refocused region (by Parseval a sum over its spectrum),
-below a frequency at which the views are still free of aliasing.
+sharpness is the gradient energy of the refocused region, below a frequency at which the views are
+still free of aliasing.
 """
 
 from dataclasses import dataclass
@@ -12,10 +12,13 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import as_slopes, as_views
-from lf_flame.refocus.fourier import refocused_spectrum
+from lf_flame.refocus.fourier import refocused_spectra
 
 PASS_BAND = 0.15
-"""Width of the Gaussian low-pass in cycles per lenslet; at Nyquist it leaves 1.5e-5."""
+"""Width of the Gaussian low-pass in cycles per lenslet."""
+
+FILTER_REACH = 8
+"""Lenslets around a region that the low-pass can still bring into it."""
 
 DEFAULT_SLOPES = (-3.0, 3.0, 0.05)
 """First and last slope and step of the search; the paper's slopes are multiples of 0.05."""
@@ -30,7 +33,7 @@ class SlopeSearch:
     slope : float
         Slope of the highest sharpness, between the samples by a parabola.
     slopes, sharpness : ndarray of float64, shape (n,)
-        The curve; gradient energy per lenslet of the region.
+        The curve: mean squared gradient over the region, per lenslet squared.
     """
 
     slope: float
@@ -47,8 +50,8 @@ def find_sharpest_slope(views, slopes=None, region=None) -> SlopeSearch:
     slopes : sequence of float, optional
         At least three, rising in equal steps. Default: -3 to 3 in steps of 0.05.
     region : (int, int, int, int), optional
-        ``(t_start, t_stop, s_start, s_stop)`` in lenslets. It should hold one object with a
-        margin of the views' shifts. Default: the whole image.
+        ``(t_start, t_stop, s_start, s_stop)`` in lenslets; it should hold one object, whole.
+        Default: the whole image.
 
     Returns
     -------
@@ -65,10 +68,8 @@ def find_sharpest_slope(views, slopes=None, region=None) -> SlopeSearch:
     steps = np.diff(slopes)
     if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0]):
         raise InputError(f"slopes to search must be three or more in equal steps, got {slopes}.")
-    patch = _cut(views, region)
-    if patch.ndim == 5:
-        patch = patch.mean(axis=4)
-    sharpness = _sharpness(patch, slopes)
+    patch, inside = _cut(views if views.ndim == 4 else views.mean(axis=4), slopes, region)
+    sharpness = _sharpness(patch, slopes)[:, inside[0], inside[1]].mean(axis=(1, 2))
     return SlopeSearch(_peak(slopes, sharpness), slopes, sharpness)
 
 
@@ -77,34 +78,38 @@ def _default_slopes() -> np.ndarray:
     return np.linspace(first, last, round((last - first) / step) + 1)
 
 
-def _cut(views: np.ndarray, region) -> np.ndarray:
-    if region is None:
-        return views
-    t0, t1, s0, s1 = region
-    if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
+def _cut(views: np.ndarray, slopes: np.ndarray, region):
+    """Cut out a region and the surroundings that shifts bring into it.
+
+    Returns the patch, as periodic shifts need it, and the slices of the region in it. Beyond the
+    image its edge is repeated.
+    """
+    size = views.shape[2:]
+    t0, t1, s0, s1 = (0, size[0], 0, size[1]) if region is None else region
+    if not (0 <= t0 < t1 <= size[0] and 0 <= s0 < s1 <= size[1]):
         raise InputError(
-            f"region must be (t_start, t_stop, s_start, s_stop) inside the {views.shape[2]} x "
-            f"{views.shape[3]} lenslets, got {tuple(region)}."
+            f"region must be (t_start, t_stop, s_start, s_stop) inside the {size[0]} x {size[1]} "
+            f"lenslets, got {tuple(region)}."
         )
-    return views[:, :, t0:t1, s0:s1]
+    cuts, pads, inside = [], [], []
+    for axis, (start, stop) in enumerate(((t0, t1), (s0, s1))):
+        reach = int(np.abs(slopes).max() * (views.shape[axis] - 1) / 2) + FILTER_REACH
+        low, high = start - reach, stop + reach
+        cuts.append(slice(max(low, 0), min(high, size[axis])))
+        pads.append((max(-low, 0), max(high - size[axis], 0)))
+        inside.append(slice(reach, reach + stop - start))
+    patch = np.pad(views[:, :, cuts[0], cuts[1]], [(0, 0), (0, 0), *pads], mode="edge")
+    return patch, inside
 
 
 def _sharpness(patch: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Squared gradient of the low-passed, refocused patch: shape (slopes, t, s)."""
     height, width = patch.shape[2:]
-    # Light of neighbouring objects at the border must not wrap round as an edge.
-    taper = np.outer(_taper(height), _taper(width))
-    spectra = np.fft.rfft2(patch * taper)
-    k2 = np.fft.fftfreq(height)[:, None] ** 2 + np.fft.rfftfreq(width)[None, :] ** 2
-    weight = k2 * np.exp(-k2 / PASS_BAND**2)
-    weight[:, 1 : (width + 1) // 2] *= 2  # rfft2 leaves out the mirrored half
-    energy = [np.sum(weight * np.abs(refocused_spectrum(spectra, s, width)) ** 2) for s in slopes]
-    return np.array(energy) * (2 * np.pi / (height * width)) ** 2
-
-
-def _taper(n: int) -> np.ndarray:
-    """Window that is 1 in the middle and falls to 0 as a cosine over the outer tenths."""
-    edge = np.minimum(np.arange(n) + 0.5, n - 0.5 - np.arange(n)) / max(0.1 * n, 0.5)
-    return 0.5 - 0.5 * np.cos(np.pi * np.minimum(edge, 1))
+    spectra = refocused_spectra(np.fft.rfft2(patch), slopes, width)
+    down, right = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
+    low_pass = 2j * np.pi * np.exp(-(down**2 + right**2) / (2 * PASS_BAND**2))
+    gradients = (np.fft.irfft2(spectra * low_pass * k, (height, width)) for k in (down, right))
+    return sum(gradient**2 for gradient in gradients)
 
 
 def _peak(slopes: np.ndarray, sharpness: np.ndarray) -> float:
@@ -117,6 +122,5 @@ def _peak(slopes: np.ndarray, sharpness: np.ndarray) -> float:
             f"{slopes[0]:g} to {slopes[-1]:g}; search a wider range."
         )
     before, top, after = sharpness[k - 1 : k + 2]
-    return float(slopes[k]) + float(slopes[k] - slopes[k - 1]) * (before - after) / (
-        2 * (before - 2 * top + after)
-    )
+    offset = (before - after) / (2 * (before - 2 * top + after))  # in steps, of the parabola
+    return float(slopes[k] + (slopes[1] - slopes[0]) * offset)

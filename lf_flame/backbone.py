@@ -1,0 +1,169 @@
+"""The frozen encoder: ResNet-50, cut behind its fourth or fifth stage, in inference mode.
+
+Its weights come from ImageNet (Keras downloads them), from a file, or from a seed. Frozen means
+that the batch normalisations use their stored statistics too (deviation 8).
+"""
+
+import hashlib
+import os
+import socket
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")  # before Keras loads TensorFlow
+
+import keras  # noqa: E402
+
+from lf_flame.errors import InputError  # noqa: E402
+
+STAGES = {"conv4": "conv4_block6_out", "conv5": "conv5_block3_out"}
+"""Where the backbone can be cut, and the layer that is its output then."""
+
+IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
+"""Subtracted by `keras.applications.resnet.preprocess_input`, in the 0..255 range."""
+
+DOWNLOAD_TIMEOUT_S = 5.0
+
+
+class ImagenetUnavailable(InputError):
+    """The ImageNet weights are neither in Keras's cache nor can they be downloaded."""
+
+
+def build_backbone(
+    image: tuple[int, int] = (90, 180),
+    weights: str | Path = "imagenet",
+    depth: str = "conv5",
+    seed: int = 0,
+) -> keras.Model:
+    """Build the frozen encoder with its own preprocessing.
+
+    Parameters
+    ----------
+    image : (int, int)
+        Height and width of the grey input.
+    weights : {"imagenet", "random"} or path
+        "imagenet" downloads once into ``~/.keras/models``. A path names a Keras weights file
+        (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or an
+        ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
+        NumPy, the same on every Keras backend.
+    depth : {"conv5", "conv4"}
+        Stage whose output is the feature map.
+    seed : int
+        Seed of random weights.
+
+    Returns
+    -------
+    keras.Model
+        Named "backbone", not trainable; input (h, w, 1) in [0, 1], output (h', w', channels).
+
+    Raises
+    ------
+    ImagenetUnavailable
+        If "imagenet" cannot be had within seconds.
+    InputError
+        If depth is unknown, or the file does not hold the weights of this network.
+    """
+    if depth not in STAGES:
+        raise InputError(f"backbone_depth must be one of {', '.join(STAGES)}, got {depth!r}.")
+    resnet = _load_resnet50(image, weights, seed, depth)
+    grey = keras.Input((*image, 1), name="light_field_image")
+    channels = keras.layers.Concatenate(name="grey_to_bgr")([grey, grey, grey])
+    offset = [-mean for mean in IMAGENET_BGR_MEAN]
+    centred = keras.layers.Rescaling(255.0, offset=offset, name="imagenet_preprocessing")(channels)
+    backbone = keras.Model(grey, resnet(centred, training=False), name="backbone")
+    backbone.trainable = False
+    return backbone
+
+
+def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
+    """Name the weights for tables and records: a file by its name and the start of its SHA-256."""
+    if weights == "imagenet":
+        return f"imagenet, {depth}"
+    if weights == "random":
+        return f"random (seed {seed}), {depth}"
+    digest = hashlib.sha256(Path(weights).read_bytes()).hexdigest()[:12]
+    return f"{Path(weights).name} (sha256 {digest}), {depth}"
+
+
+def _load_resnet50(image, weights, seed, depth) -> keras.Model:
+    name = "imagenet" if weights == "imagenet" else None
+    with _short_timeout():
+        try:
+            full = keras.applications.ResNet50(
+                include_top=False, weights=name, input_shape=(*image, 3)
+            )
+        except Exception as error:  # Keras raises a bare Exception when a download fails
+            if name is None:
+                raise
+            raise ImagenetUnavailable(
+                f"The ImageNet weights of ResNet-50 could not be downloaded ({error}); "
+                f"give a weights file, or choose random ones."
+            ) from None
+    cut = keras.Model(full.inputs, full.get_layer(STAGES[depth]).output, name="resnet50")
+    if weights == "random":
+        _randomise(cut, seed)
+    elif weights != "imagenet":
+        _load_file(full, cut, Path(weights))
+    return cut
+
+
+@contextmanager
+def _short_timeout():
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(DOWNLOAD_TIMEOUT_S)
+    try:
+        yield
+    finally:
+        socket.setdefaulttimeout(before)
+
+
+def _randomise(model: keras.Model, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for weight in model.weights:
+        if weight.name == "kernel":
+            fan_in = np.prod(weight.shape[:-1])
+            weight.assign(rng.normal(0, np.sqrt(2 / fan_in), weight.shape).astype(np.float32))
+        else:
+            weight.assign(np.full(weight.shape, weight.name in ("gamma", "moving_variance"), float))
+
+
+def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
+    if not path.is_file():
+        raise InputError(
+            f"backbone_weights must be imagenet, random or a weights file, "
+            f"and there is no file {path}."
+        )
+    if path.suffix == ".npz":
+        _load_npz(cut, path)
+        return
+    try:
+        full.load_weights(path)
+    except Exception as error:  # h5py and Keras raise many kinds for a wrong file
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(
+            f"{path} does not hold the weights of keras.applications.ResNet50(include_top=False): "
+            f"{reason}"
+        ) from None
+
+
+def _load_npz(model: keras.Model, path: Path) -> None:
+    try:
+        arrays = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path} is not a NumPy .npz file without pickle: {error}.") from None
+    for layer in model.layers:
+        for weight in layer.weights:
+            key = f"{layer.name}/{weight.name}"
+            if key not in arrays:
+                raise InputError(
+                    f"{path} lacks {key}; it must hold every layer up to the chosen depth "
+                    f"(a file that ends at conv4 goes with backbone_depth conv4)."
+                )
+            if arrays[key].shape != tuple(weight.shape):
+                raise InputError(
+                    f"{key} in {path} must have shape {tuple(weight.shape)}, "
+                    f"got {arrays[key].shape}."
+                )
+            weight.assign(arrays[key])

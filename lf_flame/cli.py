@@ -1,0 +1,174 @@
+"""The program `lf-flame`: thin commands over the package; the Makefile calls them.
+
+Heavy modules are imported inside the commands, so that ``--help`` answers at once.
+"""
+
+import sys
+from pathlib import Path
+
+import click
+
+from lf_flame import __version__
+from lf_flame.errors import InputError
+
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+def main() -> None:
+    """Run the program: bad input is one sentence and status 2, an interruption status 130."""
+    try:
+        status = commands.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        _fail("Stopped. What was finished is kept; the same command goes on from there.", 130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except InputError as error:
+        _fail(str(error), 2)
+    except OSError as error:
+        name = f" ({error.filename})" if error.filename else ""
+        _fail(f"{error.strerror or error}{name}. Nothing that was there before is lost.", 2)
+    sys.exit(status or 0)
+
+
+def _fail(message: str, status: int) -> None:
+    click.echo(f"lf-flame: {message}", err=True)
+    sys.exit(status)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__)
+def commands() -> None:
+    r"""Simulate a plenoptic camera, refocus its light fields, and train a network to do it.
+
+    \b
+    A first tour:
+      lf-flame camera                                    the paper's camera in numbers
+      lf-flame simulate data_gen/scenes/example.toml     a scene of your own, as pictures
+      make tables                                        the paper's two tables, from nothing
+    """
+
+
+@commands.command()
+@click.argument("config", type=FILE, required=False)
+@click.option("--depth-mm", "depths", multiple=True, type=float, help="Depth; may be repeated.")
+def camera(config: Path | None, depths: tuple[float, ...]) -> None:
+    """Print what follows from a camera: image distance, aperture, field, slopes.
+
+    CONFIG is any TOML file with a [camera] table; without it, the paper's camera.
+    """
+    from lf_flame.camera import PAPER_CAMERA
+    from lf_flame.report import camera_report
+    from lf_flame.scenefile import read_camera
+
+    chosen = read_camera(config) if config else PAPER_CAMERA
+    click.echo(camera_report(chosen, depths or (20.0, 10.0, 0.0, -10.0)))
+
+
+@commands.command()
+@click.argument("scene", type=FILE)
+@click.option("--out", type=FOLDER, help="Folder for the files; default simulated/SCENE.")
+@click.option(
+    "--integrator",
+    type=click.Choice(["auto", "exact", "rays"]),
+    default="auto",
+    show_default=True,
+    help="Closed-form integrals, or backward rays until two images agree to 0.1 %.",
+)
+def simulate(scene: Path, out: Path | None, integrator: str) -> None:
+    """Render a SCENE file: raw image, views, and the stack refocused at each layer's depth.
+
+    data_gen/scenes/example.toml shows what a scene file may hold.
+    """
+    from lf_flame.scenefile import read_scene
+    from lf_flame.simulate import simulate
+
+    out = out or Path("simulated") / scene.stem
+    record = simulate(*read_scene(scene), out, integrator)
+    for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):
+        click.echo(f"refocused at depth {depth:+g} mm, slope {slope:+.3f}")
+    click.echo(f"raw.tif, raw.png, views.png, refocused.*, light_field.npz are in {out}")
+
+
+@commands.command()
+@click.argument("configs", type=FILE, nargs=-1, required=True)
+@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+@click.option("--out", type=FOLDER, help="Folder for slopes.csv, .md, .json and .png.")
+def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
+    """Search the slope of sharpest focus of each object in data-set CONFIGS.
+
+    Printed beside the slope that the camera's geometry gives and the paper's.
+    """
+    from lf_flame.datasets import read_config
+    from lf_flame.report import slope_report
+
+    click.echo(slope_report([read_config(path) for path in configs], paper, out))
+
+
+@commands.command()
+@click.argument("config", type=FILE)
+@click.option("--preset", default="quick", show_default=True, help="A key of [samples] in CONFIG.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
+@click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
+def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
+    """Simulate the data set that CONFIG describes; goes on where a run was cut off."""
+    from lf_flame.datasets import Dataset, make_dataset, read_config
+    from lf_flame.provenance import cpu_count
+    from lf_flame.report import progress_bar
+
+    if workers < 0:
+        raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
+    settings = read_config(config)
+    samples = settings.sample_count(preset)
+    if out.exists():
+        found = Dataset(out)
+        if found.config != settings or len(found) != samples:
+            raise InputError(
+                f"{out} holds a data set of another configuration or size; remove it or choose "
+                f"another folder."
+            )
+        (out / "zarr.json").touch()  # make compares it with the configuration file
+        click.echo(f"{out} is complete: {samples} samples.")
+        return
+    click.echo(f"Simulating {samples} light fields into {out}", err=True)
+    make_dataset(settings, samples, out, workers or cpu_count(), progress_bar)
+    (out / "zarr.json").touch()
+
+
+@commands.command()
+@click.argument("config", type=FILE)
+@click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
+@click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
+@click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
+@click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
+@click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
+def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
+    """Train the network that CONFIG describes; goes on where a run was cut off."""
+    from lf_flame.training import read_training_config, train
+
+    options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
+    train(read_training_config(config, **options), preset, data, out)
+
+
+@commands.command()
+@click.argument("run", type=FOLDER)
+@click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
+@click.option("--figure", required=True, help="Name of the figure's PNG file, without its ending.")
+@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
+    """Score the test split of a finished RUN and write its table and figure."""
+    from lf_flame.report import evaluate_run
+
+    evaluate_run(run, table, figure, paper, out)
+
+
+@commands.command()
+@click.argument("results", type=FOLDER)
+@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+def tables(results: Path, paper: Path) -> None:
+    """Print Tables I and II of a RESULTS folder; a run that is missing shows as missing."""
+    from lf_flame.evaluation import read_tables
+
+    click.echo(read_tables(results, paper))

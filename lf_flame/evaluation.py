@@ -1,0 +1,185 @@
+"""SSIM and PSNR of a trained model on its test split, and the tables made of them."""
+
+import json
+from pathlib import Path
+
+import keras
+import numpy as np
+import pandas as pd
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from lf_flame import provenance
+from lf_flame.config import read_toml
+from lf_flame.datasets import Dataset
+from lf_flame.errors import InputError
+from lf_flame.files import write_json, write_text
+
+COLUMNS = [
+    "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
+    "n_test",
+]  # fmt: skip
+
+
+def ssim(truth: np.ndarray, image: np.ndarray) -> float:
+    """Structural similarity as Wang et al. (2004) define it, for values in [0, 1].
+
+    Gaussian window of standard deviation 1.5 pixels, K1 = 0.01, K2 = 0.03, population covariance:
+    the paper does not state its constants (deviation 12).
+    """
+    return structural_similarity(
+        truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
+
+
+def psnr(truth: np.ndarray, image: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB for values in [0, 1]; infinite for equal images."""
+    with np.errstate(divide="ignore"):
+        return peak_signal_noise_ratio(truth, image, data_range=1.0)
+
+
+def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
+    """Score every plane over all samples.
+
+    Parameters
+    ----------
+    targets, predictions : ndarray, shape (n, planes, h, w)
+
+    Returns
+    -------
+    DataFrame
+        One row a plane: mean and standard deviation (over the samples, n - 1) of SSIM and PSNR.
+    """
+    rows = []
+    for truths, images in zip(
+        np.swapaxes(targets, 0, 1), np.swapaxes(predictions, 0, 1), strict=True
+    ):
+        ssims = pd.Series([ssim(a, b) for a, b in zip(truths, images, strict=True)])
+        psnrs = pd.Series([psnr(a, b) for a, b in zip(truths, images, strict=True)])
+        rows.append((ssims.mean(), ssims.std(), psnrs.mean(), psnrs.std(), len(truths)))
+    return pd.DataFrame(rows, columns=["ssim", "ssim_sd", "psnr_db", "psnr_sd", "n_test"])
+
+
+def load_run(folder: str | Path) -> dict:
+    """Read the record of a finished run.
+
+    Raises
+    ------
+    InputError
+        If the run is missing or not finished.
+    """
+    folder = Path(folder)
+    if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
+        raise InputError(f"There is no finished run in {folder}; train it first.")
+    return json.loads((folder / "run.json").read_text(encoding="utf-8"))
+
+
+def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
+    """Run the whole trained network, backbone included, over the test split of its data set.
+
+    Returns
+    -------
+    Dataset
+    ndarray of int, shape (n,)
+        Indices of the test samples.
+    ndarray of float32, shape (n, planes, h, w)
+    """
+    run = load_run(folder)
+    dataset = Dataset(run["data"])
+    if dataset.attrs["sha256"] != run["data_sha256"]:
+        raise InputError(
+            f"{run['data']} is not the data set that {folder} was trained on; train it again."
+        )
+    indices = np.array(run["test_indices"])
+    model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
+    stack = model.predict(dataset.inputs[indices][..., None], batch_size=8, verbose=0)
+    return dataset, indices, stack[..., 0]
+
+
+def read_paper_values(path: str | Path, table: str) -> dict:
+    """Read the printed values of one of the paper's tables."""
+    values = read_toml(path)
+    if table not in values:
+        raise InputError(f"{path} has no table {table!r}; it has {', '.join(values)}.")
+    return values[table]
+
+
+def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
+    """Put the paper's values beside ours; columns as in `COLUMNS`."""
+    if len(scores) != len(paper["depth_mm"]):
+        raise InputError(
+            f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
+        )
+    table = scores.assign(
+        depth_mm=paper["depth_mm"],
+        object=paper["object"],
+        paper_ssim=paper["ssim"],
+        paper_psnr_db=paper["psnr_db"],
+    )
+    return table[COLUMNS]
+
+
+def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) -> str:
+    """Write a table as Markdown: ours, the paper's, the difference; a missing run as missing."""
+    if table is None:
+        shown = pd.DataFrame(
+            {
+                "depth (mm)": paper["depth_mm"],
+                "object": paper["object"],
+                "SSIM": "missing",
+                "SSIM, paper": paper["ssim"],
+                "PSNR (dB)": "missing",
+                "PSNR, paper": paper["psnr_db"],
+            }
+        )
+        note = "No finished run: `make tables` makes it."
+    else:
+        shown = pd.DataFrame(
+            {
+                "depth (mm)": table.depth_mm,
+                "object": table.object,
+                "SSIM": _with_spread(table.ssim, table.ssim_sd, 3),
+                "SSIM, paper": table.paper_ssim,
+                "difference": (table.ssim - table.paper_ssim).map("{:+.3f}".format),
+                "PSNR (dB)": _with_spread(table.psnr_db, table.psnr_sd, 2),
+                "PSNR, paper": table.paper_psnr_db,
+                "difference ": (table.psnr_db - table.paper_psnr_db).map("{:+.2f}".format),
+            }
+        )
+        note = (
+            f"Mean ± standard deviation over {table.n_test[0]} test samples. "
+            f"Preset {run['preset']}: {run['epochs']} epochs (best: {run['best_epoch']}), batch "
+            f"{run['recipe']['batch_size']}; backbone weights: {run['backbone_weights']}; "
+            f"trained in {run['train_s']:.0f} s on {run['machine']}."
+        )
+    lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
+    return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
+
+
+def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
+    return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
+
+
+def write_table(table: pd.DataFrame, paper: dict, run: dict, name: str, out: Path) -> None:
+    """Write ``NAME.json``, ``NAME.md`` and, last because make looks at it, ``NAME.csv``."""
+    evaluation = provenance.environment()
+    record = {
+        **{key: value for key, value in run.items() if key != "test_indices"},
+        "table": table.to_dict("records"),
+        "paper": paper["source"],
+        "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
+    }
+    write_json(out / f"{name}.json", record)
+    write_text(out / f"{name}.md", table_markdown(table, paper, run))
+    write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
+
+
+def read_tables(out: Path, paper_values: Path) -> str:
+    """Both tables of a results folder as Markdown, missing ones shown as missing."""
+    texts = []
+    for name in ("table1", "table2"):
+        found = out / f"{name}.md"
+        if found.exists():
+            texts.append(found.read_text(encoding="utf-8"))
+        else:
+            texts.append(table_markdown(None, read_paper_values(paper_values, name), None))
+    return "\n".join(texts)

@@ -1,0 +1,41 @@
+"""Writing files so that none is ever half there."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def written_aside(path: str | Path) -> Iterator[Path]:
+    """Give a path beside the wanted one; rename it when the block ends well, else remove it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where the file is to be; its folder is made. What stands there stays until the rename.
+
+    Yields
+    ------
+    Path
+        With the same ending, for writers that look at it.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        yield aside
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file in UTF-8."""
+    with written_aside(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, record: dict) -> None:
+    """Write a record as JSON."""
+    write_text(path, json.dumps(record, indent=1) + "\n")

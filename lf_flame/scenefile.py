@@ -1,0 +1,107 @@
+"""Scenes written by hand: a TOML file of layers, with a camera if it is not the paper's."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from skimage.io import imread
+from skimage.util import img_as_float64
+
+from lf_flame.camera import PAPER_CAMERA, PlenopticCamera
+from lf_flame.config import build, read_toml
+from lf_flame.errors import InputError
+from lf_flame.flames import HALF_WIDTH, flame_texture
+from lf_flame.scene import Layer, Scene
+from lf_flame.shapes import SHAPES, shape_texture
+
+
+@dataclass(frozen=True)
+class LayerEntry:
+    """One ``[[layers]]`` entry of a scene file.
+
+    Parameters
+    ----------
+    depth_mm : float
+        Depth from the focal plane, positive = farther from the main lens.
+    size_mm : (float, float)
+        Height and width.
+    centre_mm : (float, float), optional
+        Down and right of the optical axis.
+    shape : {"rectangle", "square", "circle", "triangle", "flame"}, optional
+    image : str, optional
+        Image file, relative to the scene file; colours are averaged to grey, and 8-bit and
+        16-bit values are scaled to [0, 1]. Either shape or image.
+    brightness : float, optional
+        Radiance of white, 0 or above.
+    """
+
+    depth_mm: float
+    size_mm: tuple[float, float]
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    shape: str | None = None
+    image: str | None = None
+    brightness: float = 1.0
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if (self.shape is None) == (self.image is None):
+            raise InputError("a layer needs either a shape or an image file, and not both.")
+        if self.shape not in (None, "flame", *SHAPES):
+            raise InputError(f"shape must be one of {', '.join(SHAPES)}, flame, got {self.shape}.")
+        if min(self.size_mm) <= 0 or not self.brightness >= 0:
+            raise InputError(
+                f"size_mm must be above 0 and brightness 0 or above, "
+                f"got {self.size_mm} and {self.brightness}."
+            )
+
+    def layer(self, folder: Path) -> Layer:
+        """Make the layer, its image file looked for in `folder`."""
+        if self.image is not None:
+            texture = _read_grey(folder / self.image)
+        elif self.shape == "flame":
+            texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
+        else:
+            texture = shape_texture(self.shape, self.size_mm)
+        return Layer(self.brightness * texture, self.depth_mm, self.size_mm, self.centre_mm)
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A whole scene file: layers, and the camera (default: the paper's)."""
+
+    layers: list[LayerEntry]
+    camera: PlenopticCamera = PAPER_CAMERA
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera]:
+    """Read a scene from a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a value in it cannot be used.
+    """
+    entries = build(SceneFile, read_toml(path), path)
+    layers = [entry.layer(Path(path).parent) for entry in entries.layers]
+    return Scene(layers), entries.camera
+
+
+def read_camera(path: str | Path) -> PlenopticCamera:
+    """Read the ``[camera]`` table of a TOML file of any kind."""
+    values = read_toml(path)
+    if "camera" not in values:
+        raise InputError(f"{path} has no [camera] table.")
+    return build(PlenopticCamera, values["camera"], f"{path}: camera")
+
+
+def _read_grey(path: Path) -> np.ndarray:
+    try:
+        image = img_as_float64(imread(path))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"The image {path} cannot be read: {error}.") from None
+    if image.ndim == 3:
+        image = image[..., :3].mean(axis=2)
+    return image

@@ -1,0 +1,76 @@
+"""From a scene to the files a user looks at."""
+
+from pathlib import Path
+
+import numpy as np
+from skimage.io import imsave
+from skimage.util import img_as_ubyte
+from tifffile import imwrite
+
+from lf_flame import figures, provenance
+from lf_flame.camera import PlenopticCamera
+from lf_flame.files import write_json, written_aside
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import shift_and_sum
+from lf_flame.render import render
+from lf_flame.scene import Scene
+
+
+def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str = "auto") -> dict:
+    """Render a scene, refocus it at the depth of each layer, and write everything.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    out : Path
+        Folder for ``raw.tif`` and ``raw.png`` (lenslet image), ``views.png`` (sheet of
+        sub-aperture views), ``refocused.tif`` (stack) and ``refocused_*mm.png``,
+        ``light_field.npz`` (arrays) and ``simulation.json`` (the record).
+    integrator : str, optional
+        See `lf_flame.render`.
+
+    Returns
+    -------
+    dict
+        The record.
+    """
+    light_field = render(scene, camera, integrator=integrator)
+    depths = np.array(scene.depths_mm)
+    slopes = camera.depth_to_slope(depths)
+    stack = shift_and_sum(light_field, slopes)
+    white = max(float(light_field.views.max()), float(np.finfo(np.float32).tiny))
+    white = max(white, 1.0) if white > 0.1 else white  # dim scenes are shown at full contrast
+    _write_images(light_field, stack, depths, white, out)
+    arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
+    with written_aside(out / "light_field.npz") as aside:
+        np.savez_compressed(aside, **arrays)
+    record = {
+        "camera": {**vars(camera)},
+        "depths_mm": depths.tolist(),
+        "slopes": slopes.tolist(),
+        "radiance_of_white_in_png": white,
+        **provenance.environment(),
+    }
+    write_json(out / "simulation.json", record)
+    return record
+
+
+def _write_images(light_field: LightField, stack, depths, white: float, out: Path) -> None:
+    raw = light_field.to_raw()
+    _write_tiff(out / "raw.tif", raw)
+    _write_png(out / "raw.png", raw / white)
+    _write_tiff(out / "refocused.tif", stack)
+    for depth, image in zip(depths, stack, strict=True):
+        _write_png(out / f"refocused_{depth:+g}mm.png", image / white)
+    figures.save(figures.view_sheet(light_field.views), out / "views.png")
+
+
+def _write_tiff(path: Path, image: np.ndarray) -> None:
+    with written_aside(path) as aside:
+        imwrite(aside, image, compression="zlib")
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    with written_aside(path) as aside:
+        imsave(aside, img_as_ubyte(np.clip(image, 0, 1)), check_contrast=False)

@@ -1,0 +1,92 @@
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lf_flame import PAPER_CAMERA, InputError
+
+
+def test_paper_numbers():
+    assert PAPER_CAMERA.image_distance_mm == pytest.approx(150 * 326 / 176)
+    assert PAPER_CAMERA.aperture_mm == pytest.approx(77.8, abs=0.01)
+    slopes = PAPER_CAMERA.depth_to_slope(np.array([20.0, 10.0, 0.0, -10.0]))
+    np.testing.assert_allclose(slopes, [2.28, 1.17, 0.0, -1.25], atol=0.01)
+
+
+def test_field_of_view_of_the_whole_array_is_the_papers():
+    whole = replace(PAPER_CAMERA, lenslets=(850, 850))
+    np.testing.assert_allclose(whole.field_of_view_deg, 19.5, atol=0.1)
+
+
+def test_slope_follows_from_the_image_distances():
+    depth = np.array([-100.0, -10.0, -1e-6, 1e-6, 20.0, 1e5])
+    f, i0 = PAPER_CAMERA.main_lens_focal_mm, PAPER_CAMERA.image_distance_mm
+    distance = PAPER_CAMERA.focus_distance_mm + depth
+    image = f * distance / (distance - f)
+    step = PAPER_CAMERA.view_step_mm / PAPER_CAMERA.lenslet_pitch_mm
+    expected = step * (i0 / image - 1)
+    np.testing.assert_allclose(PAPER_CAMERA.depth_to_slope(depth), expected, rtol=1e-12, atol=1e-12)
+
+
+@given(st.floats(-325, 1e9))
+def test_depth_and_slope_invert_each_other(depth):
+    back = PAPER_CAMERA.slope_to_depth(PAPER_CAMERA.depth_to_slope(depth))
+    distance = PAPER_CAMERA.focus_distance_mm + depth
+    # conditioning: d(depth)/d(slope) grows with the square of the distance
+    assert abs(back - depth) <= 1e-14 * (distance**2 + 326**2) + 1e-12
+
+
+@given(st.floats(0.05, 20))
+def test_alpha_and_slope_invert_each_other(alpha):
+    assert PAPER_CAMERA.slope_to_alpha(PAPER_CAMERA.alpha_to_slope(alpha)) == pytest.approx(alpha)
+
+
+def test_alpha_is_the_relative_image_distance():
+    depth, f = 20.0, PAPER_CAMERA.main_lens_focal_mm
+    distance = PAPER_CAMERA.focus_distance_mm + depth
+    image = f * distance / (distance - f)
+    alpha = PAPER_CAMERA.slope_to_alpha(PAPER_CAMERA.depth_to_slope(depth))
+    assert alpha == pytest.approx(image / PAPER_CAMERA.image_distance_mm, rel=1e-12)
+
+
+def test_conversions_stay_finite_through_infinity():
+    infinity = PAPER_CAMERA.depth_to_slope(np.inf)
+    assert infinity == pytest.approx(PAPER_CAMERA.depth_to_slope(1e15), rel=1e-9)
+    at_focal_length = PAPER_CAMERA.main_lens_focal_mm - PAPER_CAMERA.focus_distance_mm
+    slope = PAPER_CAMERA.depth_to_slope(at_focal_length)
+    assert np.isfinite(slope)
+    assert 1 / PAPER_CAMERA.slope_to_alpha(slope) == pytest.approx(0, abs=1e-12)
+    assert PAPER_CAMERA.alpha_to_slope(np.inf) == pytest.approx(slope, rel=1e-12)
+
+
+def test_scalars_stay_scalars_and_arrays_keep_their_shape():
+    assert isinstance(PAPER_CAMERA.depth_to_slope(20), float)
+    assert PAPER_CAMERA.slope_to_depth(np.zeros((2, 3))).shape == (2, 3)
+
+
+def test_camera_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        PAPER_CAMERA.views = 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"main_lens_focal_mm": -150.0}, "main_lens_focal_mm must be a positive.*-150"),
+        ({"lenslet_pitch_mm": float("nan")}, "lenslet_pitch_mm must be a positive"),
+        ({"focus_distance_mm": 140.0}, "must exceed main_lens_focal_mm.*got 140"),
+        ({"views": 0}, "views must be at least 1"),
+        ({"lenslets": (0, 5)}, "lenslets two numbers of at least 1"),
+        ({"pixel_pitch_mm": 0.1}, "pixel_pitch_mm must be at most 0.0074"),
+    ],
+)
+def test_impossible_cameras_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        replace(PAPER_CAMERA, **change)
+
+
+def test_a_layer_behind_the_lens_has_no_slope():
+    with pytest.raises(InputError, match="above -326"):
+        PAPER_CAMERA.depth_to_slope(-326.0)

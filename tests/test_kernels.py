@@ -1,0 +1,67 @@
+"""What only the compiled kernels can show: threads, and sums that keep their digits."""
+
+import numba
+import numpy as np
+import pytest
+
+from lf_flame import Layer, Scene, _kernels, render
+from lf_flame.refocus import shift_and_sum
+
+
+@pytest.fixture
+def threads():
+    """Set the number of threads, and put it back."""
+    before = numba.get_num_threads()
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+@pytest.mark.jit
+def test_bits_do_not_depend_on_the_number_of_threads(threads, small_camera, rng):
+    scene = Scene([Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))])
+    images = []
+    for count in range(1, numba.config.NUMBA_NUM_THREADS + 1):
+        threads(count)
+        exact = render(scene, small_camera)
+        rays = render(scene, small_camera, integrator="rays", rays=4)
+        images.append((exact.views, rays.views, shift_and_sum(exact, [1.3, -0.2])))
+    for other in images[1:]:
+        for first, second in zip(images[0], other, strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.jit
+def test_sums_over_many_views_keep_their_digits():
+    """A float32 running sum over 40,000 views of 0.1 would be off by 1e-4."""
+    views = np.full((200, 200, 3, 3), 0.1, np.float32)
+    np.testing.assert_allclose(shift_and_sum(views, 0.5), np.float32(0.1), rtol=1e-7)
+
+
+@pytest.mark.jit
+def test_kernels_compile_for_the_types_they_are_called_with(small_camera, rng):
+    scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
+    shift_and_sum(render(scene, small_camera), 1.0)
+    render(scene, small_camera, integrator="rays", rays=2)
+    for kernel in (
+        _kernels.trace_layer,
+        _kernels.integrate_layer,
+        _kernels.shift_columns,
+        _kernels.shift_rows,
+    ):
+        assert len(kernel.signatures) == 1  # one compilation each, however they are reached
+
+
+def test_float32_image_equals_float64_within_rounding(small_camera, rng):
+    """The exact integrator's image against the same weights multiplied out in float64."""
+    from lf_flame.footprint import trace_footprint, trapezoid_cdf
+
+    layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))
+    weights = []
+    for axis in (0, 1):
+        footprint = trace_footprint(small_camera, layer.depth_mm, axis)
+        edges = layer.cell_edges_mm(axis) - footprint.centres_mm[..., None]
+        widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
+        weights.append(np.diff(trapezoid_cdf(edges, *widths), axis=-1))
+    expected = np.einsum("vti,ij,usj->vuts", weights[0], layer.texture, weights[1])
+    views = render(Scene([layer]), small_camera).views
+    np.testing.assert_allclose(views, expected, rtol=2e-7, atol=1e-12)

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from lf_flame import InputError, LightField
+
+
+def test_raw_and_views_round_trip_exactly(rng):
+    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
+    raw = LightField(views).to_raw()
+    assert raw.shape == (12, 15)
+    np.testing.assert_array_equal(LightField.from_raw(raw, views=3).views, views)
+
+
+def test_raw_layout_is_micro_images_in_sensor_order(rng):
+    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
+    raw = LightField(views).to_raw()
+    v, u, t, s = 2, 0, 1, 4
+    assert raw[t * 3 + v, s * 3 + u] == views[v, u, t, s]
+
+
+def test_colour_keeps_its_axis(rng):
+    raw = rng.uniform(size=(6, 8, 3)).astype(np.float32)
+    light_field = LightField.from_raw(raw, views=2)
+    assert light_field.views.shape == (2, 2, 3, 4, 3)
+    np.testing.assert_array_equal(light_field.to_raw(), raw)
+
+
+def test_photograph_is_the_mean_view(rng):
+    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
+    np.testing.assert_allclose(LightField(views).photograph, views.mean(axis=(0, 1)), rtol=1e-6)
+
+
+def test_float32_views_are_not_copied(rng):
+    views = rng.uniform(size=(2, 2, 3, 3)).astype(np.float32)
+    assert LightField(views).views is views
+
+
+def test_odd_shaped_and_unfinite_raw_images_are_refused():
+    with pytest.raises(InputError, match=r"multiples of the 15 pixels.*\(31, 30\)"):
+        LightField.from_raw(np.ones((31, 30)))
+    with pytest.raises(InputError, match="must be finite, got 1 NaN"):
+        LightField.from_raw(np.where(np.eye(30) * np.arange(30) == 7, np.nan, 1.0))
+    with pytest.raises(InputError, match="real-valued"):
+        LightField(np.ones((2, 2, 2, 2), complex))

@@ -1,0 +1,162 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lf_flame import PAPER_CAMERA, InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.footprint import trace_footprint, trapezoid_cdf
+from lf_flame.shapes import shape_texture
+
+
+def random_layer(rng, depth, cells=(7, 5)):
+    return Layer(rng.uniform(size=cells), depth, (2.4, 2.0), (0.3, -0.2))
+
+
+@pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0])
+def test_ray_integrator_equals_rays_pushed_one_by_one(small_camera, rng, depth):
+    layer = random_layer(rng, depth)
+    image = render(Scene([layer]), small_camera, integrator="rays", rays=89).views
+    for v, u, t, s in [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16)]:
+        twin = reference.trace_one_pixel(layer, small_camera, v, u, t, s, rays=16)
+        # 89 lattice rays against a 16 x 16 grid along each axis: the same integral
+        assert image[v, u, t, s] == pytest.approx(twin, abs=0.03)
+
+
+@given(
+    depth=st.floats(-40, 80),
+    views=st.integers(1, 6),
+    focal=st.floats(80, 200),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=15, deadline=None)
+def test_exact_and_ray_integrators_agree(depth, views, focal, seed):
+    camera = PlenopticCamera(focal, 326.0, 0.4, 0.112, views, (10, 12))
+    layer = random_layer(np.random.default_rng(seed), depth)
+    exact = render(Scene([layer]), camera).views
+    errors = [
+        np.sqrt(
+            np.mean((render(Scene([layer]), camera, integrator="rays", rays=n).views - exact) ** 2)
+        )
+        for n in (8, 89)
+    ]
+    assert errors[1] <= 2e-2
+    # n midpoints miss an edge by up to 1/2n of its height, so the error falls about as 1/n
+    assert errors[1] <= 0.35 * errors[0] + 1e-3
+
+
+def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
+    wide = Scene([Layer([[0.7]], 15.0, (80.0, 80.0))])
+    for options in ({}, {"integrator": "rays", "rays": 3}):
+        np.testing.assert_allclose(render(wide, small_camera, **options).views, 0.7, rtol=1e-7)
+
+
+def test_half_plane_has_the_closed_form_of_its_trapezoid(small_camera):
+    depth, edge = 12.0, 0.123
+    half = Scene([Layer([[1.0]], depth, (80.0, 40.0), (0.0, edge + 20.0))])
+    columns = trace_footprint(small_camera, depth, axis=1)
+    widths = abs(columns.lenslet_width_mm), abs(columns.pixel_width_mm)
+    expected = 1 - trapezoid_cdf(edge - columns.centres_mm, *widths)
+    views = render(half, small_camera).views
+    np.testing.assert_allclose(views[1, :, 5, :], expected, atol=1e-7)
+
+
+def test_trapezoid_is_the_integral_of_two_boxes():
+    x = np.linspace(-2, 2, 2001)
+    for a, b in [(1.0, 0.4), (0.4, 1.0), (0.5, 0.5), (1.0, 0.0), (0.0, 1.0)]:
+        grid = (np.arange(1000) + 0.5) / 1000 - 0.5
+        sums = np.sort(np.add.outer(a * grid, b * grid).ravel())
+        counted = np.searchsorted(sums, x) / sums.size
+        np.testing.assert_allclose(trapezoid_cdf(x, a, b), counted, atol=1.5e-3)
+    np.testing.assert_array_equal(trapezoid_cdf(np.array([-1.0, 0.0, 2.0]), 0, 0), [0, 0.5, 1])
+
+
+def test_light_of_layers_adds(small_camera, rng):
+    near, far = random_layer(rng, -10.0), random_layer(rng, 20.0)
+    both = render(Scene([near, far]), small_camera).views
+    alone = [render(Scene([layer]), small_camera).views for layer in (near, far)]
+    np.testing.assert_allclose(both, alone[0] + alone[1], rtol=1e-6)
+    turned = render(Scene([far, near]), small_camera).views
+    np.testing.assert_allclose(both, turned, rtol=1e-6)
+
+
+def test_flux_of_a_bounded_object_is_its_size_times_its_radiance(small_camera):
+    camera = replace(small_camera, lenslets=(60, 60))
+    layer = Layer([[0.5]], 10.0, (2.0, 1.5))
+    views = render(Scene([layer]), camera).views
+    mm_per_lenslet = camera.field_mm(10.0)[0] / 60
+    per_view = views.sum(axis=(2, 3), dtype=float) * mm_per_lenslet**2
+    # Out of focus the lenslets' footprints are not spaced by their own width, so one view alone
+    # counts an edge cell a little too often or too seldom.
+    np.testing.assert_allclose(per_view, 0.5 * 2.0 * 1.5, rtol=2e-4)
+
+
+def test_images_are_upright(small_camera):
+    """Rows run down and columns right: light below and right of the axis lands there."""
+    layer = Layer([[1.0]], 0.0, (0.4, 0.4), centre_mm=(0.8, 0.5))
+    photograph = render(Scene([layer]), small_camera).photograph
+    t, s = np.unravel_index(photograph.argmax(), photograph.shape)
+    assert t > 13
+    assert s > 16
+
+
+def test_views_move_by_the_slope(small_camera):
+    """A point behind the focal plane moves toward larger t as v grows, by its slope."""
+    camera = replace(small_camera, lenslets=(60, 60))
+    depth = 15.0
+    layer = Layer([[1.0]], depth, (0.5, 0.5))
+    views = render(Scene([layer]), camera).views.astype(float)
+    t = np.arange(60)
+    centroid = (views.sum(axis=3) * t).sum(axis=2) / views.sum(axis=(2, 3))
+    np.testing.assert_allclose(np.diff(centroid[:, 2]), camera.depth_to_slope(depth), rtol=1e-3)
+
+
+def test_scene_in_focus_on_the_focal_plane_is_the_same_in_every_view(small_camera, rng):
+    views = render(Scene([random_layer(rng, 0.0)]), small_camera).views
+    np.testing.assert_allclose(views, np.broadcast_to(views[2, 2], views.shape), atol=1e-6)
+
+
+def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):
+    scene = Scene([random_layer(rng, 20.0)])
+    exact = render(scene, small_camera).views
+    image = render(scene, small_camera, tolerance=0.01, integrator="rays").views
+    assert np.sqrt(np.mean((image - exact) ** 2)) <= 0.01 * exact.max()
+    with pytest.raises(InputError, match="was not met with 89 x 89 rays"):
+        render(scene, small_camera, tolerance=1e-9, integrator="rays")
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (Layer([[1.0]], 0.0, (1.0, 1.0), (0.0, 90.0)), "outside the field: in x it spans 89.5"),
+        (Layer([[1.0]], -400.0, (1.0, 1.0)), "in front of the main lens.*-400"),
+        (Layer([[1.0]], 0.0, (1.0, 1.0), opaque=True), "Opaque layers cannot be rendered yet"),
+    ],
+)
+def test_layers_that_cannot_be_seen_are_refused(layer, message):
+    with pytest.raises(InputError, match=message):
+        render(Scene([layer]), PAPER_CAMERA)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"integrator": "magic"}, {"tolerance": 0}, {"rays": 4}, {"integrator": "rays", "rays": 0}],
+)
+def test_impossible_options_are_refused(small_camera, options):
+    with pytest.raises(InputError, match="must be"):
+        render(Scene([Layer([[1.0]], 0.0, (1.0, 1.0))]), small_camera, **options)
+
+
+def test_a_virtual_image_is_rendered(small_camera):
+    """A layer inside the focal length has no real image; the matrices do not mind."""
+    layer = Layer([[1.0]], -200.0, (1.0, 1.0))
+    assert 0 < render(Scene([layer]), small_camera).views.max() < 1
+
+
+def test_circle_covers_its_area():
+    assert shape_texture("circle", (4.0, 4.0)).mean() == pytest.approx(np.pi / 4, abs=1e-4)
+    assert shape_texture("triangle", (4.0, 3.0)).mean() == pytest.approx(0.5, abs=1e-3)
+    with pytest.raises(InputError, match="Unknown shape 'star'"):
+        shape_texture("star", (1.0, 1.0))
