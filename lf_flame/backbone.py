@@ -9,6 +9,7 @@ import os
 import socket
 from contextlib import contextmanager
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def _load_resnet50(image, weights, seed, depth) -> keras.Model:
                 f"The ImageNet weights of ResNet-50 could not be downloaded ({error}); "
                 f"give a weights file, or choose random ones."
             ) from None
-    cut = keras.Model(full.inputs, full.get_layer(STAGES[depth]).output, name="resnet50")
+    cut = keras.Model(full.input, full.get_layer(STAGES[depth]).output, name="resnet50")
     if weights == "random":
         _randomise(cut, seed)
     elif weights != "imagenet":
@@ -151,7 +152,7 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
 def _load_npz(model: keras.Model, path: Path) -> None:
     try:
         arrays = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
         raise InputError(f"{path} is not a NumPy .npz file without pickle: {error}.") from None
     for layer in model.layers:
         for weight in layer.weights:

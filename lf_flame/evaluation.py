@@ -1,6 +1,5 @@
 """SSIM and PSNR of a trained model on its test split, and the tables made of them."""
 
-import json
 from pathlib import Path
 
 import keras
@@ -12,7 +11,7 @@ from lf_flame import provenance
 from lf_flame.config import read_toml
 from lf_flame.datasets import Dataset
 from lf_flame.errors import InputError
-from lf_flame.files import write_json, write_text
+from lf_flame.files import read_json, write_json, write_text
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
@@ -70,7 +69,7 @@ def load_run(folder: str | Path) -> dict:
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
-    return json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    return read_json(folder / "run.json")
 
 
 def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:

@@ -36,6 +36,11 @@ def write_text(path: str | Path, text: str) -> None:
         aside.write_text(text, encoding="utf-8")
 
 
+def read_json(path: str | Path) -> dict:
+    """Read a record that `write_json` wrote."""
+    return json.loads(Path(path).read_text(encoding="utf-8"))
+
+
 def write_json(path: str | Path, record: dict) -> None:
     """Write a record as JSON."""
     write_text(path, json.dumps(record, indent=1) + "\n")

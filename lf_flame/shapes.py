@@ -4,8 +4,8 @@ import numpy as np
 
 from lf_flame.errors import InputError
 
-SUPERSAMPLING = 16
-"""Points per cell and axis that decide its coverage; an edge cell is right to 1/256."""
+SUPERSAMPLING = 8
+"""Points per cell and axis that decide its coverage; an edge cell is right to about 1/64."""
 
 
 def _inside_circle(y, x):
@@ -20,7 +20,7 @@ SHAPES = {"rectangle": None, "square": None, "circle": _inside_circle, "triangle
 """Shape names, each with its test on coordinates that run from -1 to 1 over the bounding box."""
 
 
-def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.05) -> np.ndarray:
+def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1) -> np.ndarray:
     """Coverage texture of a shape that fills its bounding box.
 
     Parameters

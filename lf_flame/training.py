@@ -10,6 +10,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
+from zipfile import BadZipFile
 
 import keras
 import numpy as np
@@ -21,7 +22,7 @@ from lf_flame.backbone import ImagenetUnavailable, describe_weights
 from lf_flame.config import build, read_toml
 from lf_flame.datasets import Dataset
 from lf_flame.errors import InputError
-from lf_flame.files import write_json, written_aside
+from lf_flame.files import read_json, write_json, write_text, written_aside
 from lf_flame.models import build_refocus_resnet50, training_view
 from lf_flame.optimizers import FusedAdam
 from lf_flame.warmstart import warm_start
@@ -266,7 +267,7 @@ def _claim_folder(out: Path, asked: dict) -> None:
     if not path.exists():
         write_json(path, asked)
         return
-    found = pd.read_json(path, typ="series", convert_dates=False).to_dict()
+    found = read_json(path)
     changed = [key for key in asked if found.get(key) != asked[key]]
     if changed:
         key = changed[0]
@@ -323,12 +324,12 @@ class TrainingState:
         aside = self.folder / f"{name}.part"
         shutil.rmtree(aside, ignore_errors=True)
         aside.mkdir()
-        np.savez(aside / "state.npz", *[np.asarray(v) for v in self._variables()])
+        np.savez(aside / "state.npz", *map(keras.ops.convert_to_numpy, self._variables()))
         np.savez(aside / "best.npz", *self.best)
-        pd.DataFrame(self.history).to_csv(aside / "history.csv", index=False)
+        write_json(aside / "history.json", {"epochs": self.history})
         older = self._checkpoints()
         aside.rename(self.folder / name)
-        shutil.copyfile(self.folder / name / "history.csv", self.folder / "history.csv")
+        write_text(self.folder / "history.csv", pd.DataFrame(self.history).to_csv(index=False))
         for folder in older:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -350,12 +351,11 @@ class TrainingState:
                 for variable, name in zip(self._variables(), state.files, strict=True):
                     variable.assign(state[name])
                 self.best = [best[name] for name in best.files]
-            history = pd.read_csv(folder / "history.csv", float_precision="round_trip")
-        except (OSError, ValueError, KeyError) as error:
+            self.history = read_json(folder / "history.json")["epochs"]
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise InputError(
                 f"The checkpoint {folder} is damaged ({error}); remove it to start again."
             ) from None
-        self.history = history.to_dict("records")
 
 
 def _learning_rate(recipe: Recipe, steps_per_epoch: int):

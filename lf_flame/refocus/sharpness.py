@@ -9,6 +9,7 @@ still free of aliasing.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import as_slopes, as_views
@@ -96,7 +97,8 @@ def _cut(views: np.ndarray, slopes: np.ndarray, region):
         reach = int(np.abs(slopes).max() * (views.shape[axis] - 1) / 2) + FILTER_REACH
         low, high = start - reach, stop + reach
         cuts.append(slice(max(low, 0), min(high, size[axis])))
-        pads.append((max(-low, 0), max(high - size[axis], 0)))
+        length = next_fast_len(high - low, real=True)
+        pads.append((max(-low, 0), length - (cuts[-1].stop - cuts[-1].start) - max(-low, 0)))
         inside.append(slice(reach, reach + stop - start))
     patch = np.pad(views[:, :, cuts[0], cuts[1]], [(0, 0), (0, 0), *pads], mode="edge")
     return patch, inside
@@ -105,10 +107,10 @@ def _cut(views: np.ndarray, slopes: np.ndarray, region):
 def _sharpness(patch: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Squared gradient of the low-passed, refocused patch: shape (slopes, t, s)."""
     height, width = patch.shape[2:]
-    spectra = refocused_spectra(np.fft.rfft2(patch), slopes, width)
+    spectra = refocused_spectra(rfft2(patch), slopes, width)
     down, right = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
     low_pass = 2j * np.pi * np.exp(-(down**2 + right**2) / (2 * PASS_BAND**2))
-    gradients = (np.fft.irfft2(spectra * low_pass * k, (height, width)) for k in (down, right))
+    gradients = (irfft2(spectra * low_pass * k, (height, width)) for k in (down, right))
     return sum(gradient**2 for gradient in gradients)
 
 

@@ -1,0 +1,232 @@
+import json
+from dataclasses import replace
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+
+from lf_flame import InputError, training
+from lf_flame.backbone import ImagenetUnavailable
+from lf_flame.config import build
+from lf_flame.datasets import config_from_json, make_dataset
+from lf_flame.evaluation import predict_test_split
+from lf_flame.models import build_decoder, build_refocus_resnet50, training_view
+from lf_flame.training import Recipe, TrainingConfig, split_indices, train
+from lf_flame.warmstart import warm_start
+
+CAMERA = {
+    "main_lens_focal_mm": 150.0,
+    "focus_distance_mm": 326.0,
+    "lenslet_focal_mm": 2.4,
+    "lenslet_pitch_mm": 0.672,
+    "views": 5,
+    "lenslets": [40, 64],
+}
+OBJECTS = [
+    {"shape": "square", "depth_mm": 10.0, "size_mm": [10.0, 10.0], "centre_mm": [0.0, -10.0]},
+    {"shape": "circle", "depth_mm": -10.0, "size_mm": [9.0, 9.0], "centre_mm": [0.0, 10.0]},
+]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Twelve small shape light fields with two planes."""
+    values = {
+        "kind": "shapes",
+        "seed": 5,
+        "image": [40, 64],
+        "samples": {"smoke": 12},
+        "camera": CAMERA,
+        "template": {
+            "position_mm": 1.0,
+            "size": 0.1,
+            "brightness": [0.8, 1.0],
+            "objects": OBJECTS,
+        },
+    }
+    path = tmp_path_factory.mktemp("data") / "shapes.zarr"
+    make_dataset(config_from_json(values, "here"), 12, path)
+    return path
+
+
+@pytest.fixture
+def config():
+    values = {
+        "title": "test",
+        "seed": 1,
+        "split": [0.5, 0.25, 0.25],
+        "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+        "presets": {"smoke": {"epochs": 3, "batch_size": 2}},
+    }
+    return build(TrainingConfig, values, "here")
+
+
+def change_recipe(config, **changes):
+    recipe = replace(config.recipe("smoke"), **changes)
+    return replace(config, presets={"smoke": recipe})
+
+
+def test_cached_features_train_like_the_whole_network(rng):
+    """Batch by batch, training the decoder on features gives the whole model's losses."""
+    images = rng.uniform(size=(8, 40, 64, 1)).astype(np.float32)
+    targets = rng.uniform(size=(8, 2, 40, 64, 1)).astype(np.float32)
+    losses = []
+    for cached in (False, True):
+        model = build_refocus_resnet50((40, 64), 2, "random", "conv4", dropout=0.3, seed=4)
+        features = model.get_layer("backbone").predict(images, verbose=0)
+        trained = training_view(model.get_layer("decoder")) if cached else model
+        trained.compile(keras.optimizers.Adam(1e-4), "mse", jit_compile=False)
+        inputs = features if cached else images
+        curve = []
+        for k in (0, 2, 4, 6, 0, 2):
+            trained.reset_metrics()
+            curve.append(float(trained.train_on_batch(inputs[k : k + 2], targets[k : k + 2])))
+        losses.append(curve)
+    np.testing.assert_allclose(losses[1], losses[0], rtol=2e-4)
+    assert abs(losses[0][4] - losses[0][0]) > 1e-4  # the same batch again, with other weights
+
+
+def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path, monkeypatch):
+    train(config, "smoke", data, tmp_path / "whole", show=False)
+    run_epoch = training._run_epoch
+
+    def cut_in_epoch_3(model, arrays, batch_size, seed, epoch):
+        if epoch == 3:
+            raise KeyboardInterrupt
+        return run_epoch(model, arrays, batch_size, seed, epoch)
+
+    monkeypatch.setattr(training, "_run_epoch", cut_in_epoch_3)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, "smoke", data, tmp_path / "cut", show=False)
+    assert not (tmp_path / "cut" / "model.keras").exists()
+    assert len(pd.read_csv(tmp_path / "cut" / "history.csv")) == 2
+    monkeypatch.undo()
+    train(config, "smoke", data, tmp_path / "cut", show=False)
+    curves = [
+        pd.read_csv(tmp_path / run / "history.csv")[["loss", "val_loss"]]
+        for run in ("whole", "cut")
+    ]
+    np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
+    predictions = [predict_test_split(tmp_path / run)[2] for run in ("whole", "cut")]
+    np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
+
+
+def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
+    config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
+    train(config, "smoke", data, tmp_path, show=False)
+    history = pd.read_csv(tmp_path / "history.csv")
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["best_epoch"] == history.val_loss.idxmin() + 1
+    assert record["best_validation_loss"] == pytest.approx(history.val_loss.min(), rel=1e-6)
+    dataset = training.Dataset(data)
+    parts = split_indices(12, config.split, config.seed)
+    model = keras.saving.load_model(tmp_path / "model.keras", compile=False)
+    inputs = dataset.inputs[parts["validation"]][..., None]
+    loss = np.mean(
+        (model.predict(inputs, verbose=0)[..., 0] - dataset.targets[parts["validation"]]) ** 2
+    )
+    assert loss == pytest.approx(history.val_loss.min(), rel=1e-3)
+    expected = {"preset", "seed", "epochs", "backbone_weights", "backbone_depth", "wall_s"}
+    assert set(record) >= expected | {
+        "versions",
+        "git_revision",
+        "data_sha256",
+        "recipe",
+        "command",
+    }
+    assert record["backbone_weights"] == "random (seed 1), conv4"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"schedule": "cosine", "batch_size": 4},
+        {"warm_start": True, "dropout_place": "none", "norm_momentum": 0.9},
+        {"dropout_place": "vector", "checkpoint_s": 1000.0},
+    ],
+)
+def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
+    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path, show=False)
+    assert (tmp_path / "model.keras").exists()
+
+
+def test_a_changed_configuration_is_refused(config, data, tmp_path):
+    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    before = (tmp_path / "model.keras").read_bytes()
+    with pytest.raises(InputError, match="holds a run with another recipe"):
+        train(config, "smoke", data, tmp_path, show=False)
+    assert (tmp_path / "model.keras").read_bytes() == before
+
+
+def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
+    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    checkpoint = next(tmp_path.glob("checkpoint-*"))
+    (checkpoint / "state.npz").write_bytes(b"PK\3\4 and then nothing")
+    with pytest.raises(InputError, match="checkpoint-000001 is damaged"):
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+
+
+def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path, monkeypatch):
+    def explode(self, *args, **kwargs):
+        return np.nan
+
+    monkeypatch.setattr(keras.Model, "train_on_batch", explode)
+    with pytest.raises(InputError, match="no longer a number in epoch 1"):
+        train(config, "smoke", data, tmp_path, show=False)
+
+
+def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
+    real = training.build_refocus_resnet50
+
+    def offline(*args, backbone_weights, **kwargs):
+        if backbone_weights == "imagenet":
+            raise ImagenetUnavailable("no network.")
+        return real(*args, backbone_weights=backbone_weights, **kwargs)
+
+    monkeypatch.setattr(training, "build_refocus_resnet50", offline)
+    config = replace(config, model=replace(config.model, backbone_weights="imagenet"))
+    with pytest.raises(InputError, match="BACKBONE_WEIGHTS=random or BACKBONE_WEIGHTS=FILE"):
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    train(
+        change_recipe(config, epochs=1, without_imagenet="random"), "smoke", data, tmp_path, False
+    )
+    assert "RANDOM backbone weights" in capsys.readouterr().out
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["backbone_weights"].startswith("random")
+
+
+def test_split_is_whole_disjoint_and_seeded():
+    parts = split_indices(200, (0.8, 0.1, 0.1), 1)
+    assert [len(part) for part in parts.values()] == [160, 20, 20]
+    assert sorted(np.concatenate(list(parts.values()))) == list(range(200))
+    assert not np.array_equal(parts["test"], split_indices(200, (0.8, 0.1, 0.1), 2)["test"])
+    with pytest.raises(InputError, match="3 samples are too few"):
+        split_indices(3, (0.8, 0.1, 0.1), 1)
+
+
+def test_warm_start_begins_near_the_training_images(rng):
+    """Targets that are a smooth function of the features: the closed form finds most of it."""
+    features = rng.normal(size=(60, 3, 6, 32)).astype(np.float32)
+    patterns = rng.uniform(0, 1, (2, 2, 9, 18, 1))
+    weights = 1 / (1 + np.exp(-4 * features.mean(axis=(1, 2, 3)) * 20))
+    targets = weights[:, None, None, None, None] * patterns[0] * 0.9 + 0.05
+    decoder = build_decoder((3, 6, 32), (9, 18), 2, dropout_place="none", seed=2)
+    before = np.mean((decoder.predict(features, verbose=0) - targets) ** 2)
+    warm_start(decoder, features, targets.astype(np.float32))
+    after = np.mean((decoder.predict(features, verbose=0) - targets) ** 2)
+    assert after < 0.1 * min(before, targets.var(axis=0).mean())
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"epochs": 0}, "epochs and batch_size must be at least 1"),
+        ({"epochs": 1, "learning_rate": -1.0}, "learning_rate above 0"),
+        ({"epochs": 1, "speed": 2}, "speed is not a known key"),
+        ({"epochs": 1, "schedule": "steps"}, "schedule: input should be 'constant' or 'cosine'"),
+    ],
+)
+def test_impossible_recipes_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        build(Recipe, values, "here")
