@@ -5,19 +5,15 @@ that the batch normalisations use their stored statistics too (deviation 8).
 """
 
 import hashlib
-import os
 import socket
 from contextlib import contextmanager
 from pathlib import Path
 from zipfile import BadZipFile
 
+import keras
 import numpy as np
 
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")  # before Keras loads TensorFlow
-
-import keras  # noqa: E402
-
-from lf_flame.errors import InputError  # noqa: E402
+from lf_flame.errors import InputError
 
 STAGES = {"conv4": "conv4_block6_out", "conv5": "conv5_block3_out"}
 """Where the backbone can be cut, and the layer that is its output then."""

@@ -3,6 +3,7 @@
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -35,6 +36,22 @@ def main() -> None:
 def _fail(message: str, status: int) -> None:
     click.echo(f"lf-flame: {message}", err=True)
     sys.exit(status)
+
+
+def _load_keras() -> None:
+    """Load Keras and its backend without the pages that TensorFlow writes as it starts."""
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with Path(os.devnull).open("w") as nowhere:  # below Python: the library writes there directly
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            import keras
+
+            keras.ops.zeros(1)  # starts the backend's devices
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -131,7 +148,7 @@ def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
         (out / "zarr.json").touch()  # make compares it with the configuration file
         click.echo(f"{out} is complete: {samples} samples.")
         return
-    click.echo(f"Simulating {samples} light fields into {out}", err=True)
+    click.echo(f"{samples} light fields into {out}; first, the slopes of sharpest focus", err=True)
     make_dataset(settings, samples, out, workers or cpu_count(), progress_bar)
     (out / "zarr.json").touch()
 
@@ -145,6 +162,7 @@ def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
 @click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
 def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
     """Train the network that CONFIG describes; goes on where a run was cut off."""
+    _load_keras()
     from lf_flame.training import read_training_config, train
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
@@ -159,6 +177,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
     """Score the test split of a finished RUN and write its table and figure."""
+    _load_keras()
     from lf_flame.report import evaluate_run
 
     evaluate_run(run, table, figure, paper, out)
@@ -172,3 +191,7 @@ def tables(results: Path, paper: Path) -> None:
     from lf_flame.evaluation import read_tables
 
     click.echo(read_tables(results, paper))
+
+
+if __name__ == "__main__":
+    main()

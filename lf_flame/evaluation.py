@@ -2,16 +2,15 @@
 
 from pathlib import Path
 
-import keras
 import numpy as np
 import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from lf_flame import provenance
-from lf_flame.config import read_toml
 from lf_flame.datasets import Dataset
 from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json, write_text
+from lf_flame.paper import read_paper_values
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
@@ -82,6 +81,8 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
         Indices of the test samples.
     ndarray of float32, shape (n, planes, h, w)
     """
+    import keras  # here, so that tables can be printed without loading it
+
     run = load_run(folder)
     dataset = Dataset(run["data"])
     if dataset.attrs["sha256"] != run["data_sha256"]:
@@ -92,14 +93,6 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
     model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
     stack = model.predict(dataset.inputs[indices][..., None], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
-
-
-def read_paper_values(path: str | Path, table: str) -> dict:
-    """Read the printed values of one of the paper's tables."""
-    values = read_toml(path)
-    if table not in values:
-        raise InputError(f"{path} has no table {table!r}; it has {', '.join(values)}.")
-    return values[table]
 
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.config import to_json
 from lf_flame.datasets import DatasetConfig, search_slopes
 from lf_flame.files import write_json, write_text
+from lf_flame.paper import read_paper_values
 
 
 def progress_bar(finished: Iterable, done: int, total: int) -> Iterator:
@@ -51,7 +52,6 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
     Writes ``slopes.png``, ``slopes.md``, ``slopes.json`` and ``slopes.csv`` into `out`.
     """
     from lf_flame import figures
-    from lf_flame.evaluation import read_paper_values
 
     printed = read_paper_values(paper_values, "slopes")
     paper = dict(zip(printed["depth_mm"], printed["slope"], strict=True))
@@ -93,7 +93,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     from lf_flame import evaluation, figures
 
     record = evaluation.load_run(run)
-    paper = evaluation.read_paper_values(paper_values, table)
+    paper = read_paper_values(paper_values, table)
     dataset, indices, predictions = evaluation.predict_test_split(run)
     targets = dataset.targets[indices]
     scores = evaluation.compare_with_paper(evaluation.score(targets, predictions), paper)

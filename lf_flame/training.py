@@ -7,6 +7,7 @@ whole network) and ``run.json`` (the record).
 
 import shutil
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -347,15 +348,20 @@ class TrainingState:
             return
         folder = self._checkpoints()[-1]
         try:
-            with np.load(folder / "state.npz") as state, np.load(folder / "best.npz") as best:
-                for variable, name in zip(self._variables(), state.files, strict=True):
-                    variable.assign(state[name])
-                self.best = [best[name] for name in best.files]
+            state = _load_arrays(folder / "state.npz")
+            for variable, value in zip(self._variables(), state, strict=True):
+                variable.assign(value)
+            self.best = list(_load_arrays(folder / "best.npz"))
             self.history = read_json(folder / "history.json")["epochs"]
         except (OSError, ValueError, KeyError, BadZipFile) as error:
             raise InputError(
                 f"The checkpoint {folder} is damaged ({error}); remove it to start again."
             ) from None
+
+
+def _load_arrays(path: Path) -> Iterator[np.ndarray]:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        yield from (arrays[name] for name in arrays.files)
 
 
 def _learning_rate(recipe: Recipe, steps_per_epoch: int):

@@ -14,7 +14,7 @@ LAYERS = [
     {"_kernels", "transfer", "camera", "footprint"},
     {"scene", "shapes", "flames", "lightfield"},
     {"render", "refocus"},
-    {"config", "provenance", "templates", "scenefile"},
+    {"config", "provenance", "templates", "scenefile", "paper"},
     {"datasets"},
     {"backbone", "models", "optimizers", "warmstart"},
     {"training", "evaluation"},

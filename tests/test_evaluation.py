@@ -10,12 +10,12 @@ from lf_flame.evaluation import (
     compare_with_paper,
     load_run,
     psnr,
-    read_paper_values,
     read_tables,
     score,
     ssim,
     table_markdown,
 )
+from lf_flame.paper import read_paper_values
 
 PAPER = Path(__file__).parents[1] / "experiments" / "paper_values.toml"
 

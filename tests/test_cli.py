@@ -1,0 +1,221 @@
+"""The program as a user runs it: real processes, files, exit statuses."""
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from skimage.io import imread, imsave
+
+from lf_flame import cli
+
+ROOT = Path(__file__).parents[1]
+
+SCENE = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 3
+lenslets = [20, 30]
+[[layers]]
+shape = "circle"
+depth_mm = 5.0
+size_mm = [1.5, 1.5]
+"""
+
+
+def run(*args, cwd=ROOT):
+    return subprocess.run(
+        [sys.executable, "-m", "lf_flame.cli", *map(str, args)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+    )
+
+
+def assert_one_sentence(result, *parts):
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    for part in parts:
+        assert part in result.stderr
+
+
+def test_help_teaches_every_command():
+    shown = run("--help").stdout
+    for command in ("camera", "simulate", "slopes", "dataset", "train", "evaluate", "tables"):
+        assert command in shown
+        assert len(run(command, "--help").stdout) > 200
+
+
+def test_camera_prints_the_derived_numbers():
+    shown = run("camera").stdout
+    for number in ("277.841 mm", "77.80 mm", "+2.285", "-1.251", "35.48 x 70.96 mm"):
+        assert number in shown
+
+
+def test_simulate_writes_what_it_says(tmp_path):
+    imsave(tmp_path / "card.png", np.full((8, 8), 128, np.uint8), check_contrast=False)
+    extra = '[[layers]]\nimage = "card.png"\ndepth_mm = -10.0\nsize_mm = [1.0, 1.0]\n'
+    extra += "centre_mm = [0.0, 1.5]\n"
+    (tmp_path / "scene.toml").write_text(SCENE + extra)
+    result = run("simulate", "scene.toml", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    out = tmp_path / "simulated" / "scene"
+    with np.load(out / "light_field.npz", allow_pickle=False) as arrays:
+        views, refocused, depths = (arrays[k] for k in ("views", "refocused", "depths_mm"))
+    assert views.shape == (3, 3, 20, 30)
+    assert list(depths) == [5.0, -10.0]
+    raw = imread(out / "raw.tif")
+    assert raw.shape == (60, 90)
+    np.testing.assert_array_equal(raw[0::3, 1::3], views[0, 1])
+    np.testing.assert_array_equal(imread(out / "refocused.tif"), refocused)
+    png = imread(out / "refocused_-10mm.png")
+    white = json.loads((out / "simulation.json").read_text())["radiance_of_white_in_png"]
+    assert white == views.max() > 1  # the card and the circle's blur overlap: their light adds
+    np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
+    assert {"raw.png", "views.png", "simulation.json"} <= {p.name for p in out.iterdir()}
+    assert not list(out.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("views = 3", "vues = 3", ["scene.toml", "camera.vues is not a known key"]),
+        ("= 150.0", "= -150.0", ["main_lens_focal_mm must be a positive", "-150.0"]),
+        ("= 326.0", "= 120.0", ["focus_distance_mm must exceed", "120.0"]),
+        ("[1.5, 1.5]", "[1.5, 1.5]\ncentre_mm = [0, 50]", ["outside the field", "49.25"]),
+        ('shape = "circle"', 'shape = "star"', ["shape must be one of", "star"]),
+        ('shape = "circle"', 'image = "none.png"', ["none.png cannot be read"]),
+        ('shape = "circle"', "", ["either a shape or an image"]),
+        ("[[layers]]", "[[layers]", ["is not a TOML file"]),
+    ],
+)
+def test_mistakes_in_a_scene_are_one_sentence(tmp_path, old, new, parts):
+    assert old in SCENE
+    (tmp_path / "scene.toml").write_text(SCENE.replace(old, new))
+    assert_one_sentence(run("simulate", "scene.toml", cwd=tmp_path), *parts)
+    assert not (tmp_path / "simulated").exists()
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypatch, capsys):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "raw.tif").write_text("old")
+
+    def full(path, *args, **kwargs):
+        Path(path).write_bytes(b"half a file")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr("lf_flame.simulate.imwrite", full)
+    monkeypatch.setattr(
+        sys, "argv", ["lf-flame", "simulate", str(tmp_path / "scene.toml"), "--out", str(out)]
+    )
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 2
+    shown = capsys.readouterr().err
+    assert "No space left on device" in shown
+    assert len(shown.strip().splitlines()) == 1
+    assert (out / "raw.tif").read_text() == "old"
+    assert [p.name for p in out.iterdir()] == ["raw.tif"]
+
+
+def test_an_interruption_has_status_130(monkeypatch, capsys):
+    def interrupt(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lf_flame.report.camera_report", interrupt)
+    monkeypatch.setattr(sys, "argv", ["lf-flame", "camera"])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 130
+    assert "the same command goes on from there" in capsys.readouterr().err
+
+
+def test_missing_files_and_runs_are_one_sentence(tmp_path):
+    result = run("simulate", tmp_path / "none.toml")
+    assert result.returncode == 2
+    assert "does not exist" in result.stderr
+    assert_one_sentence(
+        run("evaluate", tmp_path, "--table", "table1", "--figure", "f", "--out", tmp_path),
+        "There is no finished run",
+    )
+    training = ROOT / "experiments" / "shapes.toml"
+    assert_one_sentence(
+        run(
+            "train",
+            training,
+            "--preset",
+            "smoke",
+            "--data",
+            tmp_path / "x",
+            "--out",
+            tmp_path / "r",
+        ),
+        "There is no data set at",
+    )
+    assert_one_sentence(
+        run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
+        "preset must be one of paper, quick, smoke, got 'big'",
+    )
+
+
+@pytest.mark.slow
+def test_from_data_set_to_table(tmp_path):
+    """Every step that make runs, on a data set of twelve samples."""
+    text = (ROOT / "data_gen" / "flames.toml").read_text()
+    text = text.replace("smoke = 20", "smoke = 12").replace(
+        "lenslets = [270, 540]", "lenslets = [90, 180]"
+    )
+    text = text.replace("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 1.2").replace(
+        "= 0.112", "= 0.336"
+    )
+    (tmp_path / "flames.toml").write_text(text)
+    shutil.copytree(
+        ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
+    )
+    data = ["dataset", "flames.toml", "--preset", "smoke", "--out", "flames.zarr", "--workers", "1"]
+    assert run(*data, cwd=tmp_path).returncode == 0
+    again = run(*data, cwd=tmp_path)
+    assert "is complete: 12 samples" in again.stdout
+    (tmp_path / "flames.toml").write_text(text.replace("seed = 20251", "seed = 1"))
+    assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
+    training = [
+        "train", "experiments/flames.toml", "--preset", "smoke", "--data", "flames.zarr",
+        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4",
+    ]  # fmt: skip
+    result = run(*training, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    result = run(
+        "evaluate",
+        "run",
+        "--table",
+        "table2",
+        "--figure",
+        "figure8",
+        "--out",
+        "results",
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    table = pd.read_csv(tmp_path / "results" / "table2.csv")
+    assert list(table.columns) == [
+        "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd",
+        "paper_ssim", "paper_psnr_db", "n_test",
+    ]  # fmt: skip
+    assert list(table.depth_mm) == [20, 10, 0, -10]
+    assert table.psnr_db.between(3, 60).all()
+    assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
+    shown = run("tables", "results", cwd=tmp_path).stdout
+    assert "random (seed 1), conv4" in shown
+    assert shown.count("missing") == 8  # Table I was not run
