@@ -117,13 +117,25 @@ def _short_timeout():
 
 
 def _randomise(model: keras.Model, seed: int) -> None:
+    """Draw He-normal kernels (He et al. 2015) and keep the features of order 1.
+
+    Without measured statistics two normalisations must do by their constants what they do in a
+    trained network: the first divides by the range of the pixels, and the last of each residual
+    block keeps the sum from doubling its variance block by block.
+    """
     rng = np.random.default_rng(seed)
-    for weight in model.weights:
-        if weight.name == "kernel":
-            fan_in = np.prod(weight.shape[:-1])
-            weight.assign(rng.normal(0, np.sqrt(2 / fan_in), weight.shape).astype(np.float32))
-        else:
-            weight.assign(np.full(weight.shape, weight.name in ("gamma", "moving_variance"), float))
+    for layer in model.layers:
+        for weight in layer.weights:
+            if weight.name == "kernel":
+                fan_in = np.prod(weight.shape[:-1])
+                value = rng.normal(0, np.sqrt(2 / fan_in), weight.shape)
+            elif weight.name == "gamma":
+                value = np.full(weight.shape, 0.5 if layer.name.endswith("_3_bn") else 1.0)
+            elif weight.name == "moving_variance":
+                value = np.full(weight.shape, 128.0**2 if layer.name == "conv1_bn" else 1.0)
+            else:
+                value = np.zeros(weight.shape)
+            weight.assign(value.astype(np.float32))
 
 
 def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:

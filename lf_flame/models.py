@@ -21,7 +21,6 @@ def build_refocus_resnet50(
     backbone_depth: str = "conv5",
     dropout: float = 0.3,
     dropout_place: str = "image",
-    norm_momentum: float = 0.99,
     seed: int = 0,
 ) -> keras.Model:
     """Build the Keras functional model that turns one light-field image into refocused images.
@@ -39,9 +38,6 @@ def build_refocus_resnet50(
     dropout_place : {"image", "vector", "none"}
         "image" is the paper's order, before the last convolution; "vector" behind the global
         average pooling (deviation 9).
-    norm_momentum : float
-        Share of the old statistics that a batch normalisation keeps at each step; 0.99 is
-        Keras's default. Fewer steps call for less.
     seed : int
         Of the initial weights, of random backbone weights and of the dropout.
 
@@ -58,9 +54,7 @@ def build_refocus_resnet50(
         If an argument cannot be used.
     """
     backbone = build_backbone(image, backbone_weights, backbone_depth, seed)
-    decoder = build_decoder(
-        backbone.output_shape[1:], image, planes, dropout, dropout_place, norm_momentum, seed
-    )
+    decoder = build_decoder(backbone.output_shape[1:], image, planes, dropout, dropout_place, seed)
     grey = keras.Input((*image, 1), name="light_field_image")
     outputs = decoder(backbone(grey, training=False))
     return keras.Model(grey, outputs, name="refocus_resnet50")
@@ -72,7 +66,6 @@ def build_decoder(
     planes: int,
     dropout: float = 0.3,
     dropout_place: str = "image",
-    norm_momentum: float = 0.99,
     seed: int = 0,
 ) -> keras.Model:
     """Build the trainable part, layer by layer as in the paper's section II.C.
@@ -98,8 +91,8 @@ def build_decoder(
         return layers.Dropout(dropout, seed=seed)(x) if dropout_place == place else x
 
     feature_map = keras.Input(features, name="features")
-    x = _conv_block(feature_map, 512, initial(1), norm_momentum)
-    x = _conv_block(x, 256, initial(2), norm_momentum)
+    x = _conv_block(feature_map, 512, initial(1))
+    x = _conv_block(x, 256, initial(2))
     x = layers.GlobalAveragePooling2D()(x)
     x = drop(x, "vector")
     x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3), name="basis")(x)
@@ -118,9 +111,9 @@ def build_decoder(
     return keras.Model(feature_map, stack, name="decoder")
 
 
-def _conv_block(x, filters: int, initializer, norm_momentum: float):
+def _conv_block(x, filters: int, initializer):
     x = layers.Conv2D(filters, 3, padding="same", kernel_initializer=initializer)(x)
-    return layers.LeakyReLU()(layers.BatchNormalization(momentum=norm_momentum)(x))
+    return layers.LeakyReLU()(layers.BatchNormalization()(x))
 
 
 class MatrixConvolution(layers.Layer):

@@ -26,7 +26,7 @@ from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json, write_text, written_aside
 from lf_flame.models import build_refocus_resnet50, training_view
 from lf_flame.optimizers import FusedAdam
-from lf_flame.warmstart import warm_start
+from lf_flame.warmstart import freeze_normalisations, warm_start
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,10 @@ class Recipe:
     without_imagenet : {"random", "stop"}
         What to do where the ImageNet weights cannot be had.
     warm_start : bool
-        Start the decoder from the training images, see `lf_flame.warmstart`.
-    dropout_place, norm_momentum
-        See `lf_flame.models.build_refocus_resnet50`; the defaults are the paper's and Keras's.
+        Start the decoder from the training images and freeze its normalisations, see
+        `lf_flame.warmstart`.
+    dropout_place
+        See `lf_flame.models.build_refocus_resnet50`; the default is the paper's.
     """
 
     epochs: int
@@ -69,7 +70,6 @@ class Recipe:
     without_imagenet: Literal["random", "stop"] = "stop"
     warm_start: bool = False
     dropout_place: Literal["image", "vector", "none"] = "image"
-    norm_momentum: float = 0.99
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -149,7 +149,7 @@ def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
     """
     planes, *image = dataset.targets.shape[1:]
     options = {**asdict(config.model), "seed": config.seed}
-    options |= {"dropout_place": recipe.dropout_place, "norm_momentum": recipe.norm_momentum}
+    options["dropout_place"] = recipe.dropout_place
     try:
         model = build_refocus_resnet50(tuple(image), planes, **options)
     except ImagenetUnavailable as error:
@@ -293,6 +293,8 @@ class TrainingState:
 
     def __init__(self, decoder: keras.Model, recipe: Recipe, samples: int, folder: Path):
         self.recipe, self.folder = recipe, folder
+        if recipe.warm_start:
+            freeze_normalisations(decoder)
         self.decoder, self.model = decoder, training_view(decoder)
         steps = -(-samples // recipe.batch_size)
         self.optimizer = FusedAdam(_learning_rate(recipe, steps))

@@ -90,3 +90,21 @@ def test_impossible_cameras_are_refused(change, message):
 def test_a_layer_behind_the_lens_has_no_slope():
     with pytest.raises(InputError, match="above -326"):
         PAPER_CAMERA.depth_to_slope(-326.0)
+
+
+def test_evidence_for_the_image_distance():
+    """Deviation 1: with the printed 277 mm the focal plane would not have slope 0.00."""
+    f, a, array = 150.0, 326.0, 277.0
+    slope = array * 0.112 / 0.4 / 15 / 0.112 * (array / (a * f / (a - f)) - 1)
+    assert abs(slope) == pytest.approx(0.14, abs=0.005)
+
+
+def test_evidence_for_fifteen_views():
+    """Deviation 2: the slopes that 15 and 16 views give, against the printed 2.10 ... -1.25."""
+    printed = np.array([2.10, 1.15, 0.0, -1.25])
+    depths = np.array([20.0, 10.0, 0.0, -10.0])
+    slopes = {n: replace(PAPER_CAMERA, views=n).depth_to_slope(depths) for n in (14, 15, 16)}
+    np.testing.assert_allclose(slopes[15], [2.28, 1.18, 0.0, -1.25], atol=0.006)
+    np.testing.assert_allclose(slopes[16], [2.14, 1.10, 0.0, -1.17], atol=0.006)
+    close = {n: np.count_nonzero(np.abs(s - printed) < 0.03) for n, s in slopes.items()}
+    assert close == {14: 1, 15: 3, 16: 1}

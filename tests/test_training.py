@@ -142,7 +142,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
     "changes",
     [
         {"schedule": "cosine", "batch_size": 4},
-        {"warm_start": True, "dropout_place": "none", "norm_momentum": 0.9},
+        {"warm_start": True, "dropout_place": "none"},
         {"dropout_place": "vector", "checkpoint_s": 1000.0},
     ],
 )

@@ -1,0 +1,30 @@
+"""The README's example and the commands it names."""
+
+import re
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_python_example_runs():
+    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(compile(example, "README.md", "exec"), {})
+
+
+def test_files_and_targets_it_names_exist():
+    for path in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / path).exists(), path
+    shown = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for target in set(re.findall(r"`?make ([a-z-]+)", README)):
+        assert f"  {target} " in shown.stdout, target
+
+
+def test_every_deviation_the_code_cites_is_listed():
+    text = (ROOT / "experiments" / "DEVIATIONS.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
+    files = [*ROOT.glob("lf_flame/**/*.py"), *ROOT.glob("*/*.toml"), ROOT / "README.md"]
+    cited = {n for path in files for n in re.findall(r"deviation (\d+)", path.read_text())}
+    assert cited
+    assert cited <= listed
