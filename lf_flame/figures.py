@@ -51,7 +51,7 @@ def result_figure(light_field_image, targets, predictions, depths_mm, title: str
         axes[0, k + 1].imshow(targets[k], cmap="gray", vmin=0, vmax=1)
         axes[1, k + 1].imshow(predictions[k], cmap="gray", vmin=0, vmax=1)
         error = axes[2, k + 1].imshow(errors[k], cmap="RdBu_r", vmin=-limit, vmax=limit)
-    labels = ("(b) ground truth", "(c) prediction", "(d) prediction − truth")
+    labels = ("(b) ground truth", "(c) prediction", "(d) error, (c) − (b)")
     for row, label in enumerate(labels):
         axes[row, 1].set_ylabel(label, fontsize=10)
     figure.colorbar(error, ax=axes[2, 1:], fraction=0.05, aspect=12)
@@ -73,11 +73,16 @@ def sharpness_figure(searches, labels, geometry, paper):
     -------
     matplotlib.figure.Figure
     """
-    figure, axis = plt.subplots(figsize=(8, 4.2), layout="constrained")
+    figure, axis = plt.subplots(figsize=(9.5, 4.2), layout="constrained")
     for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
         color = f"C{k}"
         relative = search.sharpness / search.sharpness.max()
-        axis.plot(search.slopes, relative, color=color, label=f"{label}: {search.slope:.3f}")
+        axis.plot(
+            search.slopes,
+            relative,
+            color=color,
+            label=f"{label}: {round(search.slope, 3) + 0.0:.3f}",
+        )
         axis.plot([geometry[k]] * 2, [1.02, 1.07], color=color)
         axis.plot(paper[k], 1.1, "v", color=color, markersize=6)
     axis.plot([], [], "k-", label="tick above: geometry")
@@ -86,7 +91,7 @@ def sharpness_figure(searches, labels, geometry, paper):
     axis.set_ylabel("gradient energy of the region,\nrelative to its peak")
     axis.set_ylim(0, 1.15)
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=9)
+    figure.legend(fontsize=9, loc="outside right upper")
     return figure
 
 

@@ -75,10 +75,10 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
             )
             figures.save(figure, out / f"slopes_{config.kind}.png")
     columns = ["data_set", "object", "depth_mm", "slope", "geometry", "difference", "paper"]
-    table = pd.DataFrame(rows, columns=columns).round(4)
+    table = pd.DataFrame(rows, columns=columns).round(5).replace(-0.0, 0.0)
     text = (
         f"### {printed['title']} (lenslets per view step)\n\n"
-        + table.to_markdown(index=False, floatfmt=("", "", "g", ".3f", ".3f", "+.3f", ".2f"))
+        + table.to_markdown(index=False, floatfmt=("", "", "g", ".4f", ".4f", "+.4f", ".2f"))
         + "\n\nFound by gradient energy on the mean scene; geometry: the camera's closed form.\n"
     )
     if out is not None:

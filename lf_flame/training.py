@@ -231,8 +231,8 @@ def train(
     _claim_folder(out, asked)
     state = TrainingState(model.get_layer("decoder"), recipe, len(parts["train"]), out)
     if state.history:
-        tqdm.write(f"Going on behind epoch {len(state.history)} of {recipe.epochs}.")
-    if len(state.history) < recipe.epochs:
+        tqdm.write(f"Going on behind epoch {state.epochs_done} of {recipe.epochs}.")
+    if state.next_epoch <= recipe.epochs:
         features = compute_features(model, dataset.inputs)
         arrays = {
             name: (features[indices], dataset.targets[indices][..., None])
@@ -246,8 +246,8 @@ def train(
         **asked,
         "epochs": recipe.epochs,
         "backbone_depth": config.model.backbone_depth,
-        "best_epoch": state.best_epoch,
-        "best_validation_loss": state.history[state.best_epoch - 1]["val_loss"],
+        "best_epoch": state.best_row["epoch"],
+        "best_validation_loss": state.best_row["val_loss"],
         "parts": {name: len(indices) for name, indices in parts.items()},
         "test_indices": parts["test"].tolist(),
         "data": str(data),
@@ -307,14 +307,24 @@ class TrainingState:
         self._load()
 
     @property
-    def best_epoch(self) -> int:
-        """Epoch, counted from 1, of the lowest validation loss so far."""
-        return 1 + int(np.argmin([row["val_loss"] for row in self.history]))
+    def next_epoch(self) -> int:
+        """Epoch to run next: 1 to the recipe's last, or 0 to measure the start."""
+        return len(self.history)
+
+    @property
+    def epochs_done(self) -> int:
+        """Epochs of training behind us."""
+        return max(len(self.history) - 1, 0)
+
+    @property
+    def best_row(self) -> dict:
+        """Row of the history with the lowest validation loss."""
+        return min(self.history, key=lambda row: row["val_loss"])
 
     def record_epoch(self, row: dict) -> None:
         """Add an epoch to the history and keep its weights if they are the best."""
         self.history.append(row)
-        if self.best_epoch == len(self.history):
+        if self.best_row is row:
             self.best = self.decoder.get_weights()
 
     def restore_best(self) -> None:
@@ -323,7 +333,7 @@ class TrainingState:
 
     def save(self) -> None:
         """Write a checkpoint beside the last one, then remove that."""
-        name = f"checkpoint-{len(self.history):06d}"
+        name = f"checkpoint-{self.epochs_done:06d}"
         aside = self.folder / f"{name}.part"
         shutil.rmtree(aside, ignore_errors=True)
         aside.mkdir()
@@ -377,14 +387,14 @@ def _learning_rate(recipe: Recipe, steps_per_epoch: int):
 def _fit(state: TrainingState, arrays: dict, seed: int, show: bool) -> None:
     """Train until the recipe's last epoch, with a progress bar and checkpoints."""
     recipe, saved_at = state.recipe, time.perf_counter()
-    done = len(state.history)
-    bar = tqdm(total=recipe.epochs, initial=done, desc="training", unit="epoch", disable=not show)
+    bar = tqdm(total=recipe.epochs, desc="training", unit="epoch", disable=not show)
     with bar:
-        for epoch in range(done + 1, recipe.epochs + 1):
+        bar.update(state.epochs_done)
+        for epoch in range(state.next_epoch, recipe.epochs + 1):
             state.record_epoch(_run_epoch(state.model, arrays, recipe.batch_size, seed, epoch))
-            best = state.history[state.best_epoch - 1]
-            bar.set_postfix_str(f"best validation PSNR {best['val_psnr_db']:.2f} dB")
-            bar.update()
+            best_psnr = state.best_row["val_psnr_db"]
+            bar.set_postfix_str(f"best validation PSNR {best_psnr:.2f} dB")
+            bar.update(epoch > 0)
             now = time.perf_counter()
             if epoch == recipe.epochs or now - saved_at >= recipe.checkpoint_s:
                 state.save()
@@ -392,14 +402,15 @@ def _fit(state: TrainingState, arrays: dict, seed: int, show: bool) -> None:
 
 
 def _run_epoch(model: keras.Model, arrays: dict, batch_size: int, seed: int, epoch: int) -> dict:
-    """One pass over the training samples, in an order that depends on seed and epoch alone."""
+    """One pass over the training samples, in an order that depends on seed and epoch alone.
+
+    Epoch 0 only measures where training starts.
+    """
     started = time.perf_counter()
-    features, targets = arrays["train"]
-    order = np.random.default_rng([seed, epoch]).permutation(len(features))
-    model.reset_metrics()  # train_on_batch returns the mean since then
-    for first in range(0, len(order), batch_size):
-        chosen = order[first : first + batch_size]
-        loss = float(model.train_on_batch(features[chosen], targets[chosen]))
+    if epoch == 0:
+        loss = float(model.evaluate(*arrays["train"], batch_size=batch_size, verbose=0))
+    else:
+        loss = _train_on_all(model, *arrays["train"], batch_size, [seed, epoch])
     validation = float(model.evaluate(*arrays["validation"], batch_size=batch_size, verbose=0))
     if not np.isfinite([loss, validation]).all():
         raise InputError(
@@ -413,3 +424,13 @@ def _run_epoch(model: keras.Model, arrays: dict, batch_size: int, seed: int, epo
         "val_psnr_db": -10 * np.log10(validation),
         "seconds": round(time.perf_counter() - started, 4),
     }
+
+
+def _train_on_all(model: keras.Model, features, targets, batch_size: int, seed) -> float:
+    """Train on every sample once; mean loss of the batches."""
+    order = np.random.default_rng(seed).permutation(len(features))
+    model.reset_metrics()  # train_on_batch returns the mean since then
+    for first in range(0, len(order), batch_size):
+        chosen = order[first : first + batch_size]
+        loss = float(model.train_on_batch(features[chosen], targets[chosen]))
+    return loss
