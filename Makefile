@@ -21,9 +21,10 @@ BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
 INSTALLED := $(VENV)/installed
 
-.DELETE_ON_ERROR:
 .PHONY: help install dataset slopes train-shapes train-flame tables test test-jit-off lint clean
-# A data set or a trained model is never removed as an intermediate file.
+# The program writes aside and renames, so no file is ever half there, and make must not remove one
+# (a data set, say) because a later command failed or Ctrl-C came.
+.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 .SECONDARY:
 
 help:  ## show this list
@@ -32,7 +33,8 @@ help:  ## show this list
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
 $(INSTALLED): setup.cfg pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo 'Installing lf_flame and TensorFlow into $(VENV): one to five minutes, once'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 

@@ -177,6 +177,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
     """Score the test split of a finished RUN and write its table and figure."""
+    click.echo(f"Scoring the test split of {run}", err=True)
     _load_keras()
     from lf_flame.report import evaluate_run
 

@@ -210,7 +210,7 @@ def make_dataset(
     if path.exists():
         raise InputError(f"{path} exists; remove it or choose another folder.")
     part = path.with_name(path.name + ".part")
-    if not (part / "zarr.json").exists():
+    if not _is_laid_out(part):
         _create(part, config, samples)
     group = zarr.open_group(part, mode="r+")
     _check_same(group, config, samples, part)
@@ -261,6 +261,16 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
             "config": to_json(config),  # last: its presence says that the group is laid out
         }
     )
+
+
+def _is_laid_out(part: Path) -> bool:
+    """Whether an earlier run got as far as the attributes, which come last."""
+    if not (part / "zarr.json").exists():
+        return False
+    try:
+        return "config" in zarr.open_group(part, mode="r").attrs
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{part} is damaged ({error}); remove it to start again.") from None
 
 
 def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:

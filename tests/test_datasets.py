@@ -136,6 +136,18 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
     assert not (tmp_path / "a.zarr.part").exists()
 
 
+def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
+    part = tmp_path / "a.zarr.part"
+    part.mkdir()
+    (part / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert len(Dataset(tmp_path / "a.zarr")) == 2
+    (tmp_path / "b.zarr.part").mkdir()
+    (tmp_path / "b.zarr.part" / "zarr.json").write_text("{")
+    with pytest.raises(InputError, match="b.zarr.part is damaged"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr")
+
+
 def test_a_damaged_sample_is_named(tiny, tmp_path):
     make_dataset(tiny, 3, tmp_path / "a.zarr")
     chunk = next((tmp_path / "a.zarr" / "target").rglob("c/1/*/*/*"))
