@@ -1,6 +1,6 @@
 # lf_flame: every target is a thin call of the program `lf-flame` (see `lf-flame --help`).
 #
-#   PRESET            smoke (CI, two minutes), quick (default, 15 minutes), paper (the paper's sizes)
+#   PRESET            smoke (CI), quick (default, some minutes), paper (the paper's sizes); see README
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
 #   BACKBONE_DEPTH    conv5 (default, all of ResNet-50) or conv4
 #   RUN               name of the folders for runs and results (default: PRESET). Use another name

@@ -160,8 +160,8 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
 def _load_npz(model: keras.Model, path: Path) -> None:
     try:
         arrays = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path} is not a NumPy .npz file without pickle: {error}.") from None
+    except (ValueError, OSError, EOFError, BadZipFile):
+        raise InputError(f"{path} is not a NumPy .npz file of plain arrays.") from None
     for layer in model.layers:
         for weight in layer.weights:
             key = f"{layer.name}/{weight.name}"

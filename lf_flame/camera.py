@@ -17,6 +17,9 @@ import numpy as np
 from lf_flame import transfer
 from lf_flame.errors import InputError
 
+MOST_PER_AXIS = 100_000
+"""Views or lenslets along an axis beyond which a number can only be a mistake."""
+
 
 @dataclass(frozen=True)
 class PlenopticCamera:
@@ -36,9 +39,9 @@ class PlenopticCamera:
         Distance between the centres of neighbouring lenslets, above 0; the lenslets are square
         and fill the array.
     views : int
-        Pixels under a lenslet along each axis, at least 1. An odd number has a central view.
+        Pixels under a lenslet along each axis, 1 to 100,000. An odd number has a central view.
     lenslets : (int, int)
-        Lenslet rows and columns that are recorded, at least 1 each.
+        Lenslet rows and columns that are recorded, 1 to 100,000 each.
     pixel_pitch_mm : float, optional
         Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
 
@@ -72,9 +75,10 @@ class PlenopticCamera:
                 f"got {self.focus_distance_mm}."
             )
         object.__setattr__(self, "lenslets", tuple(self.lenslets))
-        if len(self.lenslets) != 2 or min(self.lenslets) < 1 or self.views < 1:
+        counts = (self.views, *self.lenslets)
+        if len(counts) != 3 or min(counts) < 1 or max(counts) > MOST_PER_AXIS:
             raise InputError(
-                f"views must be at least 1 and lenslets two numbers of at least 1, "
+                f"views must be one number and lenslets two, of 1 to {MOST_PER_AXIS} each, "
                 f"got views={self.views}, lenslets={self.lenslets}."
             )
         if self.pixel_mm * self.views > self.micro_image_pitch_mm * (1 + 1e-9):

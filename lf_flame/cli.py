@@ -13,6 +13,7 @@ from lf_flame import __version__
 from lf_flame.errors import InputError
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+PAPER = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
@@ -27,6 +28,8 @@ def main() -> None:
         sys.exit(2)
     except InputError as error:
         _fail(str(error), 2)
+    except MemoryError as error:
+        _fail(f"There is not enough memory for this camera or scene: {error}.", 2)
     except OSError as error:
         name = f" ({error.filename})" if error.filename else ""
         _fail(f"{error.strerror or error}{name}. Nothing that was there before is lost.", 2)
@@ -57,14 +60,14 @@ def _load_keras() -> None:
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__)
 def commands() -> None:
-    r"""Simulate a plenoptic camera, refocus its light fields, and train a network to do it.
+    """Simulate a plenoptic camera, refocus its light fields, and train a network to do it.
 
     \b
     A first tour:
       lf-flame camera                                    the paper's camera in numbers
       lf-flame simulate data_gen/scenes/example.toml     a scene of your own, as pictures
       make tables                                        the paper's two tables, from nothing
-    """
+    """  # noqa: D301 - click reads the backspace
 
 
 @commands.command()
@@ -105,12 +108,15 @@ def simulate(scene: Path, out: Path | None, integrator: str) -> None:
     record = simulate(*read_scene(scene), out, integrator)
     for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):
         click.echo(f"refocused at depth {depth:+g} mm, slope {slope:+.3f}")
-    click.echo(f"raw.tif, raw.png, views.png, refocused.*, light_field.npz are in {out}")
+    click.echo(
+        f"raw.tif, raw.png, views.png, refocused.tif, refocused_*.png, light_field.npz and "
+        f"simulation.json are in {out}"
+    )
 
 
 @commands.command()
 @click.argument("configs", type=FILE, nargs=-1, required=True)
-@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+@click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
 @click.option("--out", type=FOLDER, help="Folder for slopes.csv, .md, .json and .png.")
 def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     """Search the slope of sharpest focus of each object in data-set CONFIGS.
@@ -173,11 +179,10 @@ def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
 @click.argument("run", type=FOLDER)
 @click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
 @click.option("--figure", required=True, help="Name of the figure's PNG file, without its ending.")
-@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+@click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
     """Score the test split of a finished RUN and write its table and figure."""
-    click.echo(f"Scoring the test split of {run}", err=True)
     _load_keras()
     from lf_flame.report import evaluate_run
 
@@ -186,7 +191,7 @@ def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None
 
 @commands.command()
 @click.argument("results", type=FOLDER)
-@click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
+@click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
 def tables(results: Path, paper: Path) -> None:
     """Print Tables I and II of a RESULTS folder; a run that is missing shows as missing."""
     from lf_flame.evaluation import read_tables

@@ -232,8 +232,8 @@ def make_dataset(
 
 
 def _create(part: Path, config: DatasetConfig, samples: int) -> None:
+    searches = search_slopes(config)  # first: it also shows that the scene can be rendered
     part.mkdir(parents=True, exist_ok=True)
-    searches = search_slopes(config)
     _, parameters = config.template.draw(None)
     group = zarr.open_group(part, mode="w", zarr_format=3)
 
@@ -334,6 +334,22 @@ def _digest(group: zarr.Group) -> str:
         digest.update(np.ascontiguousarray(group["input"][index]))
         digest.update(np.ascontiguousarray(group["target"][index]))
     return digest.hexdigest()
+
+
+def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict[str, np.ndarray]:
+    """Split n samples at random into "train", "validation" and "test".
+
+    Raises
+    ------
+    InputError
+        If a part would be empty.
+    """
+    order = np.random.default_rng(seed).permutation(n)
+    first, second = round(n * shares[0]), round(n * (shares[0] + shares[1]))
+    parts = np.split(order, [first, second])
+    if min(len(part) for part in parts) == 0:
+        raise InputError(f"{n} samples are too few to split by {shares}: a part would be empty.")
+    return dict(zip(("train", "validation", "test"), map(np.sort, parts), strict=True))
 
 
 class Dataset:

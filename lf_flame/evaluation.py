@@ -7,7 +7,7 @@ import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from lf_flame import provenance
-from lf_flame.datasets import Dataset
+from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json, write_text
 from lf_flame.paper import read_paper_values
@@ -110,6 +110,36 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
     return table[COLUMNS]
 
 
+def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
+    """Score what needs no network: the mean training image, and the input image as it is.
+
+    Returns
+    -------
+    DataFrame
+        One row a plane and baseline; columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``.
+    """
+    targets = dataset.targets[test]
+    mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
+    copied = np.broadcast_to(dataset.inputs[test][:, None], targets.shape)
+    tables = []
+    for name, images in (("mean of the training images", mean), ("the input image", copied)):
+        scores = score(targets, images)[["ssim", "psnr_db"]]
+        tables.append(scores.assign(baseline=name, depth_mm=dataset.config.depths_mm))
+    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db"]]
+
+
+def baselines_markdown(baselines: pd.DataFrame) -> str:
+    """One row a baseline, SSIM / PSNR for each depth."""
+    cells = baselines.assign(
+        cell=[f"{s:.3f} / {p:.2f}" for s, p in zip(baselines.ssim, baselines.psnr_db, strict=True)]
+    )
+    shown = cells.pivot(index="baseline", columns="depth_mm", values="cell")
+    shown = shown[baselines.depth_mm.unique()]
+    shown.columns = [f"{depth:g} mm" for depth in shown.columns]
+    lines = shown.to_markdown(disable_numparse=True, stralign="right")
+    return f"Without a network, SSIM / PSNR (dB) on the same test split:\n\n{lines}\n"
+
+
 def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) -> str:
     """Write a table as Markdown: ours, the paper's, the difference; a missing run as missing."""
     if table is None:
@@ -151,18 +181,31 @@ def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
     return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
 
 
-def write_table(table: pd.DataFrame, paper: dict, run: dict, name: str, out: Path) -> None:
+def write_table(
+    table: pd.DataFrame, baselines: pd.DataFrame, paper: dict, run: dict, name: str, out: Path
+) -> None:
     """Write ``NAME.json``, ``NAME.md`` and, last because make looks at it, ``NAME.csv``."""
     evaluation = provenance.environment()
+    # What was asked for as weights may not be what was had; `backbone_weights` is what was used.
+    model = {key: value for key, value in run["model"].items() if key != "backbone_weights"}
     record = {
         **{key: value for key, value in run.items() if key != "test_indices"},
+        "model": model,
         "table": table.to_dict("records"),
+        "baselines": baselines.to_dict("records"),
         "paper": paper["source"],
         "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
     }
     write_json(out / f"{name}.json", record)
-    write_text(out / f"{name}.md", table_markdown(table, paper, run))
+    write_text(
+        out / f"{name}.md", f"{table_markdown(table, paper, run)}\n{baselines_markdown(baselines)}"
+    )
     write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
+
+
+def training_indices(samples: int, run: dict) -> np.ndarray:
+    """Find the samples that a run was trained on."""
+    return split_indices(samples, run["split"], run["seed"])["train"]
 
 
 def read_tables(out: Path, paper_values: Path) -> str:

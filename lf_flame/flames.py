@@ -20,6 +20,9 @@ HOLLOW_AT_BURNER = 3.0
 HALF_WIDTH = 3.2
 """Half-width of the texture in units of the radius; the glow outside it is below 1e-4."""
 
+MOST_CELLS = 2000
+"""Texture cells along an axis at most; a larger flame gets larger cells."""
+
 
 def radius_profile(h: np.ndarray) -> np.ndarray:
     """Radius b of the flame relative to its nominal radius, 0.6 at the burner and 0 at the tip."""
@@ -76,8 +79,8 @@ def flame_texture(
     ndarray of float64, shape (rows, columns), values in [0, 1]
         Scaled so that its brightest cell is 1.
     """
-    rows = max(2, round(height_mm / cell_mm))
-    columns = max(3, round(2 * HALF_WIDTH * radius_mm / cell_mm))
+    rows = int(np.clip(round(height_mm / cell_mm), 2, MOST_CELLS))
+    columns = int(np.clip(round(2 * HALF_WIDTH * radius_mm / cell_mm), 3, MOST_CELLS))
     h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * HALF_WIDTH * radius_mm
     sway, swell = _waves(h, wrinkles)

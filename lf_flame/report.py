@@ -94,6 +94,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
 
     record = evaluation.load_run(run)
     paper = read_paper_values(paper_values, table)
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
     dataset, indices, predictions = evaluation.predict_test_split(run)
     targets = dataset.targets[indices]
     scores = evaluation.compare_with_paper(evaluation.score(targets, predictions), paper)
@@ -102,8 +103,11 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
         targets[0],
         predictions[0],
         dataset.config.depths_mm,
-        f"{record['title']}, test sample {indices[0]} ({record['preset']}, "
+        f"{record['title']}: sample {indices[0]}, the first of the test split ({record['preset']}, "
         f"backbone {record['backbone_weights']})",
     )
     figures.save(picture, out / f"{figure}.png")
-    evaluation.write_table(scores, paper, record, table, out)
+    train = evaluation.training_indices(len(dataset), record)
+    baselines = evaluation.score_baselines(dataset, train, indices)
+    write_text(out / f"{table}_history.csv", (run / "history.csv").read_text(encoding="utf-8"))
+    evaluation.write_table(scores, baselines, paper, record, table, out)

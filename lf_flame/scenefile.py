@@ -29,8 +29,8 @@ class LayerEntry:
         Down and right of the optical axis.
     shape : {"rectangle", "square", "circle", "triangle", "flame"}, optional
     image : str, optional
-        Image file, relative to the scene file; colours are averaged to grey, and 8-bit and
-        16-bit values are scaled to [0, 1]. Either shape or image.
+        Image file, relative to the scene file; colours are averaged to grey, transparency
+        darkens, and 8-bit and 16-bit values are scaled to [0, 1]. Either shape or image.
     brightness : float, optional
         Radiance of white, 0 or above.
     """
@@ -46,7 +46,10 @@ class LayerEntry:
 
     def __post_init__(self):
         if (self.shape is None) == (self.image is None):
-            raise InputError("a layer needs either a shape or an image file, and not both.")
+            raise InputError(
+                f"a layer needs a shape or an image file, one of them, "
+                f"got shape={self.shape!r}, image={self.image!r}."
+            )
         if self.shape not in (None, "flame", *SHAPES):
             raise InputError(f"shape must be one of {', '.join(SHAPES)}, flame, got {self.shape}.")
         if min(self.size_mm) <= 0 or not self.brightness >= 0:
@@ -85,7 +88,12 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera]:
         If the file cannot be read, or a value in it cannot be used.
     """
     entries = build(SceneFile, read_toml(path), path)
-    layers = [entry.layer(Path(path).parent) for entry in entries.layers]
+    layers = []
+    for number, entry in enumerate(entries.layers, 1):
+        try:
+            layers.append(entry.layer(Path(path).parent))
+        except InputError as error:
+            raise InputError(f"{path}: layer {number}: {error}") from None
     return Scene(layers), entries.camera
 
 
@@ -98,10 +106,12 @@ def read_camera(path: str | Path) -> PlenopticCamera:
 
 
 def _read_grey(path: Path) -> np.ndarray:
+    if not path.is_file():
+        raise InputError(f"The image {path} cannot be read: there is no such file.")
     try:
         image = img_as_float64(imread(path))
-    except (OSError, ValueError, SyntaxError) as error:
-        raise InputError(f"The image {path} cannot be read: {error}.") from None
-    if image.ndim == 3:
-        image = image[..., :3].mean(axis=2)
-    return image
+    except (OSError, ValueError, SyntaxError):  # the readers' own texts run over many lines
+        raise InputError(f"The image {path} cannot be read: it is no image file.") from None
+    if image.ndim == 3 and image.shape[2] in (2, 4):
+        image = image[..., :-1] * image[..., -1:]  # what is transparent does not shine
+    return image.mean(axis=2) if image.ndim == 3 else image

@@ -7,6 +7,9 @@ from lf_flame.errors import InputError
 SUPERSAMPLING = 8
 """Points per cell and axis that decide its coverage; an edge cell is right to about 1/64."""
 
+MOST_CELLS = 1000
+"""Cells along an axis at most; a larger shape gets larger cells."""
+
 
 def _inside_circle(y, x):
     return y**2 + x**2 <= 1
@@ -30,7 +33,8 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     size_mm : (float, float)
         Height and width of the bounding box.
     cell_mm : float, optional
-        Wanted size of a texture cell. A rectangle needs only one cell, whatever its size.
+        Wanted size of a texture cell; larger where a shape would have over MOST_CELLS. A
+        rectangle needs only one cell, whatever its size.
 
     Returns
     -------
@@ -46,7 +50,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     inside = SHAPES[shape]
     if inside is None:
         return np.ones((1, 1))
-    rows, columns = (max(1, round(length / cell_mm)) for length in size_mm)
+    rows, columns = (int(np.clip(length / cell_mm, 1, MOST_CELLS)) for length in size_mm)
     y, x = (
         (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
     )

@@ -9,6 +9,7 @@ from tifffile import imwrite
 
 from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
+from lf_flame.config import to_json
 from lf_flame.files import write_json, written_aside
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
@@ -25,7 +26,7 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str =
     camera : PlenopticCamera
     out : Path
         Folder for ``raw.tif`` and ``raw.png`` (lenslet image), ``views.png`` (sheet of
-        sub-aperture views), ``refocused.tif`` (stack) and ``refocused_*mm.png``,
+        sub-aperture views), ``refocused.tif`` (stack) and ``refocused_N_DEPTHmm.png``,
         ``light_field.npz`` (arrays) and ``simulation.json`` (the record).
     integrator : str, optional
         See `lf_flame.render`.
@@ -46,7 +47,7 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str =
     with written_aside(out / "light_field.npz") as aside:
         np.savez_compressed(aside, **arrays)
     record = {
-        "camera": {**vars(camera)},
+        "camera": to_json(camera),
         "depths_mm": depths.tolist(),
         "slopes": slopes.tolist(),
         "radiance_of_white_in_png": white,
@@ -61,8 +62,8 @@ def _write_images(light_field: LightField, stack, depths, white: float, out: Pat
     _write_tiff(out / "raw.tif", raw)
     _write_png(out / "raw.png", raw / white)
     _write_tiff(out / "refocused.tif", stack)
-    for depth, image in zip(depths, stack, strict=True):
-        _write_png(out / f"refocused_{depth:+g}mm.png", image / white)
+    for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
+        _write_png(out / f"refocused_{number}_{depth:+g}mm.png", image / white)
     figures.save(figures.view_sheet(light_field.views), out / "views.png")
 
 

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from lf_flame import provenance
 from lf_flame.backbone import ImagenetUnavailable, describe_weights
 from lf_flame.config import build, read_toml
-from lf_flame.datasets import Dataset
+from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json, write_text, written_aside
 from lf_flame.models import build_refocus_resnet50, training_view
@@ -120,22 +120,6 @@ def read_training_config(path: str | Path, **model_options) -> TrainingConfig:
     config = build(TrainingConfig, read_toml(path), path)
     options = {name: value for name, value in model_options.items() if value is not None}
     return replace(config, model=replace(config.model, **options))
-
-
-def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict[str, np.ndarray]:
-    """Split n samples at random into "train", "validation" and "test".
-
-    Raises
-    ------
-    InputError
-        If a part would be empty.
-    """
-    order = np.random.default_rng(seed).permutation(n)
-    first, second = round(n * shares[0]), round(n * (shares[0] + shares[1]))
-    parts = np.split(order, [first, second])
-    if min(len(part) for part in parts) == 0:
-        raise InputError(f"{n} samples are too few to split by {shares}: a part would be empty.")
-    return dict(zip(("train", "validation", "test"), map(np.sort, parts), strict=True))
 
 
 def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
@@ -337,9 +321,13 @@ class TrainingState:
         aside = self.folder / f"{name}.part"
         shutil.rmtree(aside, ignore_errors=True)
         aside.mkdir()
-        np.savez(aside / "state.npz", *map(keras.ops.convert_to_numpy, self._variables()))
-        np.savez(aside / "best.npz", *self.best)
-        write_json(aside / "history.json", {"epochs": self.history})
+        try:
+            np.savez(aside / "state.npz", *map(keras.ops.convert_to_numpy, self._variables()))
+            np.savez(aside / "best.npz", *self.best)
+            write_json(aside / "history.json", {"epochs": self.history})
+        except BaseException:  # a full disk, Ctrl-C: the last checkpoint stays
+            shutil.rmtree(aside, ignore_errors=True)
+            raise
         older = self._checkpoints()
         aside.rename(self.folder / name)
         write_text(self.folder / "history.csv", pd.DataFrame(self.history).to_csv(index=False))

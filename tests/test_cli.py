@@ -78,7 +78,7 @@ def test_simulate_writes_what_it_says(tmp_path):
     assert raw.shape == (60, 90)
     np.testing.assert_array_equal(raw[0::3, 1::3], views[0, 1])
     np.testing.assert_array_equal(imread(out / "refocused.tif"), refocused)
-    png = imread(out / "refocused_-10mm.png")
+    png = imread(out / "refocused_2_-10mm.png")
     white = json.loads((out / "simulation.json").read_text())["radiance_of_white_in_png"]
     assert white == views.max() > 1  # the card and the circle's blur overlap: their light adds
     np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
@@ -94,8 +94,15 @@ def test_simulate_writes_what_it_says(tmp_path):
         ("= 326.0", "= 120.0", ["focus_distance_mm must exceed", "120.0"]),
         ("[1.5, 1.5]", "[1.5, 1.5]\ncentre_mm = [0, 50]", ["outside the field", "49.25"]),
         ('shape = "circle"', 'shape = "star"', ["shape must be one of", "star"]),
-        ('shape = "circle"', 'image = "none.png"', ["none.png cannot be read"]),
-        ('shape = "circle"', "", ["either a shape or an image"]),
+        (
+            'shape = "circle"',
+            'image = "none.png"',
+            ["layer 1: The image", "none.png cannot be read: there is no such file"],
+        ),
+        ('shape = "circle"', "", ["needs a shape or an image file, one of them"]),
+        ('shape = "circle"', 'image = "scene.toml"', ["scene.toml cannot be read: it is no image"]),
+        ("views = 3", "views = 99999999999999999999", ["of 1 to 100000 each"]),
+        ("[20, 30]", "[90000, 90000]", ["There is not enough memory"]),
         ("[[layers]]", "[[layers]", ["is not a TOML file"]),
     ],
 )
@@ -219,3 +226,7 @@ def test_from_data_set_to_table(tmp_path):
     shown = run("tables", "results", cwd=tmp_path).stdout
     assert "random (seed 1), conv4" in shown
     assert shown.count("missing") == 8  # Table I was not run
+    assert "mean of the training images" in shown
+    record = json.loads((tmp_path / "results" / "table2.json").read_text())
+    copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
+    assert copied[2]["psnr_db"] > 100  # at 0 mm the input is the ground truth (deviation 5)

@@ -9,10 +9,10 @@ import pytest
 from lf_flame import InputError, training
 from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.config import build
-from lf_flame.datasets import config_from_json, make_dataset
+from lf_flame.datasets import config_from_json, make_dataset, split_indices
 from lf_flame.evaluation import predict_test_split
 from lf_flame.models import build_decoder, build_refocus_resnet50, training_view
-from lf_flame.training import Recipe, TrainingConfig, split_indices, train
+from lf_flame.training import Recipe, TrainingConfig, train
 from lf_flame.warmstart import warm_start
 
 CAMERA = {
