@@ -120,7 +120,7 @@ class MatrixConvolution(layers.Layer):
     """A "same" 3x3 convolution as one matrix product, on the weights of a `Conv2D`.
 
     On feature maps of 3 x 6 positions and 2,048 channels a library's convolution spends most of
-    its time rearranging; gathering the nine neighbours and multiplying once takes half as long.
+    its time rearranging; gathering the nine neighbours and multiplying once avoids that.
     """
 
     def __init__(self, convolution: layers.Conv2D):

@@ -72,7 +72,7 @@ def _set_pointwise(convolution: keras.layers.Conv2D, matrix: np.ndarray) -> None
 def freeze_normalisations(decoder: keras.Model) -> None:
     """Let the batch normalisations keep their stored statistics, as `warm_start` sets them.
 
-    What tells one sample from another is a hundredth of the features' spread; statistics that
+    What tells one sample from another is a small part of the features' spread; statistics that
     change with every batch would drown it. Call it before the optimiser is built.
     """
     for norm in _normalisations(decoder):

@@ -10,6 +10,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_python_example_runs():
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert "assert " in example  # it checks its own result
     exec(compile(example, "README.md", "exec"), {})
 
 
