@@ -15,7 +15,9 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "errors": ["InputError"],
         "camera": ["PAPER_CAMERA", "PlenopticCamera"],
         "scene": ["Layer", "Scene"],
+        "sensor": ["Sensor"],
         "lightfield": ["LightField"],
+        "plan": ["plan_effects"],
         "render": ["render"],
     },
 )

@@ -16,9 +16,18 @@ import numpy as np
 
 from lf_flame import transfer
 from lf_flame.errors import InputError
+from lf_flame.sensor import Sensor
 
 MOST_PER_AXIS = 100_000
 """Views or lenslets along an axis beyond which a number can only be a mistake."""
+
+_RANGES = (
+    ("rim_distance_mm", 0.0, math.inf),
+    ("chromatic_shift", 0.0, 0.2),
+    ("lenslet_rotation_rad", -0.1, 0.1),
+    ("lenslet_pitch_error", -0.1, 0.1),
+)
+"""Lowest and highest value of the camera's imperfections; larger ones are mistakes."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,26 @@ class PlenopticCamera:
         Lenslet rows and columns that are recorded, 1 to 100,000 each.
     pixel_pitch_mm : float, optional
         Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
+    aperture_diameter_mm : float, optional
+        Diameter of the main lens's round aperture. Default: an ideal square one, matched to the
+        lenslets (`aperture_mm` wide), which lights every pixel alike.
+    rim_diameter_mm, rim_distance_mm : float, optional
+        A second round stop, this far in front of the main lens: the rim of the lens barrel or of
+        a window. Default: none.
+    wavelength_nm : float, optional
+        Wavelength for diffraction. Default: none given, ray optics.
+    chromatic_shift : float, optional
+        Relative change of the main lens's focal length over the band of light that is recorded,
+        0 to 0.2: about the band's share of the F-C range divided by the Abbe number.
+    lenslet_rotation_rad : float, optional
+        Rotation of the microlens array against the sensor, about the optical axis, within 0.1.
+    lenslet_pitch_error : float, optional
+        Relative error of the lenslet pitch, within 0.1; the sensor is read as if it were 0.
+    falloff_corrected : bool, optional
+        Whether the images are divided by a white image, as plenoptic processing does, which takes
+        out the natural falloff (cos^4). Default: they are, so that a uniform field is uniform.
+    sensor : Sensor, optional
+        Noise, full well and bits of the sensor. Default: an ideal one.
 
     Raises
     ------
@@ -58,16 +87,34 @@ class PlenopticCamera:
     views: int
     lenslets: tuple[int, int]
     pixel_pitch_mm: float | None = None
+    aperture_diameter_mm: float | None = None
+    rim_diameter_mm: float | None = None
+    rim_distance_mm: float = 0.0
+    wavelength_nm: float | None = None
+    chromatic_shift: float = 0.0
+    lenslet_rotation_rad: float = 0.0
+    lenslet_pitch_error: float = 0.0
+    falloff_corrected: bool = True
+    sensor: Sensor | None = None
 
     __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
 
     def __post_init__(self):
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
-        lengths += ["lenslet_pitch_mm"] + ["pixel_pitch_mm"] * (self.pixel_pitch_mm is not None)
-        for name in lengths:
+        lengths += ["lenslet_pitch_mm"]
+        optional = ("pixel_pitch_mm", "aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm")
+        for name in lengths + [name for name in optional if getattr(self, name) is not None]:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} must be a positive, finite length in mm, got {value}.")
+                raise InputError(
+                    f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
+                    f"got {value}."
+                )
+        for name, low, high in _RANGES:
+            if not low <= getattr(self, name) <= high:
+                raise InputError(
+                    f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)}."
+                )
         if self.focus_distance_mm <= self.main_lens_focal_mm:
             raise InputError(
                 f"focus_distance_mm must exceed main_lens_focal_mm ({self.main_lens_focal_mm}) for "
@@ -126,8 +173,14 @@ class PlenopticCamera:
         scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
         return tuple(n * self.lenslet_pitch_mm * scale for n in self.lenslets)
 
-    def object_to_array(self, depth_mm: float) -> np.ndarray:
+    def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
         """Ray transfer matrix from a layer at `depth_mm` to the microlens array.
+
+        Parameters
+        ----------
+        depth_mm : float
+        focal_mm : float, optional
+            Focal length of the main lens for light of another colour; the array stays in place.
 
         Raises
         ------
@@ -140,9 +193,16 @@ class PlenopticCamera:
                 f"A layer must stand in front of the main lens, at a depth above "
                 f"{-self.focus_distance_mm} mm, got {depth_mm} mm."
             )
+        return self.plane_to_array(distance, focal_mm)
+
+    def plane_to_array(self, distance_mm: float, focal_mm: float | None = None) -> np.ndarray:
+        """Ray transfer matrix to the array from a plane `distance_mm` in front of the main lens.
+
+        At distance 0 it starts at the main lens itself, where its aperture is.
+        """
         return transfer.chain(
-            transfer.free_space(distance),
-            transfer.thin_lens(self.main_lens_focal_mm),
+            transfer.free_space(distance_mm),
+            transfer.thin_lens(focal_mm or self.main_lens_focal_mm),
             transfer.free_space(self.image_distance_mm),
         )
 
@@ -176,7 +236,7 @@ class PlenopticCamera:
         if not np.all(depth > -a0):
             raise InputError(f"depth_mm must be above {-a0} (the main lens), got {depth_mm}.")
         with np.errstate(invalid="ignore"):
-            vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 * (a0 + depth)))
+            vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 + depth) / a0)
         return _scalar(vergence * self.image_distance_mm / self._alpha_step)
 
     def slope_to_depth(self, slope):

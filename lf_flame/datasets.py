@@ -13,7 +13,7 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -28,8 +28,9 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.plan import EffectPlan, plan_effects
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
-from lf_flame.render import render
+from lf_flame.render import render_plan
 from lf_flame.templates import TEMPLATES, Template
 
 
@@ -48,6 +49,8 @@ class DatasetConfig:
         Number of light fields for each preset.
     camera : PlenopticCamera
     template : ShapeTemplate or FlameTemplate
+    effects : dict of str to bool, optional
+        Effects to force on or off.
     """
 
     kind: Literal["shapes", "flames"]
@@ -56,6 +59,7 @@ class DatasetConfig:
     samples: dict[str, int]
     camera: PlenopticCamera
     template: Template
+    effects: dict[str, bool] = field(default_factory=dict)
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -77,6 +81,12 @@ class DatasetConfig:
         if preset not in self.samples:
             raise InputError(f"preset must be one of {', '.join(self.samples)}, got {preset!r}.")
         return self.samples[preset]
+
+    @cached_property
+    def plan(self) -> EffectPlan:
+        """Effect plan of the mean scene, by which all samples are simulated alike."""
+        scene, _ = self.template.draw(None)
+        return plan_effects(scene, self.camera, effects=self.effects)
 
     @property
     def block(self) -> tuple[int, int]:
@@ -122,7 +132,7 @@ def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
         In the order of the template's objects.
     """
     scene, _ = config.template.draw(None)
-    light_field = render(scene, config.camera)
+    light_field = render_plan(scene, config.camera, config.plan, seed=config.seed)
     regions = [_region(layer, config.camera) for layer in scene.layers]
     return [find_sharpest_slope(light_field, region=region) for region in regions]
 
@@ -169,7 +179,8 @@ def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> d
         ``input`` (h, w) and ``target`` (objects, h, w), float32 in [0, 1], and ``parameters``.
     """
     scene, parameters = config.template.draw(np.random.default_rng([config.seed, index]))
-    light_field = render(scene, config.camera)
+    seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
+    light_field = render_plan(scene, config.camera, config.plan, seed=seed)
     stack = shift_and_sum(light_field, slopes)
     return {
         # Where objects overlap in a view their light adds; the sensor saturates at 1.
@@ -258,6 +269,7 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
             "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
             "depths_mm": config.depths_mm,
             "objects": [o.name for o in config.template.objects],
+            "plan": config.plan.to_json(),
             "config": to_json(config),  # last: its presence says that the group is laid out
         }
     )

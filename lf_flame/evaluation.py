@@ -53,8 +53,19 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     ):
         ssims = pd.Series([ssim(a, b) for a, b in zip(truths, images, strict=True)])
         psnrs = pd.Series([psnr(a, b) for a, b in zip(truths, images, strict=True)])
-        rows.append((ssims.mean(), ssims.std(), psnrs.mean(), psnrs.std(), len(truths)))
+        rows.append((ssims.mean(), ssims.std(), psnrs.mean(), _spread(psnrs), len(truths)))
     return pd.DataFrame(rows, columns=["ssim", "ssim_sd", "psnr_db", "psnr_sd", "n_test"])
+
+
+def _spread(psnrs: pd.Series) -> float:
+    """Take the standard deviation (n - 1), where equal images may make a PSNR infinite.
+
+    Infinite values among finite ones spread infinitely, infinite ones alone not at all; pandas
+    would take the difference of two infinite numbers.
+    """
+    if len(psnrs) == 1 or np.all(np.isfinite(psnrs)):
+        return psnrs.std()
+    return 0.0 if np.all(np.isinf(psnrs)) else np.inf
 
 
 def load_run(folder: str | Path) -> dict:

@@ -24,11 +24,14 @@ class Footprint:
         Where the bundle's central ray meets the layer, in mm from the optical axis, upright.
     lenslet_width_mm, pixel_width_mm : float
         Signed images of the lenslet and of the pixel on the layer, in mm.
+    shift_per_lenslet_shift : float
+        How far the bundle moves on the layer when the lenslet moves over a pixel that stays.
     """
 
     centres_mm: np.ndarray
     lenslet_width_mm: float
     pixel_width_mm: float
+    shift_per_lenslet_shift: float
 
     @property
     def half_width_mm(self) -> float:
@@ -36,12 +39,15 @@ class Footprint:
         return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
 
 
-def trace_footprint(camera: PlenopticCamera, depth_mm: float, axis: int) -> Footprint:
+def trace_footprint(
+    camera: PlenopticCamera,
+    depth_mm: float,
+    axis: int,
+    focal_mm: float | None = None,
+    lenslet_scale: float = 1.0,
+    neighbour: int = 0,
+) -> Footprint:
     """Compose the matrices of the camera into one affine map per pixel, for one axis.
-
-    With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
-    matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
-    matrix takes height and angle to the layer. Micro-images are centred on the chief ray.
 
     Parameters
     ----------
@@ -50,21 +56,58 @@ def trace_footprint(camera: PlenopticCamera, depth_mm: float, axis: int) -> Foot
         Depth of the layer.
     axis : int
         0 for rows (v, t), 1 for columns (u, s).
+    focal_mm : float, optional
+        Focal length of the main lens for light of another colour.
+    lenslet_scale : float, optional
+        True lenslet pitch over the nominal one, by which the sensor is read.
+    neighbour : int, optional
+        Light that reaches the pixels through the lenslet this many places further on.
 
     Returns
     -------
     Footprint
     """
-    back = transfer.inverse(camera.object_to_array(depth_mm))
+    to_array = camera.object_to_array(depth_mm, focal_mm)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+
+
+def trace_stop(
+    camera: PlenopticCamera,
+    distance_mm: float,
+    axis: int,
+    focal_mm: float | None = None,
+    lenslet_scale: float = 1.0,
+    neighbour: int = 0,
+) -> Footprint:
+    """Trace the same bundles to where they cross a stop `distance_mm` in front of the main lens.
+
+    Distance 0 is the aperture of the main lens; the parameters are those of `trace_footprint`.
+    """
+    to_array = camera.plane_to_array(distance_mm, focal_mm)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+
+
+def _trace(camera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int):
+    """Compose the bundles' affine maps.
+
+    With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
+    matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
+    matrix takes height and angle to the layer. Micro-images are centred on the chief ray.
+    """
+    back = transfer.inverse(to_array)
     (s_height, s_angle), _ = camera.lenslet_to_sensor()
-    lenslet = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
-    chief = lenslet * camera.lenslet_focal_mm / camera.image_distance_mm
-    pixel = chief[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
-    centres = back[0, 0] * lenslet[None, :] + back[0, 1] * pixel / s_angle
+    nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
+    chief = nominal * camera.lenslet_focal_mm / camera.image_distance_mm
+    # Where the lenslet truly stands, as a departure from nominal: 0 stays 0 without rounding.
+    moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
+    pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
+    centres = back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle
+    lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale
     return Footprint(
         centres_mm=-centres,  # the sensor is turned by 180 degrees: images are upright
-        lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * camera.lenslet_pitch_mm,
+        lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * lenslet_mm,
         pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
+        shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
     )
 
 
@@ -97,5 +140,7 @@ def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:
     half = distance / wide
     rest = (wide + narrow) / 2 - distance
     shoulder = rest < narrow
-    half[shoulder] = 0.5 - np.maximum(rest[shoulder], 0) ** 2 / (2 * wide * max(narrow, 1e-300))
+    ramp = np.maximum(rest[shoulder], 0)
+    # In this order no product of widths can underflow.
+    half[shoulder] = 0.5 - ramp / wide * (ramp / max(narrow, np.finfo(float).tiny)) / 2
     return 0.5 + np.sign(x) * np.minimum(half, 0.5)

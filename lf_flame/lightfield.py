@@ -6,6 +6,7 @@ lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor ord
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,8 @@ class LightField:
     ----------
     views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Finite radiance values. Stored as float32, without a copy where that is possible.
+    plan : lf_flame.plan.EffectPlan, optional
+        Of a rendered light field: which effects were simulated, and why.
 
     Raises
     ------
@@ -28,6 +31,7 @@ class LightField:
     """
 
     views: np.ndarray
+    plan: Any = None
 
     def __post_init__(self):
         views = np.asarray(self.views)
@@ -41,6 +45,14 @@ class LightField:
             bad = np.count_nonzero(~np.isfinite(views))
             raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
         object.__setattr__(self, "views", views)
+
+    @classmethod
+    def trusted(cls, views: np.ndarray, plan: Any = None) -> "LightField":
+        """Wrap float32 views that are known to be finite, without reading them once more."""
+        light_field = object.__new__(cls)
+        object.__setattr__(light_field, "views", views)
+        object.__setattr__(light_field, "plan", plan)
+        return light_field
 
     @classmethod
     def from_raw(cls, raw, views: int = 15) -> "LightField":

@@ -1,6 +1,6 @@
 """Scenes written by hand: a TOML file of layers, with a camera if it is not the paper's."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,14 @@ class LayerEntry:
         darkens, and 8-bit and 16-bit values are scaled to [0, 1]. Either shape or image.
     brightness : float, optional
         Radiance of white, 0 or above.
+    opaque : bool, optional
+        Whether it hides what is behind it: where the shape is, or where the image is not
+        transparent.
+    optical_thickness : float, optional
+        Absorption along the line of sight where the layer is brightest, elsewhere in proportion
+        to its light: soot that glows also absorbs.
+    thickness_mm : float, optional
+        Extent along the optical axis.
     """
 
     depth_mm: float
@@ -41,6 +49,9 @@ class LayerEntry:
     shape: str | None = None
     image: str | None = None
     brightness: float = 1.0
+    opaque: bool = False
+    optical_thickness: float = 0.0
+    thickness_mm: float = 0.0
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -61,26 +72,53 @@ class LayerEntry:
     def layer(self, folder: Path) -> Layer:
         """Make the layer, its image file looked for in `folder`."""
         if self.image is not None:
-            texture = _read_grey(folder / self.image)
+            texture, coverage = _read_grey(folder / self.image)
         elif self.shape == "flame":
             texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
+            coverage = (texture > 0).astype(float)
         else:
-            texture = shape_texture(self.shape, self.size_mm)
-        return Layer(self.brightness * texture, self.depth_mm, self.size_mm, self.centre_mm)
+            texture = coverage = shape_texture(self.shape, self.size_mm)
+        return Layer(
+            self.brightness * texture,
+            self.depth_mm,
+            self.size_mm,
+            self.centre_mm,
+            opaque=self.opaque,
+            coverage=coverage if self.opaque else None,
+            optical_thickness=self.optical_thickness * texture / max(texture.max(), 1e-300),
+            thickness_mm=self.thickness_mm,
+        )
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A whole scene file: layers, and the camera (default: the paper's)."""
+    """A whole scene file.
+
+    Parameters
+    ----------
+    layers : list of LayerEntry
+    camera : PlenopticCamera, optional
+        Default: the paper's.
+    effects : dict of str to bool, optional
+        Effects to force on or off.
+    """
 
     layers: list[LayerEntry]
     camera: PlenopticCamera = PAPER_CAMERA
+    effects: dict[str, bool] = field(default_factory=dict)
 
     __pydantic_config__ = {"extra": "forbid"}
 
 
-def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera]:
+def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:
     """Read a scene from a TOML file.
+
+    Returns
+    -------
+    Scene
+    PlenopticCamera
+    dict
+        Effects that the file forces on or off.
 
     Raises
     ------
@@ -94,7 +132,10 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera]:
             layers.append(entry.layer(Path(path).parent))
         except InputError as error:
             raise InputError(f"{path}: layer {number}: {error}") from None
-    return Scene(layers), entries.camera
+    try:
+        return Scene(layers), entries.camera, entries.effects
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def read_camera(path: str | Path) -> PlenopticCamera:
@@ -105,13 +146,16 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     return build(PlenopticCamera, values["camera"], f"{path}: camera")
 
 
-def _read_grey(path: Path) -> np.ndarray:
+def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read the radiance of an image's pixels, and how far they are there at all."""
     if not path.is_file():
         raise InputError(f"The image {path} cannot be read: there is no such file.")
     try:
         image = img_as_float64(imread(path))
     except (OSError, ValueError, SyntaxError):  # the readers' own texts run over many lines
         raise InputError(f"The image {path} cannot be read: it is no image file.") from None
+    coverage = np.ones(image.shape[:2])
     if image.ndim == 3 and image.shape[2] in (2, 4):
+        coverage = image[..., -1]
         image = image[..., :-1] * image[..., -1:]  # what is transparent does not shine
-    return image.mean(axis=2) if image.ndim == 3 else image
+    return (image.mean(axis=2) if image.ndim == 3 else image), coverage

@@ -10,14 +10,14 @@ from tifffile import imwrite
 from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.config import to_json
-from lf_flame.files import write_json, written_aside
+from lf_flame.files import write_json, write_text, written_aside
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.render import render
 from lf_flame.scene import Scene
 
 
-def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str = "auto") -> dict:
+def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dict:
     """Render a scene, refocus it at the depth of each layer, and write everything.
 
     Parameters
@@ -27,16 +27,17 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str =
     out : Path
         Folder for ``raw.tif`` and ``raw.png`` (lenslet image), ``views.png`` (sheet of
         sub-aperture views), ``refocused.tif`` (stack) and ``refocused_N_DEPTHmm.png``,
-        ``light_field.npz`` (arrays) and ``simulation.json`` (the record).
-    integrator : str, optional
-        See `lf_flame.render`.
+        ``light_field.npz`` (arrays), ``plan.txt`` (the effect plan) and ``simulation.json``
+        (the record).
+    **options
+        Those of `lf_flame.render`.
 
     Returns
     -------
     dict
         The record.
     """
-    light_field = render(scene, camera, integrator=integrator)
+    light_field = render(scene, camera, **options)
     depths = np.array(scene.depths_mm)
     slopes = camera.depth_to_slope(depths)
     stack = shift_and_sum(light_field, slopes)
@@ -51,8 +52,11 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, integrator: str =
         "depths_mm": depths.tolist(),
         "slopes": slopes.tolist(),
         "radiance_of_white_in_png": white,
+        "plan": light_field.plan.to_json(),
+        "seed": options.get("seed"),
         **provenance.environment(),
     }
+    write_text(out / "plan.txt", f"{light_field.plan}\n")
     write_json(out / "simulation.json", record)
     return record
 

@@ -11,14 +11,18 @@ PACKAGE = Path(__file__).parents[1] / "lf_flame"
 
 LAYERS = [
     {"errors", "files"},
-    {"_kernels", "transfer", "camera", "footprint"},
+    {"_kernels", "transfer", "sensor", "diffraction"},
+    {"camera", "footprint"},
     {"scene", "shapes", "flames", "lightfield"},
-    {"render", "refocus"},
+    {"planes", "integrators"},
+    {"effects", "plan"},
+    {"render", "forward", "closed_form", "refocus"},
     {"config", "provenance", "templates", "scenefile", "paper"},
     {"datasets"},
     {"backbone", "models", "optimizers", "warmstart"},
     {"training", "evaluation"},
     {"figures", "simulate", "report"},
+    {"costs", "costs_figures"},
     {"cli"},
 ]
 """A module imports only from its own layer and from those above it in this list."""
@@ -52,6 +56,7 @@ def test_dependencies_point_one_way(path):
 
 def test_kernels_import_only_numpy_and_numba():
     assert {name.split(".")[0] for name in imports_of(PACKAGE / "_kernels.py")} <= {
+        "math",
         "numpy",
         "numba",
     }
@@ -69,6 +74,15 @@ def test_importing_the_package_loads_neither_numba_nor_keras():
 def test_every_public_name_loads():
     import lf_flame
 
-    for name in ("PlenopticCamera", "PAPER_CAMERA", "Scene", "Layer", "LightField", "render"):
+    for name in (
+        "PlenopticCamera",
+        "PAPER_CAMERA",
+        "Scene",
+        "Layer",
+        "LightField",
+        "render",
+        "Sensor",
+        "plan_effects",
+    ):
         assert getattr(lf_flame, name) is not None
         assert name in dir(lf_flame)

@@ -51,7 +51,16 @@ def assert_one_sentence(result, *parts):
 
 def test_help_teaches_every_command():
     shown = run("--help").stdout
-    for command in ("camera", "simulate", "slopes", "dataset", "train", "evaluate", "tables"):
+    for command in (
+        "camera",
+        "plan",
+        "simulate",
+        "slopes",
+        "dataset",
+        "train",
+        "evaluate",
+        "tables",
+    ):
         assert command in shown
         assert len(run(command, "--help").stdout) > 200
 

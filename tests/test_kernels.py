@@ -1,10 +1,15 @@
 """What only the compiled kernels can show: threads, and sums that keep their digits."""
 
+from unittest.mock import patch
+
 import numba
 import numpy as np
 import pytest
+from numba import njit
 
 from lf_flame import Layer, Scene, _kernels, render
+from lf_flame.integrators import Optics, trace
+from lf_flame.planes import slice_scene
 from lf_flame.refocus import shift_and_sum
 
 
@@ -41,14 +46,37 @@ def test_sums_over_many_views_keep_their_digits():
 def test_kernels_compile_for_the_types_they_are_called_with(small_camera, rng):
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
     shift_and_sum(render(scene, small_camera), 1.0)
-    render(scene, small_camera, integrator="rays", rays=2)
     for kernel in (
-        _kernels.trace_layer,
-        _kernels.integrate_layer,
+        _kernels.integrate_columns,
+        _kernels.integrate_rows,
         _kernels.shift_columns,
         _kernels.shift_rows,
     ):
         assert len(kernel.signatures) == 1  # one compilation each, however they are reached
+
+
+@pytest.mark.jit
+def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
+    """The types select the kernel: without a stop, no root is taken, no skew is floored."""
+    kernel = njit(parallel=True)(_kernels._trace_planes)
+    scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
+    planes = slice_scene(scene, {}, absorption=False, dimming=set())
+    image = np.zeros((5, 5, 24, 30), np.float32)
+    machine_code = {}
+    for name, optics in {
+        "bare": Optics(small_camera),
+        "stop": Optics(small_camera, stops=((0.0, 30.0),)),
+        "skew": Optics(small_camera, lenslet_skew=1e-3),
+    }.items():
+        known = set(kernel.signatures)
+        with patch.object(_kernels, "trace_planes", kernel):
+            trace(planes, optics, "views", 2, image)
+        (new,) = set(kernel.signatures) - known
+        machine_code[name] = kernel.inspect_llvm(new)
+    assert "llvm.sqrt" not in machine_code["bare"]
+    assert "llvm.sqrt" in machine_code["stop"]
+    assert "llvm.floor" not in machine_code["bare"]
+    assert "llvm.floor" in machine_code["skew"]
 
 
 def test_float32_image_equals_float64_within_rounding(small_camera, rng):

@@ -24,6 +24,9 @@ FILTER_REACH = 8
 DEFAULT_SLOPES = (-3.0, 3.0, 0.05)
 """First and last slope and step of the search; the paper's slopes are multiples of 0.05."""
 
+ROUNDING = 4 * 2.0**-24
+"""Part of the brightness below which a gradient may be rounding: a few half units of float32."""
+
 
 @dataclass(frozen=True, eq=False)
 class SlopeSearch:
@@ -61,17 +64,23 @@ def find_sharpest_slope(views, slopes=None, region=None) -> SlopeSearch:
     Raises
     ------
     InputError
-        If the arguments cannot be used, or the curve has no peak inside the range: it is flat,
-        or still rises at an end.
+        If the arguments cannot be used, or the curve has no peak inside the range: it is flat
+        to the rounding of float32 pixels, or still rises at an end.
     """
     views = as_views(views)
     slopes = _default_slopes() if slopes is None else as_slopes(slopes)
     steps = np.diff(slopes)
-    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0]):
+    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):
         raise InputError(f"slopes to search must be three or more in equal steps, got {slopes}.")
-    patch, inside = _cut(views if views.ndim == 4 else views.mean(axis=4), slopes, region)
+    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float64).astype(np.float32)
+    patch, inside = _cut(grey, slopes, region)
+    # To about 1, by a power of two, so that no sum of float32 overflows and no digit changes.
+    exponent = int(np.frexp(np.abs(patch).max())[1])
+    np.ldexp(patch, -exponent, out=patch)
     sharpness = _sharpness(patch, slopes)[:, inside[0], inside[1]].mean(axis=(1, 2))
-    return SlopeSearch(_peak(slopes, sharpness), slopes, sharpness)
+    rounding = ROUNDING * np.linalg.norm(patch) / np.sqrt(patch.size)
+    slope = _peak(slopes, sharpness, rounding)
+    return SlopeSearch(slope, slopes, np.ldexp(sharpness, 2 * exponent))
 
 
 def _default_slopes() -> np.ndarray:
@@ -114,10 +123,18 @@ def _sharpness(patch: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return sum(gradient**2 for gradient in gradients)
 
 
-def _peak(slopes: np.ndarray, sharpness: np.ndarray) -> float:
+def _peak(slopes: np.ndarray, sharpness: np.ndarray, rounding: float) -> float:
+    """Slope of the peak; `rounding` is the part of a root-mean-square gradient that may be error.
+
+    The mean square of ``gradient + error`` is off by up to ``2 gradient error + error^2``: a curve
+    that varies by no more than that has no peak.
+    """
     k = int(sharpness.argmax())
-    if np.ptp(sharpness) <= 1e-9 * sharpness.max():
-        raise InputError("No slope is sharpest: the sharpness is the same at all of them.")
+    if np.ptp(sharpness) <= rounding * (2 * np.sqrt(sharpness[k]) + rounding):
+        raise InputError(
+            "No slope is sharpest: the sharpness is the same at all of them, "
+            "to the rounding of float32 pixels."
+        )
     if k in (0, len(slopes) - 1):
         raise InputError(
             f"The sharpness still rises at the end of the slopes searched, "

@@ -1,0 +1,138 @@
+"""The sensor: from radiance to the radiance that the recorded numbers stand for.
+
+The linear camera model of EMVA 1288 (release 4.0): photo-electrons are counted with
+Poisson statistics, the electronics add Gaussian noise, the pixel holds a limited charge, and the
+converter rounds to whole digital numbers. Values come back in the unit they went in, so that a
+perfect sensor changes nothing. The black level that converters add, so that read noise around it
+is recorded whole, is taken off again: the numbers may be negative.
+"""
+
+from collections.abc import Set
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame.errors import InputError
+
+STAGES = ("shot_noise", "read_noise", "saturation", "quantisation")
+"""What a sensor does to an image, in this order."""
+
+MOST_ELECTRONS = 1e12
+"""Beyond any pixel; together with its inverse it keeps every result within float32."""
+
+MOST_COUNTED = 1e9
+"""Mean number of electrons up to which they are drawn from the Poisson law itself. NumPy's sampler
+fails near 9.2e18; the normal law of the same mean and variance that follows differs by a fraction
+of an electron, where float32 values already stand 64 electrons apart."""
+
+PIXELS_AT_ONCE = 2**20
+"""Pixels that are held as float64 at a time; the result does not depend on it."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A linear image sensor.
+
+    Parameters
+    ----------
+    exposure_e : float
+        Electrons that a pixel of radiance 1 collects, 1e-12 to 1e12.
+    full_well_e : float, optional
+        Electrons that a pixel holds, which the highest digital number stands for; 1e-12 to 1e12.
+    bits : int, optional
+        Bits of the converter, 1 to 16.
+    read_noise_e : float, optional
+        Standard deviation of the noise of the electronics, in electrons, 0 to 1e12.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; the message names it.
+    """
+
+    exposure_e: float
+    full_well_e: float = 10_000.0
+    bits: int = 12
+    read_noise_e: float = 2.0
+
+    __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
+
+    def __post_init__(self):
+        least = {"exposure_e": 1 / MOST_ELECTRONS, "full_well_e": 1 / MOST_ELECTRONS}
+        for name, low in (least | {"read_noise_e": 0}).items():
+            value = getattr(self, name)
+            if not low <= value <= MOST_ELECTRONS:
+                raise InputError(
+                    f"{name} must be {low:g} to {MOST_ELECTRONS:g} electrons, got {value}."
+                )
+        if self.bits not in range(1, 17):
+            raise InputError(f"bits must be a whole number from 1 to 16, got {self.bits}.")
+
+    @property
+    def step_e(self) -> float:
+        """Electrons per digital number."""
+        return self.full_well_e / (2**self.bits - 1)
+
+
+def expose(values, sensor: Sensor, kept: Set[str], rng: np.random.Generator) -> np.ndarray:
+    """Record an image with a sensor.
+
+    Parameters
+    ----------
+    values : array_like, any shape
+        Finite radiance values. Negative ones carry no shot noise.
+    sensor : Sensor
+    kept : set of str
+        The `STAGES` that are applied. Without saturation the converter has no highest number.
+    rng : numpy.random.Generator
+        The only source of chance. Each kind of noise draws from a child of its own, pixel after
+        pixel in C order, so that the shot noise is the same whatever else is kept.
+
+    Returns
+    -------
+    ndarray of float32, same shape
+        A new array, in the unit of `values`.
+
+    Raises
+    ------
+    InputError
+        If a stage is unknown or a value is not finite.
+    """
+    unknown = sorted(map(str, set(kept) - set(STAGES)))
+    if unknown:
+        raise InputError(f"Unknown sensor stage {unknown[0]!r}; known are {', '.join(STAGES)}.")
+    image = np.array(values, np.float32, order="C")
+    bad = image.size - np.count_nonzero(np.isfinite(image))
+    if bad:
+        raise InputError(f"A sensor needs finite radiance, got {bad} NaN or infinite pixels.")
+    streams, pixels = rng.spawn(3), image.reshape(-1)
+    for low in range(0, pixels.size, PIXELS_AT_ONCE):
+        part = pixels[low : low + PIXELS_AT_ONCE]
+        electrons = part.astype(np.float64) * sensor.exposure_e
+        part[:] = _record(electrons, sensor, kept, streams) / sensor.exposure_e
+    return image
+
+
+def _record(electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams) -> np.ndarray:
+    """Electrons that the digital numbers stand for."""
+    *shot, read = streams
+    if "shot_noise" in kept:
+        electrons = _count(electrons, *shot)
+    if "read_noise" in kept:
+        electrons = electrons + sensor.read_noise_e * read.standard_normal(electrons.size)
+    # after the read noise: EMVA 1288 finds saturation where the noise of the numbers breaks down
+    if "saturation" in kept:
+        electrons = np.minimum(electrons, sensor.full_well_e)
+    if "quantisation" in kept:
+        electrons = np.rint(electrons / sensor.step_e) * sensor.step_e
+    return electrons
+
+
+def _count(electrons: np.ndarray, few: np.random.Generator, many: np.random.Generator):
+    """Poisson draws for means up to MOST_COUNTED, normal ones above, none below 0."""
+    light = np.maximum(electrons, 0)
+    counted = few.poisson(np.minimum(light, MOST_COUNTED)).astype(np.float64)
+    bright = light > MOST_COUNTED
+    mean = light[bright]
+    counted[bright] = mean + np.sqrt(mean) * many.standard_normal(mean.size)
+    return counted + np.minimum(electrons, 0)
