@@ -21,7 +21,8 @@ BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
 INSTALLED := $(VENV)/installed
 
-.PHONY: help install dataset slopes train-shapes train-flame tables test test-jit-off lint clean
+.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks
+.PHONY: test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -59,11 +60,17 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
+costs: | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (10 minutes)
+	$(LF) costs --out experiments/results/costs
+
+benchmarks: | $(INSTALLED)  ## measure the simulator's speed against opponents, on an idle machine
+	$(BIN)/python experiments/benchmarks/speed.py --out experiments/results/benchmarks
+
 test: | $(INSTALLED)  ## run the tests
 	$(BIN)/python -m pytest
 
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/test_kernels.py tests/test_render.py tests/test_refocus.py
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/test_kernels.py tests/test_render.py tests/test_refocus.py -m 'not jit'
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

@@ -73,13 +73,24 @@ def _passes(stops, skew, a, c, i, b, d, j):
             y += skew[2][k, b, d]
             x += skew[3][k, a, c]
         squared, edge = y * y + x * x, tall[k] + wide[k]  # no box is broader than its edge
-        if squared > (radius[k] + edge) * (radius[k] + edge):
+        if edge > radius[k]:  # a stop within a box or two: as a square of the same area
+            half = 0.5 * math.sqrt(math.pi) * radius[k]
+            share *= overlap(y, tall[k], half) * overlap(x, wide[k], half)
+        elif squared > (radius[k] + edge) * (radius[k] + edge):
             return 0.0
-        if edge > radius[k] or squared > (radius[k] - edge) * (radius[k] - edge):
+        elif squared > (radius[k] - edge) * (radius[k] - edge):
             distance = math.sqrt(squared)
-            breadth = (abs(y) * tall[k] + abs(x) * wide[k]) / max(distance, 1e-300)
-            share *= min(max((radius[k] - distance) / max(breadth, 1e-12) + 0.5, 0.0), 1.0)
+            breadth = (abs(y) * tall[k] + abs(x) * wide[k]) / distance
+            share *= min(max((radius[k] - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
     return share
+
+
+def _overlap(position, breadth, half):
+    """Share of a box that lies between -half and half."""
+    if breadth <= 0.0:
+        return 1.0 if abs(position) <= half else 0.0
+    low, high = max(position - breadth / 2, -half), min(position + breadth / 2, half)
+    return max(high - low, 0.0) / breadth
 
 
 def _shade(falloff, a, c, b, d):
@@ -141,7 +152,7 @@ def _trace_planes(
                             emission, transmission, rows, columns, shares, planes, skew,
                             a, c, i, b, d, j,
                         )  # fmt: skip
-                out[a, b, c, d] += np.float32(light * share * shade(falloff, a, c, b, d))
+                out[a, b, c, d] += light * share * shade(falloff, a, c, b, d)
 
 
 def _integrate_columns(texture, start, weight, first, last, out):
@@ -185,7 +196,7 @@ def _integrate_rows(columns, start, weight, falloff, first, last, out):
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                out[a, b, c, d] += np.float32(total[d] * shade(falloff, a, c, b, d))
+                out[a, b, c, d] += total[d] * shade(falloff, a, c, b, d)
 
 
 def _shift_columns(views, whole, fraction, out):
@@ -231,6 +242,7 @@ def _shift_rows(row_sums, whole, fraction, share, out):
 
 # Each is compiled where it is called, for the types that it meets there.
 shade = njit(_shade)
+overlap = njit(_overlap)
 passes = njit(_passes)
 cell = njit(_cell)
 hit = njit(_hit)

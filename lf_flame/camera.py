@@ -21,8 +21,14 @@ from lf_flame.sensor import Sensor
 MOST_PER_AXIS = 100_000
 """Views or lenslets along an axis beyond which a number can only be a mistake."""
 
+SHORTEST, LONGEST = 1e-50, 1e50
+"""Lengths, in any unit, whose products still are float64 numbers."""
+
+WIDEST_APERTURE = 4
+"""Widths of the matched aperture beyond which a lenslet's light would spread over too many."""
+
 _RANGES = (
-    ("rim_distance_mm", 0.0, math.inf),
+    ("rim_distance_mm", 0.0, LONGEST),
     ("chromatic_shift", 0.0, 0.2),
     ("lenslet_rotation_rad", -0.1, 0.1),
     ("lenslet_pitch_error", -0.1, 0.1),
@@ -105,10 +111,10 @@ class PlenopticCamera:
         optional = ("pixel_pitch_mm", "aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm")
         for name in lengths + [name for name in optional if getattr(self, name) is not None]:
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
+            if not SHORTEST <= value <= LONGEST:
                 raise InputError(
                     f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
-                    f"got {value}."
+                    f"{SHORTEST:g} to {LONGEST:g}, got {value}."
                 )
         for name, low, high in _RANGES:
             if not low <= getattr(self, name) <= high:
@@ -132,6 +138,13 @@ class PlenopticCamera:
             raise InputError(
                 f"pixel_pitch_mm must be at most {self.micro_image_pitch_mm / self.views:.6g} for "
                 f"{self.views} pixels to fit under a lenslet, got {self.pixel_pitch_mm}."
+            )
+
+        widest = WIDEST_APERTURE * self.aperture_mm
+        if self.aperture_diameter_mm is not None and self.aperture_diameter_mm > widest:
+            raise InputError(
+                f"aperture_diameter_mm must be at most {widest:.6g}, {WIDEST_APERTURE} times what "
+                f"matches the lenslets, got {self.aperture_diameter_mm}."
             )
 
     @cached_property
@@ -193,18 +206,27 @@ class PlenopticCamera:
                 f"A layer must stand in front of the main lens, at a depth above "
                 f"{-self.focus_distance_mm} mm, got {depth_mm} mm."
             )
-        return self.plane_to_array(distance, focal_mm)
+        return self._from_focal_plane(depth_mm, focal_mm)
 
     def plane_to_array(self, distance_mm: float, focal_mm: float | None = None) -> np.ndarray:
         """Ray transfer matrix to the array from a plane `distance_mm` in front of the main lens.
 
         At distance 0 it starts at the main lens itself, where its aperture is.
         """
-        return transfer.chain(
-            transfer.free_space(distance_mm),
-            transfer.thin_lens(focal_mm or self.main_lens_focal_mm),
-            transfer.free_space(self.image_distance_mm),
-        )
+        return self._from_focal_plane(distance_mm - self.focus_distance_mm, focal_mm)
+
+    def _from_focal_plane(self, depth_mm: float, focal_mm: float | None) -> np.ndarray:
+        """Chain of the way to the focal plane, its image on the array, and a change of colour.
+
+        The product of free space, lens and free space is the same, but there the B of a layer
+        near the focal plane would be the rounding of a difference of long ways.
+        """
+        f, a0, i0 = self.main_lens_focal_mm, self.focus_distance_mm, self.image_distance_mm
+        imaging = np.array([[-i0 / a0, 0.0], [-1 / f, -a0 / i0]])
+        if focal_mm is not None and focal_mm != f:
+            weak_lens = np.array([[i0, i0 * a0], [1.0, a0]])  # free space, power 1, free space
+            imaging = imaging - (1 / focal_mm - 1 / f) * weak_lens
+        return transfer.chain(transfer.free_space(depth_mm), imaging)
 
     def lenslet_to_sensor(self) -> np.ndarray:
         """Ray transfer matrix from before a lenslet to the sensor, about the lenslet's own axis.

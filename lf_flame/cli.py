@@ -240,6 +240,30 @@ def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None
 
 
 @commands.command()
+@click.option("--out", type=FOLDER, default="experiments/results/costs", show_default=True)
+@click.option(
+    "--budget-s",
+    default=420.0,
+    show_default=True,
+    help="Seconds for the ways to integrate; effects take a minute or two on top.",
+)
+def costs(out: Path, budget_s: float) -> None:
+    """Measure what accuracy costs in time: error against seconds.
+
+    For each way to integrate, on the shape scene, a flame and an occluding scene, and for each
+    effect the seconds that it adds and the error of leaving it out. On one thread; run it on a
+    machine that does nothing else.
+    """
+    from lf_flame.costs import measure_costs
+    from lf_flame.report import step_bar
+
+    if not budget_s > 0:
+        raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
+    measure_costs(out, step_bar, budget_s)
+    click.echo((out / "costs.md").read_text(encoding="utf-8"))
+
+
+@commands.command()
 @click.argument("results", type=FOLDER)
 @click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
 def tables(results: Path, paper: Path) -> None:

@@ -90,16 +90,15 @@ class Survey:
         """Lower bound on the brightest pixel, from the pixels that look at each layer's peak."""
         peak, clear = 0.0, self._clear_of_stops() * self._undiffracted()
         for layer in self.layers:
-            if clear > 0:
-                glow = layer.texture * self_absorbed(layer.optical_thickness)
-                peak = max(peak, clear * self._brightest(layer, glow))
-            clear *= (1 - np.max(layer.hides)) * math.exp(-layer.optical_thickness.max())
+            glow = layer.texture * self_absorbed(layer.optical_thickness)
+            near = self._nearest(layer, glow)
+            peak = max(peak, clear * self._brightest(layer, glow, near) * self._seen(layer, near))
         sensor = self.camera.sensor
         return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
 
-    def _brightest(self, layer: Layer, glow: np.ndarray) -> float:
-        """Integrate the nine central-view pixels around the brightest patch of a layer."""
-        sizes, near, dimmest = [], [], 1.0
+    def _nearest(self, layer: Layer, glow: np.ndarray) -> list[slice]:
+        """Find nine lenslets that look at the brightest patch of a layer, in the central view."""
+        sizes, near = [], []
         for axis in (0, 1):
             edges = layer.cell_edges_mm(axis)
             patch = 2 * self.footprint(layer, axis).half_width_mm / (edges[1] - edges[0])
@@ -111,7 +110,32 @@ class Survey:
             centres = self.footprint(layer, axis).centres_mm[self.camera.views // 2]
             nearest = int(np.abs(centres - middle).argmin())
             near.append(slice(max(nearest - 1, 0), nearest + 2))
-            dimmest = min(dimmest, self._unshaded(nearest, axis))
+        return near
+
+    def _seen(self, layer: Layer, near: list[slice]) -> float:
+        """Share of a layer's light that reaches some pixels through what stands before it."""
+        share, view = 1.0, self.camera.views // 2
+        for front in self.layers:
+            before = (
+                front.depth_mm - front.thickness_mm / 2 < layer.depth_mm + layer.thickness_mm / 2
+            )
+            if front is layer or not before:
+                continue
+            meets = True
+            for axis in (0, 1):
+                low, high = front.extent_mm(front.optical_thickness + front.hides, axis)
+                footprint = self.footprint(front, axis)
+                centres = footprint.centres_mm[view, near[axis]]
+                reach = footprint.half_width_mm + self._thick_shift(front, axis)
+                meets &= bool(np.any((centres + reach > low) & (centres - reach < high)))
+            if meets:
+                share *= 1 - np.max(front.hides)
+                share *= math.exp(-front.optical_thickness.max())
+        return share
+
+    def _brightest(self, layer: Layer, glow: np.ndarray, near: list[slice]) -> float:
+        """Integrate some pixels of the central view; the brightest of them, at its dimmest."""
+        dimmest = min(self._unshaded(near[axis], axis) for axis in (0, 1))
         pixels = [self._pixels(layer, glow, near, *place) for place in self.places(layer)]
         return float(np.mean(pixels, axis=0).max()) * dimmest**2
 
@@ -143,10 +167,10 @@ class Survey:
         cells = glow[rows[:, None, :, None], columns[None, :, None, :]]
         return np.einsum("ti,tsij,sj->ts", row_weight, cells, column_weight)
 
-    def _unshaded(self, lenslet: int, axis: int) -> float:
-        """cos^2 of a ray tilted along both axes as a lenslet's central ray is along one."""
+    def _unshaded(self, lenslets: slice, axis: int) -> float:
+        """cos^2 of a ray tilted along both axes as the lenslets' rays are along one."""
         camera = self.camera
-        place = abs(centred(camera.lenslets[axis])[lenslet]) + 1
+        place = np.abs(centred(camera.lenslets[axis])[lenslets]).max()
         height = place * camera.lenslet_pitch_mm + camera.view_step_mm / 2
         return 1 / (1 + 2 * (height / camera.image_distance_mm) ** 2)
 
@@ -508,8 +532,12 @@ def main_lens_kernel(camera: PlenopticCamera) -> np.ndarray:
 
 
 def _brightest_raw(survey: Survey) -> float:
-    """Upper bound on a pixel with the light of neighbouring lenslets."""
-    return survey.radiance * (1 + 2 * neighbours(survey.camera)) ** 2
+    """Upper bound on a pixel with the light that a wide aperture sends through its neighbours."""
+    camera, crosstalk = survey.camera, 0.0
+    if camera.aperture_diameter_mm is not None:
+        excess = max(0.0, camera.aperture_diameter_mm - camera.aperture_mm) / 2
+        crosstalk = min(4 * excess / camera.view_step_mm, (1 + 2 * neighbours(camera)) ** 2 - 1)
+    return survey.radiance * (1 + crosstalk)
 
 
 def rotation_shifts(camera: PlenopticCamera) -> tuple[float, float]:

@@ -15,9 +15,6 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.footprint import Footprint, centred, trace_footprint, trace_stop, trapezoid_cdf
 from lf_flame.planes import Plane
 
-MOST_RAYS = 1000
-"""Rays along an axis beyond which a texture counts as too fine for the camera."""
-
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
 
@@ -180,8 +177,8 @@ def trace(
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
-    A ray stands for the part of the bundle around it: its box on a plane, narrower than a cell,
-    takes the mean of the cells that it lies on. Without that an edge inside a pixel is off by up
+    A ray stands for the part of the bundle around it: its box on a plane takes the mean of the
+    cells that it lies on. Without that an edge inside a pixel is off by up
     to half a ray's share, and the error falls only as 1 / rays.
 
     Parameters
@@ -207,30 +204,36 @@ def trace(
 class _Rays:
     """Rays of all bundles along one axis, on planes and stops.
 
-    They tile the bundle's two widths, over the pixel and over the lenslet, in proportion to the
-    widths' images on the planes. A ray's box has the tile's variance, so that all boxes together
-    have the mean and the variance of the trapezoid.
+    They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
+    tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
     """
 
     def __init__(self, planes, optics: Optics, layout: str, rays: int, axis: int, thin: bool):
         self.axis, self.optics, self.layout, self.thin = axis, optics, layout, thin
+        self.on_pixel = self.on_lenslet = rays
         footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
         stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
         edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
-        self.cells = np.array([edge.size - 1 for edge in edges])
-        cell_mm = np.array([edge[1] - edge[0] for edge in edges])
-        dims = any(plane.transmission is not None for plane in planes)
-        self.along_pixel, self.along_lenslet = self._tile(footprints, cell_mm, rays, dims)
+        hard = any(p.transmission is not None and p.layer.opaque for p in planes)
+        haze = any(p.transmission is not None for p in planes)
+        dims = 1 / 2 if hard else 1 / 3 if haze else 0.0
+        self.along_pixel, self.along_lenslet = self._tile(footprints, edges, rays, dims)
         self.count = self.along_pixel.size
         wide = optics.defocus
+        boxes_mm = np.array([self._box_mm(footprint, wide) for footprint in footprints])
+        # Cells that are finer than a ray's box are averaged first: see `_averaged`.
+        self.edges = [_coarse_edges(edge, box) for edge, box in zip(edges, boxes_mm, strict=True)]
+        self.cells = np.array([edge.size - 1 for edge in self.edges])
+        cell_mm = np.array([edge[1] - edge[0] for edge in self.edges])
         self.positions = self._stack(
             (self._hits_mm(footprint, wide) - edge[0]) / width
-            for footprint, edge, width in zip(footprints, edges, cell_mm, strict=True)
+            for footprint, edge, width in zip(footprints, self.edges, cell_mm, strict=True)
         )
-        self.boxes = np.array([self._box_mm(footprint, wide) for footprint in footprints]) / cell_mm
-        self.boxes = np.minimum(self.boxes, 1.0)
+        self.boxes = np.minimum(boxes_mm / cell_mm, 1.0)
         self.stop_mm = self._stack(self._hits_mm(stop, True) for stop in stops) if stops else None
-        self.stop_boxes = np.array([self._box_mm(stop, True) for stop in stops])
+        # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
+        tile = thin / self.on_pixel
+        self.stop_boxes = np.array([abs(stop.pixel_width_mm) * tile for stop in stops])
         self.shifts = self._skewed(footprints, cell_mm)
         self.stop_shifts = self._skewed(stops, 1.0) if stops else self.shifts
         self.seen = np.any(
@@ -241,20 +244,23 @@ class _Rays:
             axis=0,
         )
 
-    def _tile(self, footprints, cell_mm, rays: int, dims: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _tile(self, footprints, edges, rays: int, dims: float) -> tuple[np.ndarray, np.ndarray]:
         """Places of the rays on pixel and lenslet, both in [-1/2, 1/2].
 
         Boxes along the lenslet tile its image without a gap, so that as few as fit the cells do,
         and all further rays go along the pixel. Where a plane dims another, what both have in
-        one box counts as unrelated, so that the boxes have to shrink along both. The plain
-        midpoint rule has no boxes to tile with, and spreads its rays over both as well.
+        one box counts as unrelated, so that the boxes have to shrink along both, faster behind
+        a hard edge than in a haze: `dims` is the power of the rays that goes to the lenslet.
         """
-        on_lenslet = round(rays ** (1 / 3)) if dims or not self.thin else 1
-        if self.thin:
-            widths = (abs(f.lenslet_width_mm) for f in footprints)
-            cells = max(width / c for width, c in zip(widths, cell_mm, strict=True))
-            on_lenslet = max(on_lenslet, math.ceil(cells))
-        self.on_lenslet = min(on_lenslet, MOST_RAYS)
+        if not self.thin:
+            return _lattice(rays)
+        cells = max(
+            abs(f.lenslet_width_mm) / (edge[1] - edge[0])
+            for f, edge in zip(footprints, edges, strict=True)
+        )
+        fewest = round(rays**dims) if dims else 1
+        on_lenslet = max(fewest, math.ceil(min(cells, rays**0.5)))
+        self.on_lenslet = min(on_lenslet, rays)
         spreads = self.optics.defocus or self.optics.stops
         self.on_pixel = math.ceil(rays / self.on_lenslet) if spreads else 1
         pixel_places, lenslet_places = (
@@ -306,8 +312,14 @@ def _trace_group(planes, optics: Optics, layout: str, rays: list[_Rays], out, li
     height, width = rays[0].cells, rays[1].cells
     sizes = (height + 2) * (width + 2)
     first_cell = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    emission = np.concatenate([_bordered(plane.emission, 0.0) for plane in planes])
-    transmission = _transmission(planes)
+    edges = list(zip(rays[0].edges, rays[1].edges, strict=True))
+    emission = np.concatenate(
+        [
+            _bordered(_averaged(p.emission, p, new), 0.0)
+            for p, new in zip(planes, edges, strict=True)
+        ]
+    )
+    transmission = _transmission(planes, edges)
     grid = (first_cell, width + 2, height, width, rays[0].boxes, rays[1].boxes)
     skew = stops = None
     if optics.lenslet_skew:
@@ -350,18 +362,49 @@ def _take_lines(lines: slice, row, shares, stops, skew, falloff, seen):
     return cut(row, 2), shares, stops, skew, falloff, cut(seen, 1)
 
 
-def _transmission(planes: list[Plane]) -> np.ndarray | None:
+def _lattice(rays: int) -> tuple[np.ndarray, np.ndarray]:
+    """Place single rays on pixel and lenslet, both in [-1/2, 1/2], by a rank-1 lattice.
+
+    The same midpoints along both, in an order along the lenslet that steps by about the golden
+    section, so that neither width alone, nor both together, is sampled unevenly.
+    """
+    step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
+    places = (np.arange(rays) + 0.5) / rays - 0.5
+    return places, places[np.arange(rays) * step % rays]
+
+
+def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
     if all(plane.transmission is None for plane in planes):
         return None
-    return np.concatenate(
-        [
-            _bordered(
-                np.ones_like(plane.emission) if plane.transmission is None else plane.transmission,
-                1.0,
-            )
-            for plane in planes
-        ]
-    )
+    found = []
+    for plane, new in zip(planes, edges, strict=True):
+        stopped = np.zeros_like(plane.emission)
+        if plane.transmission is not None:
+            stopped = 1 - plane.transmission
+        found.append(_bordered(1 - _averaged(stopped, plane, new), 1.0))
+    return np.concatenate(found)
+
+
+def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
+    """Keep the cells of a layer, or lay as few as wide as a ray's box over it."""
+    length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
+    if box_mm * cells <= length:
+        return edges_mm
+    count = math.ceil(length / box_mm)
+    return (edges_mm[0] + edges_mm[-1]) / 2 + (np.arange(count + 1) - count / 2) * box_mm
+
+
+def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
+    """Average cells over coarser ones, exactly; outside the plane there is nothing."""
+    for axis in (0, 1):
+        old, new = plane.layer.cell_edges_mm(axis), edges[axis]
+        if new.size == old.size and new[0] == old[0]:
+            continue
+        start, weight = band_weights(old, (new[1:] + new[:-1]) / 2, new[1] - new[0], 0.0)
+        lines = np.moveaxis(cells, axis, 0)
+        taken = lines[start[:, None] + np.arange(weight.shape[1])]
+        cells = np.moveaxis(np.einsum("ni,ni...->n...", weight, taken), 0, axis)
+    return cells
 
 
 def _bordered(cells: np.ndarray, border: float) -> np.ndarray:

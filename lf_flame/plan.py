@@ -32,15 +32,20 @@ MOST_PARTS = 1024
 """Slabs or colours beyond which a tolerance counts as out of reach."""
 
 NANOSECONDS = {
-    "exact": 2.0,
-    "ray": 1.0,
+    "exact": 2.5,
+    "ray": 1.5,
+    "dimmed": 2.5,
     "ray_effect": 1.0,
-    "cos4": 0.6,
-    "fourier": 60.0,
-    "noise": 40.0,
+    "cos4": 0.25,
+    "fourier": 35.0,
+    "noise": 18.0,
 }
-"""Time for a pixel and plane (exact), a ray and plane (ray), a ray and stop or shift (ray_effect),
-and a pixel (others), on one core; `make costs` measures them. For the column of estimates only."""
+"""Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), a ray
+and stop or shift (ray_effect), and a pixel (others), on one core, as `make costs` measured them.
+For the column of estimates only."""
+
+TYPICAL_RAYS = 18
+"""Rays per pixel and axis that the default tolerance takes in most scenes; for estimates only."""
 
 
 @dataclass(frozen=True)
@@ -355,9 +360,10 @@ def _estimate_seconds(survey, kept: set[str], slabs, colours: int, trace: bool) 
     """Roughly how long each effect takes, on one core."""
     camera = survey.camera
     pixels = camera.views**2 * math.prod(camera.lenslets)
-    planes, rays = sum(slabs) * colours, 34**2
+    planes, rays = sum(slabs) * colours, TYPICAL_RAYS**2
+    dims = any(name in kept for name in MATTER)
     exact = pixels * planes * NANOSECONDS["exact"] * 1e-9
-    traced = pixels * planes * rays * NANOSECONDS["ray"] * 1e-9
+    traced = pixels * planes * rays * NANOSECONDS["dimmed" if dims else "ray"] * 1e-9
     per_ray = pixels * planes * rays * NANOSECONDS["ray_effect"] * 1e-9
     base = traced if trace else exact
     seconds = dict.fromkeys(EFFECTS, 0.0)

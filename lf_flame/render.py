@@ -24,6 +24,9 @@ from lf_flame.sensor import expose
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
 """Rays per pixel and axis that are tried for a tolerance."""
 
+FEW_PORTIONS = 4
+"""Portions of light that are added in float32; more are added in float64."""
+
 PROBE_LINES = 24
 """Lines of the image on which the number of rays for a tolerance is found."""
 
@@ -110,7 +113,9 @@ def render_plan(
     passes = optics_passes(camera, plan)
     _check_field(scene, Optics(camera))
     method = plan.integrator if integrator == "auto" else integrator
-    image = _blank(camera, layout)
+    # Where light comes in many portions, float32 would round after each.
+    many = len(passes) * (len(planes) if method == "rays" else 1) > FEW_PORTIONS
+    image = _blank(camera, layout, np.float64 if many else np.float32)
     if method == "exact":
         for optics in passes:
             integrate(planes, optics, layout, image)
@@ -118,7 +123,7 @@ def render_plan(
         rays = rays or _count_rays(planes, passes, camera, plan, layout)
         for optics in passes:
             trace(planes, optics, layout, rays, image)
-    return _record(image, camera, plan, seed, layout)
+    return _record(image.astype(np.float32, copy=False), camera, plan, seed, layout)
 
 
 def _check_options(integrator: str, rays: int | None, layout: str) -> None:
@@ -148,23 +153,23 @@ def _check_field(scene: Scene, optics: Optics) -> None:
                 )
 
 
-def _blank(camera: PlenopticCamera, layout: str) -> np.ndarray:
+def _blank(camera: PlenopticCamera, layout: str, dtype=np.float32) -> np.ndarray:
     """Make a dark image; memory that no light reaches is never touched."""
     n, (lines, columns) = camera.views, camera.lenslets
     shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
-    return np.zeros(shape, np.float32)
+    return np.zeros(shape, dtype)
 
 
 def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: str) -> int:
     """Fewest rays that meet the tolerance, found on some lines of the image.
 
-    The error falls at least as one over the number of rays (`make costs` measures it). Of two
-    numbers in a ratio of 3 to 2 the greater so errs by at most twice their images' difference.
-    Two images may agree by chance; three in a row, and rays as dense as the cells, do not.
+    The error falls at least as one over the number of rays (`make costs` measures it), so the
+    change from one number to half as many again is about the error of the greater. Two images may
+    agree by chance; three in a row, and rays as dense as the cells, do not.
     """
     lines = _blank(camera, layout).shape[2]
     probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
-    allowance = RAYS_SHARE / 2 * plan.tolerance
+    allowance = RAYS_SHARE * plan.tolerance
     coarse, agreed = None, 0
     for rays in RAY_COUNTS[_first_ray_count(planes, passes[0]) :]:
         fine = _blank(camera, layout)[:, :, probe].copy()

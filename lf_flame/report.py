@@ -19,6 +19,11 @@ def progress_bar(finished: Iterable, done: int, total: int) -> Iterator:
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
 
 
+def step_bar(finished: Iterable, done: int, total: int) -> Iterator:
+    """Show a bar over the steps of a study."""
+    return tqdm(finished, "measuring", total, initial=done, unit="step")
+
+
 def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
     """Table of the numbers that follow from a camera, and of the slopes at some depths."""
     fov, field = camera.field_of_view_deg, camera.field_mm(0.0)

@@ -11,6 +11,9 @@ import numpy as np
 
 from lf_flame.errors import InputError
 
+BRIGHTEST = 1e36
+"""Radiance whose sums over some layers still are float32 numbers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Layer:
@@ -57,6 +60,11 @@ class Layer:
 
     def __post_init__(self):
         texture = _checked_cells(self.texture, "texture")
+        if texture.max() > BRIGHTEST:
+            raise InputError(
+                f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
+                f"got {texture.max():g}."
+            )
         object.__setattr__(self, "texture", texture)
         for name, lowest in (("size_mm", 0.0), ("centre_mm", -np.inf)):
             pair = tuple(float(value) for value in getattr(self, name))

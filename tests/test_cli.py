@@ -56,6 +56,7 @@ def test_help_teaches_every_command():
         "plan",
         "simulate",
         "slopes",
+        "costs",
         "dataset",
         "train",
         "evaluate",

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -12,6 +13,14 @@ def test_python_example_runs():
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert "assert " in example  # it checks its own result
     exec(compile(example, "README.md", "exec"), {})
+
+
+def test_plan_it_shows_is_what_the_program_prints():
+    (shown,) = re.findall(r"```text\n(effect .*?)\n```", README, re.DOTALL)
+    command = [sys.executable, "-m", "lf_flame.cli", "plan", "data_gen/scenes/effects.toml"]
+    command += ["--tolerance", "0.005"]
+    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert shown.strip() == printed.strip()
 
 
 def test_files_and_targets_it_names_exist():
