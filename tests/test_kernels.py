@@ -43,16 +43,24 @@ def test_sums_over_many_views_keep_their_digits():
 
 
 @pytest.mark.jit
-def test_kernels_compile_for_the_types_they_are_called_with(small_camera, rng):
-    scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
-    shift_and_sum(render(scene, small_camera), 1.0)
-    for kernel in (
+def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, rng):
+    """However they are reached: another scene, layout or number of rays compiles nothing."""
+    kernels = [
+        _kernels.trace_planes,
         _kernels.integrate_columns,
         _kernels.integrate_rows,
         _kernels.shift_columns,
         _kernels.shift_rows,
-    ):
-        assert len(kernel.signatures) == 1  # one compilation each, however they are reached
+    ]
+
+    def use(cells, layout, rays):
+        scene = Scene([Layer(rng.uniform(size=cells), 5.0, (1.0, 1.0))])
+        shift_and_sum(render(scene, small_camera), 1.0)
+        render(scene, small_camera, layout=layout)
+        render(scene, small_camera, integrator="rays", rays=rays, layout=layout)
+        return [len(kernel.signatures) for kernel in kernels]
+
+    assert use((3, 3), "views", 2) == use((1, 7), "raw", 3)
 
 
 @pytest.mark.jit
