@@ -170,12 +170,12 @@ def _integrate_columns(texture, start, weight, first, last, out):
                 out[row, b, d] = light
 
 
-def _integrate_rows(columns, start, weight, falloff, first, last, out):
+def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
     start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
-    first[p, b], last[p, b]: the pixels along x that can see plane p.
+    seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
     """
     planes, groups, lines, band = weight.shape
     for k in prange(groups * lines):
@@ -184,10 +184,12 @@ def _integrate_rows(columns, start, weight, falloff, first, last, out):
         for b in range(columns.shape[1]):
             low, high = total.size, 0
             for p in range(planes):
-                if weight[p, a, c].any():
+                if seen[p, a, c]:
                     low, high = min(low, first[p, b]), max(high, last[p, b])
             total[low:high] = 0.0
             for p in range(planes):
+                if not seen[p, a, c]:
+                    continue
                 inside = total[first[p, b] : last[p, b]]
                 for i in range(band):
                     w = weight[p, a, c, i]
@@ -196,7 +198,7 @@ def _integrate_rows(columns, start, weight, falloff, first, last, out):
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                out[a, b, c, d] += total[d] * shade(falloff, a, c, b, d)
+                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
 
 
 def _shift_columns(views, whole, fraction, out):

@@ -128,7 +128,8 @@ def _integrate_batch(planes, optics: Optics, layout: str, out: np.ndarray) -> No
     for p, (_, weight) in enumerate(bands[0]):
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
-    _kernels.integrate_rows(lines, starts, weights, _falloff(optics, layout), *reach, out)
+    falloff, seen = _falloff(optics, layout), weights.any(axis=3)
+    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 
 def _band(plane: Plane, optics: Optics, axis: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from lf_flame import Layer, Scene, _kernels, render
+from lf_flame import Layer, PlenopticCamera, Scene, _kernels, render
 from lf_flame.integrators import Optics, trace
 from lf_flame.planes import slice_scene
 from lf_flame.refocus import shift_and_sum
@@ -101,3 +101,22 @@ def test_float32_image_equals_float64_within_rounding(small_camera, rng):
     expected = np.einsum("vti,ij,usj->vuts", weights[0], layer.texture, weights[1])
     views = render(Scene([layer]), small_camera).views
     np.testing.assert_allclose(views, expected, rtol=2e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "optics",
+    [{}, {"falloff": True}, {"lenslet_skew": 1e-3}, {"stops": ((0.0, 60.0),)}, {"thin": False}],
+    ids=str,
+)
+def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
+    """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 2, (2, 3))
+    thin = optics.pop("thin", True)
+    wide = Layer([[0.7]], 5.0, (90.0, 90.0))
+    haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))
+    for layers, expected in (([wide], 0.7), ([wide, haze], 0.35)):
+        planes = slice_scene(Scene(layers), {}, absorption=True, dimming={"self_absorption"})
+        image = np.zeros((2, 2, 2, 3), np.float32)
+        trace(planes, Optics(camera, **optics), "views", 3, image, thin=thin)
+        assert image.max() == pytest.approx(expected, rel=0.1 if "falloff" in optics else 1e-6)
+        assert image.min() == pytest.approx(expected, rel=0.2 if "falloff" in optics else 1e-6)

@@ -225,7 +225,7 @@ def bare_rows() -> list[tuple]:
     layer, optics, image, other = layer_for(camera), Optics(camera), blank(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     args = captured("integrate_rows", lambda: integrate(planes, optics, "views", image))
-    lines, start, weight, _, first, last, _ = args
+    lines, start, weight, _, _, first, last, _ = args
     pair = best_of(
         15,
         lambda: _kernels.integrate_rows(*args),
