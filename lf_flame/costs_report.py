@@ -110,7 +110,7 @@ few runs, compiled beforehand.
 Read off the line between two settings. `<`: the coarsest setting errs less; `~`: no setting got
 there, and the curve is continued with its own exponent. Exponent: the error falls as the number of
 rays to minus this, fitted over the finer half of the settings, and by theory for a picture with
-edges out of focus. (In focus a midpoint on the pixel adds nothing to one on the lenslet; a smooth
+edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make uneven; a smooth
 picture is easier for quasi-random numbers.)
 
 {_levels_table(studies, accuracy)}
