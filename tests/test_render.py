@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.closed_form import closed_form
 from lf_flame.footprint import trace_footprint, trapezoid_cdf
 from lf_flame.shapes import shape_texture
 
@@ -45,6 +46,25 @@ def test_exact_and_ray_integrators_agree(depth, views, focal, seed):
     assert errors[1] <= 2e-2
     # n midpoints miss an edge by up to 1/2n of its height, so the error falls about as 1/n
     assert errors[1] <= 0.35 * errors[0] + 1e-3
+
+
+@given(
+    depths=st.tuples(st.floats(-25, 0), st.floats(5, 30)),
+    hidden=st.booleans(),
+    tolerance=st.sampled_from([0.05, 0.02, 0.01]),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=15, deadline=None, derandomize=True)
+def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
+    """Against the closed form in float64, which knows one opaque layer in front of another."""
+    rng = np.random.default_rng(seed)
+    card = Layer(0.2 * rng.uniform(size=(2, 3)), depths[0], (1.0, 1.2), (0.2, 0.1), opaque=hidden)
+    scene = Scene([random_layer(rng, depths[1]), card])
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    integrator = "auto" if hidden else "rays"
+    image = render(scene, camera, tolerance, integrator).views
+    truth = closed_form(scene, camera)
+    assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
 
 
 def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
