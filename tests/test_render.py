@@ -1,10 +1,12 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import quad
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.closed_form import closed_form
@@ -81,6 +83,51 @@ def test_half_plane_has_the_closed_form_of_its_trapezoid(small_camera):
     expected = 1 - trapezoid_cdf(edge - columns.centres_mm, *widths)
     views = render(half, small_camera).views
     np.testing.assert_allclose(views[1, :, 5, :], expected, atol=1e-7)
+
+
+def test_sinusoid_has_the_closed_form_of_its_trapezoid(small_camera):
+    """The mean of sin(k x) over both boxes is damped by a sinc for each; cells far finer."""
+    depth, k, cells = 12.0, 2 * np.pi / 1.5, 240_000
+    edges = np.linspace(-15, 15, cells + 1)
+    means = 1 + -np.diff(np.cos(k * edges)) / (k * np.diff(edges))
+    views = render(Scene([Layer(means[None], depth, (80.0, 30.0))]), small_camera).views
+    columns = trace_footprint(small_camera, depth, axis=1)
+    damping = np.sinc(k * columns.lenslet_width_mm / (2 * np.pi))
+    damping *= np.sinc(k * columns.pixel_width_mm / (2 * np.pi))
+    expected = 1 + damping * np.sin(k * columns.centres_mm)
+    np.testing.assert_allclose(views[1, :, 5, :], expected, rtol=2e-7)
+
+
+def disc_area(left, right, top, bottom, radius):
+    """Area of a disc about the origin inside a rectangle."""
+
+    def chord(x):
+        half = np.sqrt(max(radius**2 - x * x, 0.0))
+        return max(min(bottom, half) - max(top, -half), 0.0)
+
+    corners = [np.sqrt(radius**2 - y * y) for y in (top, bottom) if abs(y) < radius]
+    kinks = [-radius, radius, *corners, *(-x for x in corners)]
+    ends = np.unique(np.clip([left, right, *kinks], left, right))
+    return sum(quad(chord, a, b)[0] for a, b in pairwise(ends))
+
+
+def test_disc_in_focus_has_the_area_that_each_lenslet_sees(small_camera):
+    """Cells of a third of a lenslet's image, so that lenslet edges are cell edges."""
+    rows, columns = (trace_footprint(small_camera, 0.0, axis) for axis in (0, 1))
+    side, radius = abs(rows.lenslet_width_mm), 0.7
+    edges = (np.arange(37) - 18) * side / 3
+    cells = [
+        [disc_area(*x, *y, radius) / (side / 3) ** 2 for x in pairwise(edges)]
+        for y in pairwise(edges)
+    ]
+    layer = Layer(np.clip(cells, 0, None), 0.0, (12 * side, 12 * side))
+    image = render(Scene([layer]), small_camera).views[1, 3]
+    for t in range(8, 16):
+        for s in range(11, 19):
+            x, y = columns.centres_mm[2, s], rows.centres_mm[2, t]
+            half = side / 2
+            expected = disc_area(x - half, x + half, y - half, y + half, radius) / side**2
+            assert image[t, s] == pytest.approx(expected, rel=2e-7, abs=1e-9)
 
 
 def test_trapezoid_is_the_integral_of_two_boxes():
