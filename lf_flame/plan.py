@@ -12,12 +12,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
-from lf_flame import effects as physics
 from lf_flame.camera import PlenopticCamera
-from lf_flame.effects import EFFECTS, MATTER, RAYS, SENSOR, Survey
+from lf_flame.effects import EFFECTS, MATTER, RAYS
 from lf_flame.errors import InputError
 from lf_flame.integrators import Optics
 from lf_flame.scene import Layer, Scene
+from lf_flame.sensor import STAGES
+from lf_flame.survey import Survey, neighbours
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -248,7 +249,10 @@ def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
 
     def change(layer: Layer, slabs: int) -> float:
         return _sliced_change(
-            survey, layer, slabs, lambda axis, n: physics.slab_change(survey, layer, axis, n)
+            survey,
+            layer,
+            slabs,
+            lambda axis, n: survey.smeared(layer, axis, depth_mm=layer.thickness_mm / n),
         )
 
     return [
@@ -261,6 +265,7 @@ def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
 
 def _count_colours(survey: Survey, tolerance: float) -> int:
     allowance = SLICING_SHARE * tolerance * survey.peak
+    band_mm = survey.camera.chromatic_shift * survey.camera.main_lens_focal_mm
 
     def change(colours: int) -> float:
         return sum(
@@ -268,7 +273,7 @@ def _count_colours(survey: Survey, tolerance: float) -> int:
                 survey,
                 layer,
                 colours,
-                lambda axis, n, at=layer: physics.colour_change(survey, at, axis, n),
+                lambda axis, n, at=layer: survey.smeared(at, axis, focal_mm=band_mm / n),
             )
             for layer in survey.layers
         )
@@ -333,7 +338,7 @@ def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
         mismatched = "f_number_mismatch" in plan.traced
         width = camera.aperture_diameter_mm if mismatched else camera.aperture_mm
         stops.append((0.0, width / 2))
-        reach = physics.neighbours(camera) if mismatched else 0
+        reach = neighbours(camera) if mismatched else 0
     if "vignetting" in plan.traced:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
@@ -377,5 +382,5 @@ def _estimate_seconds(survey, kept: set[str], slabs, colours: int, trace: bool) 
     if camera.wavelength_nm is not None:
         seconds.update(dict.fromkeys(kernels, pixels * NANOSECONDS["fourier"] * 1e-9))
     if camera.sensor is not None:
-        seconds.update(dict.fromkeys(SENSOR, pixels * NANOSECONDS["noise"] * 1e-9))
+        seconds.update(dict.fromkeys(STAGES, pixels * NANOSECONDS["noise"] * 1e-9))
     return seconds

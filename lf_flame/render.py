@@ -12,14 +12,14 @@ import numpy as np
 
 from lf_flame import diffraction
 from lf_flame.camera import PlenopticCamera
-from lf_flame.effects import SENSOR, lenslet_kernel, main_lens_kernel
 from lf_flame.errors import InputError
 from lf_flame.integrators import Optics, integrate, trace
 from lf_flame.lightfield import LightField
 from lf_flame.plan import RAYS_SHARE, EffectPlan, optics_passes, plan_effects
 from lf_flame.planes import Plane, slice_scene
 from lf_flame.scene import Scene
-from lf_flame.sensor import expose
+from lf_flame.sensor import STAGES, expose
+from lf_flame.survey import lenslet_kernel, main_lens_kernel
 
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
 """Rays per pixel and axis that are tried for a tolerance."""
@@ -207,7 +207,7 @@ def _record(image: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> L
         if "lenslet_diffraction" in plan.kept:
             raw = LightField.trusted(views).to_raw()
             views = _as_views(diffraction.blur_raw(raw, lenslet_kernel(camera)), camera, "raw")
-    stages = plan.kept & set(SENSOR)
+    stages = plan.kept & set(STAGES)
     if camera.sensor is not None and stages:
         # Exposed in the order of the views, so that noise does not depend on the layout.
         ordered = np.ascontiguousarray(views)

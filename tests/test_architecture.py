@@ -15,7 +15,7 @@ LAYERS = [
     {"camera", "footprint"},
     {"scene", "shapes", "flames", "lightfield"},
     {"planes", "integrators"},
-    {"effects", "plan"},
+    {"survey", "effects", "plan"},
     {"render", "forward", "closed_form", "refocus"},
     {"config", "provenance", "templates", "scenefile", "paper"},
     {"datasets"},
