@@ -201,47 +201,6 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
                 out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
 
 
-def _shift_columns(views, whole, fraction, out):
-    """Sum the views of each row of views, shifted along s: out[v, t, s].
-
-    whole[u], fraction[u]: the shift of view column u as whole lenslets and the rest in [0, 1).
-    """
-    rows, columns, height, width = views.shape
-    for k in prange(rows * height):
-        v, t = k // height, k % height
-        total = np.zeros(width)
-        for u in range(columns):
-            line = views[v, u, t]
-            i, f = whole[u], fraction[u]
-            # Inside [low, high) both neighbours exist; outside, coordinates clamp to the edge.
-            low = min(max(-i, 0), width)
-            high = max(min(width - 1 - i, width), low)
-            for s in range(low):
-                total[s] += line[0]
-            near, far = line[low + i : high + i], line[low + i + 1 : high + i + 1]
-            inside = total[low:high]
-            for s in range(high - low):  # from 0, so that no index can be negative: vectorises
-                inside[s] += (1.0 - f) * near[s] + f * far[s]
-            for s in range(high, width):
-                total[s] += line[width - 1]
-        out[v, t] = total
-
-
-def _shift_rows(row_sums, whole, fraction, share, out):
-    """Sum row sums [v, t, s] over v, shifted along t, times share: out[t, s]."""
-    rows, height, width = row_sums.shape
-    for t in prange(height):
-        total = np.zeros(width)
-        for v in range(rows):
-            i, f = t + whole[v], fraction[v]
-            upper = row_sums[v, min(max(i, 0), height - 1)]
-            lower = row_sums[v, min(max(i + 1, 0), height - 1)]
-            for s in range(width):
-                total[s] += (1.0 - f) * upper[s] + f * lower[s]
-        for s in range(width):
-            out[t, s] = total[s] * share
-
-
 # Each is compiled where it is called, for the types that it meets there.
 shade = njit(_shade)
 overlap = njit(_overlap)
@@ -254,5 +213,3 @@ radiance = njit(_radiance)
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
 integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)
-shift_columns = njit(parallel=True, cache=True)(_shift_columns)
-shift_rows = njit(parallel=True, cache=True)(_shift_rows)

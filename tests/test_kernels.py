@@ -10,6 +10,7 @@ from numba import njit
 from lf_flame import Layer, PlenopticCamera, Scene, _kernels, render
 from lf_flame.integrators import Optics, trace
 from lf_flame.planes import slice_scene
+from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
 
 
@@ -49,8 +50,8 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
         _kernels.trace_planes,
         _kernels.integrate_columns,
         _kernels.integrate_rows,
-        _kernels.shift_columns,
-        _kernels.shift_rows,
+        refocus_kernels.shift_and_sum,
+        refocus_kernels.merge,
     ]
 
     def use(cells, layout, rays):

@@ -6,8 +6,34 @@ with vc, uc the middle of the views (Ng et al. 2005; paper, equation 2). It is a
 constant light field keeps its value.
 """
 
-from lf_flame.refocus.fourier import fourier_refocus
+from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
+from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
+from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
+from lf_flame.refocus.methods import refocus
 from lf_flame.refocus.sharpness import SlopeSearch, find_sharpest_slope
 from lf_flame.refocus.shift import shift_and_sum
+from lf_flame.refocus.surface import (
+    planar_slopes,
+    refocus_surface,
+    region_slopes,
+    tilted_plane,
+)
 
-__all__ = ["SlopeSearch", "find_sharpest_slope", "fourier_refocus", "shift_and_sum"]
+__all__ = [
+    "FocusMap",
+    "SlopeSearch",
+    "all_in_focus",
+    "annular_aperture",
+    "depth_from_focus",
+    "f_number_aperture",
+    "find_sharpest_slope",
+    "fourier_refocus",
+    "fourier_slice",
+    "planar_slopes",
+    "refocus",
+    "refocus_surface",
+    "region_slopes",
+    "round_aperture",
+    "shift_and_sum",
+    "tilted_plane",
+]

@@ -7,7 +7,14 @@ from lf_flame.lightfield import LightField
 
 
 def as_views(views) -> np.ndarray:
-    return (views if isinstance(views, LightField) else LightField(views)).views
+    """Sub-aperture views of any real type, not copied; whether they are finite is not checked."""
+    views = views.views if isinstance(views, LightField) else np.asarray(views)
+    if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
+        raise InputError(
+            f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
+            f"got an array of shape {views.shape} and type {views.dtype}."
+        )
+    return views
 
 
 def as_slopes(slopes) -> np.ndarray:
@@ -15,3 +22,34 @@ def as_slopes(slopes) -> np.ndarray:
     if slopes.ndim != 1 or slopes.size == 0 or not np.all(np.isfinite(slopes)):
         raise InputError(f"slopes must be one or more finite numbers, got {slopes}.")
     return slopes
+
+
+def refuse_not_finite(views: np.ndarray) -> None:
+    """Say how many pixels are NaN or infinite, if any are."""
+    bad = np.count_nonzero(~np.isfinite(views))
+    if bad:
+        raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
+
+
+def as_weights(weights, shape: tuple[int, int]) -> np.ndarray:
+    """Weights of the views, all 1 if none are given; float64, shape (v, u)."""
+    if weights is None:
+        return np.ones(shape)
+    weights = np.asarray(weights, float)
+    if weights.shape != shape:
+        raise InputError(
+            f"weights must have the shape of the views, {shape[0]} x {shape[1]}, got an array of "
+            f"shape {weights.shape}."
+        )
+    total = weights.sum()
+    if not np.all(weights >= 0) or not 0 < total < np.inf:
+        raise InputError("weights must be finite and 0 or above, with at least one above 0.")
+    return weights
+
+
+def by_channel(refocus, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Refocus the channels of a colour light field one after the other."""
+    if views.ndim == 4:
+        return refocus(views, slopes, weights)
+    channels = [refocus(views[..., c], slopes, weights) for c in range(views.shape[4])]
+    return np.stack(channels, axis=-1)

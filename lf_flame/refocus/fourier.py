@@ -1,42 +1,105 @@
-"""Refocusing by the shift theorem."""
+"""Refocusing in the Fourier domain: exact phases per view, and Ng's slice."""
+
+from functools import partial
 
 import numpy as np
+from scipy.fft import ifft2, irfft2, next_fast_len, rfft2
+from scipy.special import i0
 
+from lf_flame.errors import InputError
 from lf_flame.footprint import centred
-from lf_flame.refocus._arguments import as_slopes, as_views
+from lf_flame.refocus import _kernels
+from lf_flame.refocus._arguments import (
+    as_slopes,
+    as_views,
+    as_weights,
+    by_channel,
+    refuse_not_finite,
+)
+from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
 
 SLOPES_AT_ONCE = 16
 """Slopes whose row sums are held in memory together."""
 
+EDGES = ("wrap", "clamp")
+"""Beyond the image lies the image again, or its edge repeated."""
 
-def fourier_refocus(views, slopes) -> np.ndarray:
-    """Refocus by the shift theorem: exact shifts of band-limited, periodic views.
+SLICE_WIDTHS = (2, 4, 6, 8)
+"""Samples along an angular axis from which a slice may be interpolated."""
 
-    Each view's spectrum is multiplied by the phase of its shift, the sum is transformed back.
-    Nothing is interpolated, so nothing is softened; light that leaves at one edge comes back at
-    the other.
+OVERSAMPLING = 2
+"""Samples of the angular spectrum per view, for slices."""
+
+
+def fourier_refocus(
+    views, slopes, interpolation: str = "sinc", edges: str = "wrap", weights=None
+) -> np.ndarray:
+    """Refocus by the shift theorem: each view's spectrum is turned by the phase of its shift.
+
+    The whole stack comes from one transform of the views. With the default, "sinc" and "wrap",
+    shifts of band-limited, periodic views are exact: nothing is interpolated, so nothing is
+    softened; light that leaves at one edge comes back at the other. With another interpolation
+    and "clamp" it is `shift_and_sum` by other means, to rounding.
 
     Parameters
     ----------
     views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
+    interpolation : {"sinc", "linear", "nearest", "cubic"}, optional
+    edges : {"wrap", "clamp"}, optional
+        "clamp" pads every view with its edge as far as its shift reaches, which takes memory.
+        "sinc" then no longer wraps around, but rings where the pad meets its other end.
+    weights : array_like, shape (v, u), optional
+        Share of each view, 0 or above; divided by their sum. Default: all alike.
 
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        Computed in float64.
 
     Raises
     ------
     InputError
-        If views or slopes cannot be used.
+        If an argument cannot be used.
     """
     views, slopes = as_views(views), as_slopes(slopes)
-    if views.ndim == 5:
-        channels = [fourier_refocus(views[..., c], slopes) for c in range(views.shape[4])]
-        return np.stack(channels, axis=-1)
-    spectra = np.fft.rfft2(views.astype(np.float64))
-    stacks = refocused_spectra(spectra, slopes, views.shape[3])
-    return np.fft.irfft2(stacks, views.shape[2:]).astype(np.float32)
+    check_interpolation(interpolation, ("sinc", *INTERPOLATIONS))
+    _check_edges(edges)
+    weights = as_weights(weights, views.shape[:2])
+    return by_channel(partial(_by_phases, interpolation=interpolation, edges=edges),
+                      views, slopes, weights)  # fmt: skip
+
+
+def _check_edges(edges: str) -> None:
+    if edges not in EDGES:
+        raise InputError(f"edges must be one of {', '.join(EDGES)}, got {edges!r}.")
+
+
+def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.ndarray:
+    height, width = views.shape[2:]
+    shifts = [centred(count) * slopes[:, None] for count in views.shape[:2]]
+    t, s = 0, 0
+    if edges == "clamp":
+        shifts = [np.clip(x, -n, n) for x, n in zip(shifts, (height, width), strict=True)]
+        views, (t, s) = _pad(views, shifts)
+    spectra = rfft2(views.astype(np.float64, copy=False))
+    with np.errstate(invalid="ignore"):  # infinite pixels are refused below
+        spectra *= (weights / weights.mean())[..., None, None]
+        stack = _shifted_means(spectra, *shifts, views.shape[3], interpolation)
+    images = irfft2(stack, views.shape[2:])[:, t : t + height, s : s + width].astype(np.float32)
+    if not np.all(np.isfinite(images)):
+        refuse_not_finite(views)
+    return images
+
+
+def _pad(views: np.ndarray, shifts):
+    """Repeat the edges as far as shifts reach; returns the views and the pads at their start."""
+    pads, starts = [(0, 0), (0, 0)], []
+    for length, some in zip(views.shape[2:], shifts, strict=True):
+        reach = int(np.abs(some).max()) + 2  # and as far as cubic interpolation does
+        pads.append((reach, next_fast_len(length + 2 * reach, real=True) - length - reach))
+        starts.append(reach)
+    return np.pad(views, pads, mode="edge"), starts
 
 
 def refocused_spectra(spectra: np.ndarray, slopes: np.ndarray, width: int) -> np.ndarray:
@@ -54,25 +117,163 @@ def refocused_spectra(spectra: np.ndarray, slopes: np.ndarray, width: int) -> np
     -------
     ndarray of complex, shape (n, t, s // 2 + 1), of the type of `spectra`
     """
-    rows, columns, height, waves = spectra.shape
-    # The sum over u is one matrix product per spatial frequency: [v t, u] @ [u, n].
-    by_wave = np.ascontiguousarray(spectra.transpose(3, 0, 2, 1)).reshape(waves, -1, columns)
-    out = np.empty((len(slopes), height, waves), spectra.dtype)
-    for first in range(0, len(slopes), SLOPES_AT_ONCE):
-        some = slopes[first : first + SLOPES_AT_ONCE]
-        right = _phases(np.fft.rfftfreq(width), columns, some, width).astype(spectra.dtype)
-        down = _phases(np.fft.fftfreq(height), rows, some, height).astype(spectra.dtype)
-        row_sums = (by_wave @ right).reshape(waves, rows, height, len(some))
-        total = np.einsum("svtn,tvn->nts", row_sums, down)
-        out[first : first + len(some)] = total / (rows * columns)
+    shifts = [centred(count) * slopes[:, None] for count in spectra.shape[:2]]
+    return _shifted_means(spectra, *shifts, width, "sinc")
+
+
+def _shifted_means(spectra, down, right, width: int, interpolation: str) -> np.ndarray:
+    """Mean spectra [n, t, s] of views that are shifted by down[n, v] and right[n, u]."""
+    height, by_wave = spectra.shape[2], _by_wave(spectra)
+    out = np.empty((len(down), *spectra.shape[2:]), spectra.dtype)
+    for first in range(0, len(down), SLOPES_AT_ONCE):
+        some = slice(first, first + SLOPES_AT_ONCE)
+        turn_down = _phases(np.fft.fftfreq(height), down[some], interpolation)
+        turn_right = _phases(np.fft.rfftfreq(width), right[some], interpolation)
+        out[some] = _turned_mean(by_wave, turn_down, turn_right)
     return out
 
 
-def _phases(frequencies, views: int, slopes: np.ndarray, length: int) -> np.ndarray:
-    """Phase of each view's shift at each slope, shape (frequencies, views, slopes)."""
-    shifts = centred(views)[:, None] * slopes
-    phases = np.exp(2j * np.pi * frequencies[:, None, None] * shifts)
-    if length % 2 == 0:
-        # A shift by a fraction leaves the Nyquist frequency only its real part.
-        phases[length // 2] = phases[length // 2].real
+def _phases(frequencies: np.ndarray, shifts: np.ndarray, interpolation: str = "sinc"):
+    """Response of the shifts [n, view] at some frequencies: [frequency, view, n]."""
+    if interpolation != "sinc":
+        first, weights = shift_taps(shifts.T, interpolation)
+        offsets = first + np.arange(len(weights))[:, None, None]
+        waves = np.exp(2j * np.pi * frequencies[:, None, None, None] * offsets)
+        return np.einsum("fjvn,jvn->fvn", waves, weights)
+    phases = np.exp(2j * np.pi * frequencies[:, None, None] * shifts.T)
+    # A shift by a fraction leaves the Nyquist frequency only its real part.
+    nyquist = np.abs(frequencies) == 0.5
+    phases[nyquist] = phases[nyquist].real
     return phases
+
+
+def _by_wave(spectra: np.ndarray) -> np.ndarray:
+    """Lay spectra out as [s, v t, u], so that the sum over u is one matrix product per wave."""
+    columns, waves = spectra.shape[1], spectra.shape[3]
+    return np.ascontiguousarray(spectra.transpose(3, 0, 2, 1)).reshape(waves, -1, columns)
+
+
+def _turned_mean(by_wave, down, right) -> np.ndarray:
+    """Mean of spectra [s, v t, u] times down[t, v, n] and right[s, u, n]: [n, t, s]."""
+    height, rows, slopes = down.shape
+    row_sums = by_wave @ right.astype(by_wave.dtype)
+    row_sums = row_sums.reshape(len(by_wave), rows, height, slopes)
+    total = np.einsum("svtn,tvn->nts", row_sums, down.astype(by_wave.dtype))
+    return total / (rows * by_wave.shape[2])
+
+
+def fourier_slice(views, slopes, width: int = 6, edges: str = "wrap", weights=None) -> np.ndarray:
+    """Refocus by Ng's Fourier slice: photographs are slices of the light field's spectrum.
+
+    R. Ng, "Fourier slice photography", ACM Trans. Graph. 24 (2005). The slice at a slope runs
+    through the angular frequencies ``slope * (k_t, k_s)``. There the spectrum, sampled twice per
+    view, is interpolated from `width` x `width` samples by a Kaiser-Bessel window whose roll-off
+    is divided out beforehand (J. Jackson et al., IEEE Trans. Med. Imag. 10, 1991). What that
+    resampling costs: on views of noise between 0 and 1 the image is off by at most 3e-1, 1e-3,
+    2e-5 and 1e-6 for a width of 2, 4, 6 and 8 (tests/test_refocus_fourier.py).
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    slopes : float or sequence of float
+    width : {2, 4, 6, 8}, optional
+    edges : {"wrap", "clamp"}, optional
+        As in `fourier_refocus`; to clamp, no slope may shift a view by more than the image.
+    weights : array_like, shape (v, u), optional
+        Share of each view, 0 or above; divided by their sum. Default: all alike.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        Computed in float32.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    """
+    views, slopes = as_views(views), as_slopes(slopes)
+    if width not in SLICE_WIDTHS:
+        raise InputError(f"width must be one of {SLICE_WIDTHS} samples, got {width!r}.")
+    _check_edges(edges)
+    weights = as_weights(weights, views.shape[:2])
+    return by_channel(partial(_by_slices, width=width, edges=edges), views, slopes, weights)
+
+
+def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
+    shape, t, s = views.shape[2:], 0, 0
+    if edges == "clamp":
+        shifts = [centred(count) * slopes[:, None] for count in views.shape[:2]]
+        if any(np.abs(x).max() > n for x, n in zip(shifts, shape, strict=True)):
+            raise InputError(
+                f"slopes must not shift a view by more than the image to be clamped at its edges, "
+                f"got slopes up to {np.abs(slopes).max():g} for {shape[0]} x {shape[1]} lenslets."
+            )
+        views, (t, s) = _pad(views, shifts)
+    rows, columns, height, breadth = views.shape
+    spectra = rfft2(views.astype(np.float32, copy=False))
+    spectra *= (weights / weights.mean()).astype(np.float32)[..., None, None]
+    out = np.empty((len(slopes), *spectra.shape[2:]), np.complex64)
+    down = _slice_taps(np.fft.fftfreq(height), rows, slopes, width)
+    right = _slice_taps(np.fft.rfftfreq(breadth), columns, slopes, width)
+    _kernels.slice_spectrum(_angular_spectrum(spectra, width), *down, *right, out)
+    _mend_nyquist(spectra, slopes, breadth, out)
+    images = irfft2(out, views.shape[2:])[:, t : t + shape[0], s : s + shape[1]]
+    if not np.all(np.isfinite(images)):
+        refuse_not_finite(views)
+    return np.ascontiguousarray(images)
+
+
+def _angular_spectrum(spectra: np.ndarray, width: int) -> np.ndarray:
+    """Mean over the views, transformed along both angular axes: frequencies [t, s, v, u]."""
+    counts = spectra.shape[:2]
+    samples = [OVERSAMPLING * n for n in counts]
+    roll_off = [
+        _window_transform((np.arange(n) - n // 2) / m, width)
+        for n, m in zip(counts, samples, strict=True)
+    ]
+    divisor = (np.outer(*roll_off) * counts[0] * counts[1]).astype(np.float32)
+    by_frequency = np.ascontiguousarray((spectra / divisor[..., None, None]).transpose(2, 3, 0, 1))
+    return ifft2(by_frequency, samples, norm="forward", overwrite_x=True)
+
+
+def _slice_taps(frequencies, views: int, slopes: np.ndarray, width: int):
+    """Find the samples around a slice, and their shares: [n, frequency, tap].
+
+    The transform counts views from 0, the window's roll-off from the middle one, and the
+    slope from the centre, half a view beside it where the number is even.
+    """
+    samples, middle = OVERSAMPLING * views, views // 2
+    turns = slopes[:, None, None] * frequencies[:, None]
+    sample = np.ceil(turns * samples - width / 2) + np.arange(width)
+    phase = turns * (middle - (views - 1) / 2) - sample * (middle / samples)
+    shares = _window(turns * samples - sample, width) * np.exp(2j * np.pi * phase)
+    return (sample % samples).astype(np.int64), shares.astype(np.complex64)
+
+
+def _mend_nyquist(spectra, slopes, width: int, out: np.ndarray) -> None:
+    """Replace the Nyquist frequencies, whose real part alone counts, by the exact ones."""
+    rows, columns, height = spectra.shape[:3]
+    down = _phases(np.fft.fftfreq(height), centred(rows) * slopes[:, None])
+    right = _phases(np.fft.rfftfreq(width), centred(columns) * slopes[:, None])
+    if height % 2 == 0:
+        row = slice(height // 2, height // 2 + 1)
+        out[:, row] = _turned_mean(_by_wave(spectra[:, :, row]), down[row], right)
+    if width % 2 == 0:
+        out[..., -1:] = _turned_mean(_by_wave(spectra[..., -1:]), down, right[-1:])
+
+
+def _window(x: np.ndarray, width: int) -> np.ndarray:
+    """Kaiser-Bessel window, 0 beyond half its width."""
+    return i0(_beta(width) * np.sqrt(np.maximum(1 - (2 * x / width) ** 2, 0)))
+
+
+def _window_transform(x: np.ndarray, width: int) -> np.ndarray:
+    """Fourier transform of the window, inside its main lobe."""
+    root = np.sqrt(_beta(width) ** 2 - (np.pi * width * x) ** 2)
+    return width * np.sinh(root) / root
+
+
+def _beta(width: int) -> float:
+    """Shape of the window that loses least (P. Beatty et al., IEEE Trans. Med. Imag. 24, 2005)."""
+    return np.pi * np.sqrt((width / OVERSAMPLING * (OVERSAMPLING - 0.5)) ** 2 - 0.8)

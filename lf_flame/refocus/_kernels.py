@@ -1,0 +1,188 @@
+"""Every compiled loop of shift-and-sum: arrays in, output array filled, nothing returned.
+
+As in `lf_flame._kernels`, all loops gather: each output element is summed by one thread in a fixed
+order, so the bits do not depend on the number of threads. Chains of CHAIN fused multiply-adds run
+in the type of the weights, everything beyond them in float64.
+
+Indices are unsigned where a loop is to be vectorised: Python's negative ones cost a branch.
+"""
+
+import numpy as np
+from numba import config, njit, prange
+from numba.extending import intrinsic
+
+CHAIN = 8
+"""Views that are summed in one go; lists of views are padded to a multiple with weights of 0."""
+
+LANES = 16
+"""Lines are padded to a multiple of this, so that no loop over a line has a remainder."""
+
+
+@intrinsic
+def _fused(_context, a, _b, _c):
+    """Compute ``a * b + c`` with one rounding, for three numbers of one type."""
+    return a(a, a, a), lambda context, builder, signature, values: builder.fma(*values)
+
+
+fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
+
+
+def _cut_line(line, start, reach, channels, out):
+    """Copy a line from start - reach on, edges repeated; count pixels that are not finite."""
+    low, high = max(start - reach, 0), min(start - reach + out.size, line.size)
+    left = low - (start - reach)
+    inside, bad = out[left : left + high - low], 0
+    near = line[low:high]
+    for s in range(inside.size):
+        inside[s] = near[s]
+        bad += near[s] - near[s] != 0
+    right = left + inside.size
+    if channels == 1:
+        out[:left], out[right:] = line[0], line[line.size - 1]
+    else:
+        for c in range(channels):
+            out[c:left:channels] = line[c]
+            out[right + c :: channels] = line[line.size - channels + c]
+    return bad
+
+
+def _link(numbers):
+    """CHAIN numbers as a tuple, which fits into registers."""
+    return (
+        numbers[0], numbers[1], numbers[2], numbers[3],
+        numbers[4], numbers[5], numbers[6], numbers[7],
+    )  # fmt: skip
+
+
+def _sum_views(lines, at, weights, part):
+    """CHAIN views, each shifted and weighted: part[s]."""
+    first, weight = link(at), link(weights)
+    for s in range(np.uint64(part.size)):
+        total = weight[0] * lines[first[0] + s]
+        for k in range(1, CHAIN):
+            total = fma(weight[k], lines[first[k] + s], total)
+        part[s] = total
+
+
+def _sum_views_twice(lines, at, near, far, parts):
+    """As `_sum_views` for two lists of weights, every pixel loaded once: parts[0] and parts[1]."""
+    first, weight, other = link(at), link(near), link(far)
+    this, that = parts[0], parts[1]
+    for s in range(np.uint64(this.size)):
+        value = lines[first[0] + s]
+        a, b = weight[0] * value, other[0] * value
+        for k in range(1, CHAIN):
+            value = lines[first[k] + s]
+            a, b = fma(weight[k], value, a), fma(other[k], value, b)
+        this[s] = a
+        that[s] = b
+
+
+def _sum_row(lines, at, weights, channels, parts, total):
+    """Sum a row of views: ``weights[i, j, k] * lines[at[i, k] + j * channels + s]`` over i, j, k.
+
+    at[i, k]: chains of CHAIN views. Tap j of all views is gathered in a line of its own, which
+    is added to total[s] in its place at the end.
+    """
+    total[:] = 0.0
+    for i in range(at.shape[0]):
+        taps = weights.shape[1]
+        for j in range(0, taps - 1, 2):
+            sum_views_twice(lines, at[i], weights[i, j], weights[i, j + 1], parts)
+            near, far = parts[0, j * channels :], parts[1, (j + 1) * channels :]
+            for s in range(total.size):
+                total[s] += np.float64(near[s]) + np.float64(far[s])
+        if taps == 1:
+            sum_views(lines, at[i], weights[i, 0], parts[0])
+            for s in range(total.size):
+                total[s] += parts[0, s]
+
+
+def _add_row(total, row, offset, weight, sums):
+    """Add a row to all rows t of sums[t, s] that show it: where t + offset, clamped, is row."""
+    height = sums.shape[0]
+    low = 0 if row == 0 else max(row - offset, 0)
+    high = height if row == height - 1 else min(row - offset + 1, height)
+    for t in range(low, high):
+        inside = sums[t]
+        for s in range(inside.size):
+            inside[s] = fma(weight, total[s], inside[s])
+
+
+def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights, sums, bad):
+    """Weighted sums of shifted views, for several slopes and groups of rows: sums[g, n, t, s].
+
+    views[v, u, t, s]: the channels of a lenslet are neighbours along s.
+    reach: pixels that the taps bring in from beyond a block of columns.
+    used[v, u]: whether a view counts.
+    at[v, n, i, k], weights[v, n, i, j, k]: where tap 0 of view (i, k) reads in the padded lines of
+    all u, and the weight of tap j.
+    down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
+    bad[k]: gains the number of pixels that are not finite, for each of the blocks and groups.
+    """
+    rows, columns, height, width = views.shape
+    groups, slopes = sums.shape[:2]
+    breadth = -(-width * groups // (bad.size * channels)) * channels
+    taps = weights.shape[3]
+    wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
+    for k in prange(bad.size):
+        group, start = k % groups, k // groups * breadth
+        size = min(breadth, width - start)
+        block = np.zeros((slopes, height, size))
+        lines = np.zeros(columns * (wide + 2 * reach), weights.dtype)
+        parts, total = np.empty((2, wide), weights.dtype), np.empty(size)
+        for v in range(group * rows // groups, (group + 1) * rows // groups):
+            if not np.any(used[v]):
+                continue
+            for t in range(height):
+                for u in range(columns):
+                    if used[v, u]:
+                        line = lines[u * (wide + 2 * reach) : (u + 1) * (wide + 2 * reach)]
+                        bad[k] += cut_line(views[v, u, t], start, reach, channels, line)
+                for n in range(slopes):
+                    sum_row(lines, at[v, n], weights[v, n], channels, parts, total)
+                    for j in range(taps):
+                        add_row(total, t, down[v, n] + j, down_weights[v, n, j], block[n])
+        sums[group, :, :, start : start + size] = block
+
+
+def _merge(sums, out):
+    """Sum over the groups: out[n, t, s]."""
+    groups, slopes, height, width = sums.shape
+    for k in prange(slopes * height):
+        n, t = k // height, k % height
+        for s in range(width):
+            total = sums[0, n, t, s]
+            for g in range(1, groups):
+                total += sums[g, n, t, s]
+            out[n, t, s] = total
+
+
+def _slice_spectrum(spectrum, rows, row_shares, columns, column_shares, out):
+    """Interpolate slices of an angular spectrum [t, s, v, u]: out[n, t, s].
+
+    rows[n, t, i], columns[n, s, j]: samples around the slice along v and u, with their shares.
+    """
+    slopes, height, waves = out.shape
+    for k in prange(slopes * height):
+        n, t = k // height, k % height
+        for s in range(waves):
+            total = np.complex128(0)
+            for i in range(rows.shape[2]):
+                near = np.complex128(0)
+                for j in range(columns.shape[2]):
+                    near += column_shares[n, s, j] * spectrum[t, s, rows[n, t, i], columns[n, s, j]]
+                total += row_shares[n, t, i] * near
+            out[n, t, s] = total
+
+
+cut_line = njit(_cut_line)
+link = njit(_link)
+sum_views = njit(_sum_views)
+sum_views_twice = njit(_sum_views_twice)
+sum_row = njit(_sum_row)
+add_row = njit(_add_row)
+
+shift_and_sum = njit(parallel=True, cache=True)(_shift_and_sum)
+merge = njit(parallel=True, cache=True)(_merge)
+slice_spectrum = njit(parallel=True, cache=True)(_slice_spectrum)

@@ -1,0 +1,65 @@
+"""Weights of the views for apertures."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lf_flame import PAPER_CAMERA, InputError
+from lf_flame.refocus import shift_and_sum
+from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
+
+
+@given(views=st.tuples(st.integers(1, 16), st.integers(1, 16)), diameter=st.floats(0.05, 2))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_shares_are_those_of_many_points(views, diameter):
+    n = 60
+    y, x = (((np.arange(n * k) + 0.5) / (n * k) - 0.5) / (diameter / 2) for k in views)
+    points = (y[:, None] ** 2 + x[None, :] ** 2 < 1).reshape(views[0], n, views[1], n)
+    found = round_aperture(views, diameter)
+    np.testing.assert_allclose(found, points.mean(axis=(1, 3)), atol=0.02)
+
+
+@pytest.mark.parametrize("views", [(1, 1), (4, 4), (15, 15), (5, 8)])
+def test_a_disc_inside_has_the_area_of_a_disc(views):
+    for diameter in (1e-3, 0.3, 1.0):
+        area = round_aperture(views, diameter).sum() / math.prod(views)
+        assert area == pytest.approx(math.pi / 4 * diameter**2, rel=1e-9)
+    np.testing.assert_allclose(round_aperture(views, math.sqrt(2)), 1, rtol=1e-9)
+
+
+def test_a_ring_is_the_difference_of_two_discs():
+    ring = annular_aperture((9, 9), 0.5)
+    np.testing.assert_allclose(ring, round_aperture((9, 9)) - round_aperture((9, 9), 0.5))
+    assert ring[4, 4] == 0
+    np.testing.assert_array_equal(annular_aperture((9, 9), 0.0), round_aperture((9, 9)))
+
+
+def test_a_smaller_aperture_deepens_the_field(rng):
+    """Out of focus, the blur is as wide as the aperture."""
+    views = np.zeros((9, 9, 41, 41), np.float32)
+    views[:, :, 20, 20] = 1  # a point at slope 0
+    widths = []
+    for f_number in (3.6, 7.2, 14.4):
+        weights = round_aperture((9, 9), 3.6 / f_number)
+        image = shift_and_sum(views, 2.0, weights=weights)[0]
+        widths.append(np.count_nonzero(image.sum(axis=0) > 1e-6))
+    assert widths == [9, 5, 3]
+
+
+def test_f_numbers_are_working_ones():
+    own = 0.4 / 0.112
+    weights = f_number_aperture(PAPER_CAMERA, 2 * own)
+    np.testing.assert_allclose(weights, round_aperture((15, 15), 0.5), atol=0.01)
+    with pytest.raises(InputError, match="must be 3.57, at which all views are used, or more"):
+        f_number_aperture(PAPER_CAMERA, 2.0)
+
+
+@pytest.mark.parametrize("diameter", [0.0, -1.0, math.inf, math.nan])
+def test_impossible_apertures_are_refused(diameter):
+    with pytest.raises(InputError, match="finite diameter above 0"):
+        round_aperture((3, 3), diameter)
+    with pytest.raises(InputError, match="below the outer one"):
+        annular_aperture((3, 3), 0.7, 0.5)

@@ -1,0 +1,116 @@
+"""The Fourier ways to refocus, against the spatial one and against what they must do."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.refocus import fourier_refocus, fourier_slice, refocus, shift_and_sum
+from lf_flame.refocus.methods import SLICE_FROM, cheapest_method
+
+SLOPES = [0.7, -2.2, 1.0, 0.0, 1e-300]
+
+
+def test_fourier_equals_space_for_whole_slopes(rng):
+    views = np.zeros((5, 5, 30, 31), np.float32)
+    views[:, :, 12:18, 12:18] = rng.uniform(size=(5, 5, 6, 6))
+    np.testing.assert_allclose(
+        fourier_refocus(views, [2.0, -1.0]), shift_and_sum(views, [2.0, -1.0]), atol=1e-6
+    )
+
+
+def test_fourier_shift_is_exact_for_band_limited_views():
+    """Each view is the same wave, displaced: at its slope the stack is that wave again."""
+    slope, n = 0.37, 32
+    wave = 2 * np.pi * 3 / n
+
+    def view(v, u):
+        t, s = np.arange(n)[:, None], np.arange(n)[None, :]
+        return 1 + np.cos(wave * (t - slope * (v - 2))) * np.cos(wave * (s - slope * (u - 2)))
+
+    views = np.array([[view(v, u) for u in range(5)] for v in range(5)])
+    np.testing.assert_allclose(fourier_refocus(views, slope)[0], view(2, 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
+@pytest.mark.parametrize("shape", [(3, 4, 21, 18), (1, 5, 8, 40), (2, 3, 6, 7, 3)])
+def test_fourier_equals_space_for_every_interpolation(interpolation, shape, rng):
+    """Edges as well, up to slopes that shift the views out of the image."""
+    views = rng.uniform(size=shape).astype(np.float32)
+    weights = rng.uniform(size=shape[:2])
+    slopes = [*SLOPES, 8.5, -60.0]
+    expected = shift_and_sum(views, slopes, interpolation, weights)
+    found = fourier_refocus(views, slopes, interpolation, "clamp", weights)
+    assert np.abs(found - expected).max() <= 1e-6
+
+
+@pytest.mark.parametrize(("width", "error"), [(2, 3e-1), (4, 1e-3), (6, 2e-5), (8, 1e-6)])
+@pytest.mark.parametrize("shape", [(5, 5, 32, 40), (4, 7, 31, 32), (6, 3, 20, 27, 2), (1, 1, 9, 8)])
+def test_slices_are_off_by_no_more_than_stated(width, error, shape, rng):
+    """Even and odd numbers of views, lines and columns: each has a Nyquist case of its own."""
+    views = rng.uniform(size=shape).astype(np.float32)
+    weights = rng.uniform(size=shape[:2])
+    for edges in ("wrap", "clamp"):
+        exact = fourier_refocus(views, SLOPES, edges=edges, weights=weights)
+        found = fourier_slice(views, SLOPES, width, edges, weights)
+        assert np.abs(found - exact).max() <= error
+    if min(shape[:2]) > 1 and width < 6:
+        assert np.abs(found - exact).max() > error / 100  # the statement is not idle
+
+
+def test_refocus_gives_the_same_picture_by_every_method(rng):
+    views = rng.uniform(size=(4, 3, 20, 24)).astype(np.float32)
+    for interpolation in ("nearest", "linear", "cubic"):
+        plain = refocus(views, SLOPES, interpolation)
+        np.testing.assert_array_equal(plain, shift_and_sum(views, SLOPES, interpolation))
+        other = refocus(views, SLOPES, interpolation, method="fourier")
+        np.testing.assert_allclose(other, plain, atol=1e-6)
+    exact = refocus(views, SLOPES, "sinc")
+    np.testing.assert_allclose(refocus(views, SLOPES, "sinc", "slice"), exact, atol=1e-6)
+
+
+def test_auto_takes_slices_for_large_stacks():
+    assert cheapest_method("sinc", SLICE_FROM - 1) == "fourier"
+    assert cheapest_method("sinc", SLICE_FROM) == "slice"
+    assert cheapest_method("linear", 10_000) == "space"
+
+
+def test_sinc_is_sharper_than_linear(rng):
+    """At a fraction of a lenslet linear shifts soften noise; exact ones keep its variance."""
+    scene = rng.normal(size=(64, 64))
+    spectrum = np.fft.rfft2(scene)
+    k = np.fft.fftfreq(64)[:, None], np.fft.rfftfreq(64)[None, :]
+    views = np.empty((3, 3, 64, 64))
+    for v in range(3):
+        for u in range(3):
+            turn = -2j * np.pi * 0.5 * ((v - 1) * k[0] + (u - 1) * k[1])
+            views[v, u] = np.fft.irfft2(spectrum * np.exp(turn), (64, 64))
+    middle = (slice(8, -8), slice(8, -8))
+    exact, linear = (refocus(views, 0.5, kind)[0][middle].std() for kind in ("sinc", "linear"))
+    assert exact == pytest.approx(scene[middle].std(), rel=0.1)
+    assert linear < 0.8 * exact
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda x: refocus(x, 1, method="magic"),
+            "one of auto, space, fourier, slice, got 'magic'",
+        ),
+        (lambda x: refocus(x, 1, "sinc", "space"), "'space' does not know 'sinc'"),
+        (lambda x: refocus(x, 1, "linear", "slice"), "'slice' does not know 'linear'"),
+        (lambda x: refocus(x, 1, "spline"), "linear, nearest, cubic, sinc, got 'spline'"),
+        (lambda x: fourier_refocus(x, 1, edges="mirror"), "wrap, clamp, got 'mirror'"),
+        (lambda x: fourier_slice(x, 1, edges="mirror"), "wrap, clamp, got 'mirror'"),
+        (lambda x: fourier_slice(x, 1, width=3), r"one of \(2, 4, 6, 8\) samples, got 3"),
+        (
+            lambda x: fourier_slice(x, 50.0, edges="clamp"),
+            "more than the image.*up to 50 for 4 x 4",
+        ),
+        (lambda x: fourier_slice(x * np.nan, 1.0), "must be finite, got 144"),
+        (lambda x: fourier_refocus(x * np.inf, 1.0), "must be finite, got 144"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call(np.ones((3, 3, 4, 4)))
