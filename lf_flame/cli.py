@@ -67,6 +67,7 @@ def commands() -> None:
       lf-flame camera                                    the paper's camera in numbers
       lf-flame plan data_gen/scenes/example.toml         which effects a scene calls for
       lf-flame simulate data_gen/scenes/example.toml     a scene of your own, as pictures
+      lf-flame refocus FOLDER                            anybody's light field, refocused
       make tables                                        the paper's two tables, from nothing
     """  # noqa: D301 - click reads the backspace
 
@@ -162,6 +163,153 @@ def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator
         f"raw.tif, raw.png, views.png, refocused.tif, refocused_*.png, light_field.npz, "
         f"plan.txt and simulation.json are in {out}"
     )
+
+
+READING = (
+    click.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
+    click.option("--order", help="What the names of views count, as row,col (default: found)."),
+    click.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
+    click.option("--pitch", type=float, help="Micro-image pitch in pixels, of a raw image."),
+    click.option(
+        "--layout",
+        type=click.Choice(["rectangular", "hexagonal"]),
+        help="Lenslets of a raw image (default: as the white image shows).",
+    ),
+)
+"""Options that say how a light field is to be read."""
+
+REFOCUSING = (
+    click.option(
+        "--slope", "slopes", multiple=True, type=float, help="Slope to refocus at; may be repeated."
+    ),
+    click.option(
+        "--slope-of",
+        metavar="PROGRAM",
+        default="motion",
+        show_default=True,
+        help="Whose number a slope is: hci, lftoolbox, plenopticam, plenpy ...",
+    ),
+    click.option(
+        "--depth-mm",
+        "depths",
+        multiple=True,
+        type=float,
+        help="Depth to refocus at; may be repeated; needs --camera.",
+    ),
+    click.option("--search", is_flag=True, help="Refocus at the sharpest slope (the default)."),
+    click.option("--sweep", nargs=2, type=float, help="Movie between two slopes."),
+    click.option(
+        "--map", "slope_map", nargs=2, type=float, help="Slope of each pixel, between two slopes."
+    ),
+    click.option(
+        "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
+    ),
+)
+"""Options that say at which slopes to refocus."""
+
+APPEARANCE = (
+    click.option(
+        "--interpolation",
+        type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
+        default="linear",
+        show_default=True,
+    ),
+    click.option(
+        "--method",
+        type=click.Choice(["auto", "space", "fourier", "slice"]),
+        default="auto",
+        show_default=True,
+        help="The picture is the same; auto is the fastest.",
+    ),
+    click.option("--aperture", type=float, help="Diameter of a round aperture; 1 is the full one."),
+    click.option("--ring", type=float, help="Diameter of the middle that is covered."),
+    click.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
+    click.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
+)
+"""Options that say how refocused images are made."""
+
+
+def _with_options(*groups):
+    def decorate(command):
+        for option in reversed([option for group in groups for option in group]):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def _read_light_field(source: Path, views, order, white, pitch, layout):
+    """Read a light field of any kind, and tell what was found."""
+    from tqdm import tqdm
+
+    from lf_flame import formats
+
+    if white or pitch:
+        light_field, grid = formats.read_raw(source, white, pitch, layout, views)
+        click.echo(f"{source}: {grid.describe()}", err=True)
+    elif source.is_dir():
+        folder = formats.scan_view_folder(source, order)
+        click.echo(folder.describe(), err=True)
+        light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+    else:
+        light_field = formats.read_light_field(source, views, order)
+    v, u, t, s = light_field.views.shape[:4]
+    click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+    return light_field
+
+
+@commands.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@_with_options(REFOCUSING, APPEARANCE, READING)
+@click.option("--out", type=FOLDER, help="Folder for the pictures; default refocused/SOURCE.")
+def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, out, **options):
+    """Refocus a light field from anywhere; find its sharpest slope; sweep through its focus.
+
+    SOURCE is a folder with one image per view (HCI, Stanford, row_col.png ...), an array
+    (.npy, .npz), a TIFF of many pages, a lenslet image of N x N pixels to a lenslet (--views N;
+    Lytro's ESLF is one), or a raw lenslet image (--white or --pitch).
+
+    \b
+      lf-flame refocus buddha                              at the sharpest slope
+      lf-flame refocus buddha --slope 1.2 --slope -0.4     at these slopes
+      lf-flame refocus buddha --sweep -1 2 --map -1 2      sweep.gif, slope map, all in focus
+      lf-flame refocus raw.png --white white.png           any plenoptic camera
+      lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
+    """  # noqa: D301 - click reads the backspace
+    from tqdm import tqdm
+
+    from lf_flame.conventions import to_slope
+    from lf_flame.formats.movie import check_movie
+    from lf_flame.refocusing import Refocusing, aperture_weights
+    from lf_flame.scenefile import read_camera
+
+    lens = read_camera(camera) if camera else None
+    if lens is None and (depths or options["f_number"]):
+        raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
+    movie = f"sweep.{options['movie']}"
+    check_movie(movie)
+    reading = ("views", "order", "white", "pitch", "layout")
+    light_field = _read_light_field(source, *(options[name] for name in reading))
+    views = light_field.views.shape[:2]
+    aperture = (options[name] for name in ("aperture", "ring", "f_number"))
+    how = {name: options[name] for name in ("interpolation", "method")}
+    how["weights"] = aperture_weights(views, *aperture, lens)
+    asked = [to_slope(slope, slope_of, views[1]) for slope in slopes]
+    asked += [lens.depth_to_slope(depth) for depth in depths]
+    out = out or Path("refocused") / (source.resolve().name if source.is_dir() else source.stem)
+    job = Refocusing(light_field, out, how, {"source": str(source), "depths_mm": depths})
+    if search or not (asked or sweep or slope_map):
+        found = job.search()
+        click.echo(f"sharpest at slope {found.slope:+.3f}, confidence {found.confidence:.2f}")
+        asked.append(found.slope)
+    if asked:
+        job.refocus_at(asked)
+    if sweep:
+        job.sweep(*sweep, movie, lambda steps: tqdm(steps, "sweeping", unit="frame"))
+    if slope_map:
+        job.map_slopes(*slope_map)
+    job.write_record()
+    click.echo(f"{', '.join(job.written)} are in {out}")
 
 
 @commands.command()

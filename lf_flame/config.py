@@ -33,6 +33,25 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path} is not a TOML file: {error}.") from None
 
 
+def read_record(path: str | Path) -> dict[str, Any]:
+    """Parse a JSON record that one of the programs wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or is no such record.
+    """
+    try:
+        record = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    except ValueError as error:
+        raise InputError(f"{path} is not a JSON file: {error}.") from None
+    if not isinstance(record, dict):
+        raise InputError(f"{path} is no record: it must hold names and values.")
+    return record
+
+
 def build(kind: type[T], values: Any, source: str | Path) -> T:
     """Make a configuration dataclass from parsed values; unknown keys are an error.
 

@@ -8,6 +8,8 @@ matplotlib.use("Agg")  # files only; works without a screen
 
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
+from matplotlib.font_manager import FontProperties  # noqa: E402
+from matplotlib.lines import Line2D  # noqa: E402
 
 from lf_flame.files import written_aside  # noqa: E402
 
@@ -59,40 +61,116 @@ def result_figure(light_field_image, targets, predictions, depths_mm, title: str
     return figure
 
 
-def sharpness_figure(searches, labels, geometry, paper):
-    """Sharpness against slope, one curve a layer, with the geometry's and the paper's slopes.
+def search_figure(searches, labels=None):
+    """Sharpness against slope: one curve a search, its peak marked.
 
     Parameters
     ----------
     searches : list of SlopeSearch
-    labels : list of str
-    geometry, paper : sequences of float
-        Slopes to mark, in the order of the searches.
+        Those without a peak are drawn without a mark.
+    labels : list of str, optional
+        What each search looked at. Default: its region.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    figure, axis = plt.subplots(figsize=(9.5, 4.2), layout="constrained")
-    for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
-        color = f"C{k}"
-        relative = search.sharpness / search.sharpness.max()
-        axis.plot(
-            search.slopes,
-            relative,
-            color=color,
-            label=f"{label}: {round(search.slope, 3) + 0.0:.3f}",
-        )
-        axis.plot([geometry[k]] * 2, [1.02, 1.07], color=color)
-        axis.plot(paper[k], 1.1, "v", color=color, markersize=6)
-    axis.plot([], [], "k-", label="tick above: geometry")
-    axis.plot([], [], "kv", label="triangle: paper")
+    if labels is None:
+        labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
+    labels = [
+        f"{label}: {_shown(search.slope, 3)}, confidence {search.confidence:.2f}"
+        for search, label in zip(searches, labels, strict=True)
+    ]
+    figure, axis = plt.subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
+    _draw_searches(axis, searches, labels)
+    axis.set_ylim(bottom=0)
     axis.set_xlabel("slope (lenslets per view step)")
-    axis.set_ylabel("gradient energy of the region,\nrelative to its peak")
-    axis.set_ylim(0, 1.15)
-    axis.grid(alpha=0.3)
-    figure.legend(fontsize=9, loc="outside right upper")
+    figure.legend(fontsize=9, loc="outside lower center")
     return figure
+
+
+def sharpness_figure(panels):
+    """Sharpness of layers against slope, with the slopes of the geometry and of the paper.
+
+    Parameters
+    ----------
+    panels : dict of str to list of (str, SlopeSearch, float, float)
+        Layers by title: label, search, slope by geometry, slope in the paper (NaN: not printed).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = plt.subplots(
+        len(panels),
+        figsize=(11, 1 + 2.9 * len(panels)),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    monospace = FontProperties(family="monospace", size=8.5)
+    for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
+        width = max(len(label) for label, *_ in layers)
+        rows = [
+            f"{label:{width}}{_shown(search.slope, 3):>8}{_shown(there, 3):>10}"
+            f"{_shown(printed, 2):>7}"
+            for label, search, there, printed in layers
+        ]
+        _draw_searches(axis, [search for _, search, *_ in layers], rows)
+        for k, (_, _, there, printed) in enumerate(layers):
+            _mark_slopes(axis, there, printed, f"C{k}")
+        axis.set_ylim(0, 1.25)
+        axis.set_title(title, fontsize=11, loc="left")
+        legend = axis.legend(
+            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}",
+            prop=monospace,
+            title_fontproperties=monospace,
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1),
+            handlelength=2,
+        )
+        legend.set_alignment("left")
+    axes[-1, 0].set_xlabel("slope (lenslets per view step)")
+    marks = {"found: peak of the curve": "o", "paper: as printed": "v"}
+    handles = [Line2D([], [], color="black", linestyle="--", label="geometry: closed form")]
+    handles += [
+        Line2D([], [], color="black", linestyle="", marker=marker, label=label)
+        for label, marker in marks.items()
+    ]
+    figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
+    return figure
+
+
+def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
+    """Mark both slopes above a curve, and by how much they differ if it is to be seen."""
+    axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
+    axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
+    axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
+    if abs(paper - geometry) > 0.05:  # the step of the paper's search
+        axis.annotate(
+            f"paper {paper - geometry:+.2f}",
+            (max(paper, geometry), 1.12),
+            (5, 0),
+            textcoords="offset points",
+            color=color,
+            va="center",
+        )
+
+
+def _draw_searches(axis, searches, labels) -> None:
+    """Draw the curves of searches, each relative to its peak."""
+    for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
+        scale = max(search.sharpness.max(), np.finfo(float).tiny)
+        axis.plot(search.slopes, search.sharpness / scale, color=f"C{k}", label=label)
+        axis.plot(search.slope, 1, "o", color=f"C{k}", markersize=5)
+    axis.set_ylabel("gradient energy,\nrelative to its peak")
+    axis.set_yticks(np.linspace(0, 1, 6))
+    axis.grid(alpha=0.3)
+
+
+def _shown(slope: float, digits: int) -> str:
+    """Write a slope out, without a minus before zero."""
+    return f"{round(slope, digits) + 0.0:.{digits}f}"
 
 
 def view_sheet(views: np.ndarray, per_side: int = 5):
@@ -126,4 +204,31 @@ def view_sheet(views: np.ndarray, per_side: int = 5):
             axis.set_title(f"v = {v}, u = {u}", fontsize=7, pad=2)
             axis.axis("off")
     figure.suptitle("Sub-aperture views", fontsize=10)
+    return figure
+
+
+def slope_map_figure(focus_map):
+    """Everything in focus beside the slope of each pixel, paler where it is less trusted.
+
+    Parameters
+    ----------
+    focus_map : lf_flame.refocus.FocusMap
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    height, width = focus_map.slope.shape
+    figure, axes = plt.subplots(
+        1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained"
+    )
+    picture = focus_map.all_in_focus
+    axes[0].imshow(np.clip(picture / max(picture.max(), 1e-30), 0, 1), cmap="gray", vmin=0, vmax=1)
+    axes[0].set_title("everything in focus", fontsize=10)
+    trust = np.clip(focus_map.confidence / 0.5, 0.15, 1)
+    slopes = axes[1].imshow(focus_map.slope, cmap="viridis", alpha=trust, interpolation="none")
+    axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
+    for axis in axes:
+        axis.axis("off")
+    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
     return figure

@@ -1,5 +1,6 @@
 """What the program prints and writes: reports put together from the parts of the package."""
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -60,33 +61,29 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
 
     printed = read_paper_values(paper_values, "slopes")
     paper = dict(zip(printed["depth_mm"], printed["slope"], strict=True))
-    rows, records = [], []
+    rows, records, panels = [], [], {}
     for config in configs:
         searches = search_slopes(config)
-        objects, camera = config.template.objects, config.camera
-        for item, search in zip(objects, searches, strict=True):
-            geometry = camera.depth_to_slope(item.depth_mm)
+        records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
+        layers = panels.setdefault(f"{config.kind}: mean scene", [])
+        for item, search in zip(config.template.objects, searches, strict=True):
+            geometry = config.camera.depth_to_slope(item.depth_mm)
+            printed_slope = paper.get(item.depth_mm, math.nan)
             rows.append(
                 (config.kind, item.name, item.depth_mm, search.slope, geometry,
-                 search.slope - geometry, paper.get(item.depth_mm))
+                 search.slope - geometry, printed_slope)
             )  # fmt: skip
-        records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
-        if out is not None:
-            figure = figures.sharpness_figure(
-                searches,
-                [f"{item.name} at {item.depth_mm:g} mm" for item in objects],
-                [camera.depth_to_slope(item.depth_mm) for item in objects],
-                [paper.get(item.depth_mm, float("nan")) for item in objects],
-            )
-            figures.save(figure, out / f"slopes_{config.kind}.png")
+            label = f"{item.name} at {item.depth_mm:g} mm"
+            layers.append((label, search, geometry, printed_slope))
     columns = ["data_set", "object", "depth_mm", "slope", "geometry", "difference", "paper"]
-    table = pd.DataFrame(rows, columns=columns).round(5).replace(-0.0, 0.0)
+    table = pd.DataFrame(rows, columns=columns).round(4).replace(-0.0, 0.0)
     text = (
         f"### {printed['title']} (lenslets per view step)\n\n"
         + table.to_markdown(index=False, floatfmt=("", "", "g", ".4f", ".4f", "+.4f", ".2f"))
         + "\n\nFound by gradient energy on the mean scene; geometry: the camera's closed form.\n"
     )
     if out is not None:
+        figures.save(figures.sharpness_figure(panels), out / "slopes.png")
         write_json(out / "slopes.json", {"data_sets": records, **provenance.environment()})
         write_text(out / "slopes.md", text)
         write_text(out / "slopes.csv", table.to_csv(index=False))

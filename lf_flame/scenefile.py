@@ -8,7 +8,7 @@ from skimage.io import imread
 from skimage.util import img_as_float64
 
 from lf_flame.camera import PAPER_CAMERA, PlenopticCamera
-from lf_flame.config import build, read_toml
+from lf_flame.config import build, read_record, read_toml
 from lf_flame.errors import InputError
 from lf_flame.flames import HALF_WIDTH, flame_texture
 from lf_flame.scene import Layer, Scene
@@ -139,10 +139,10 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 
 
 def read_camera(path: str | Path) -> PlenopticCamera:
-    """Read the ``[camera]`` table of a TOML file of any kind."""
-    values = read_toml(path)
+    """Read the camera of a TOML file of any kind, ``[camera]``, or of a simulation's record."""
+    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
     if "camera" not in values:
-        raise InputError(f"{path} has no [camera] table.")
+        raise InputError(f"{path} has no camera: it must hold a table of that name.")
     return build(PlenopticCamera, values["camera"], f"{path}: camera")
 
 

@@ -3,14 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from skimage.io import imsave
-from skimage.util import img_as_ubyte
-from tifffile import imwrite
 
 from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.config import to_json
 from lf_flame.files import write_json, write_text, written_aside
+from lf_flame.formats import write_focal_stack
+from lf_flame.formats.images import to_levels, write_image
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.render import render
@@ -43,7 +42,7 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     stack = shift_and_sum(light_field, slopes)
     white = max(float(light_field.views.max()), float(np.finfo(np.float32).tiny))
     white = max(white, 1.0) if white > 0.1 else white  # dim scenes are shown at full contrast
-    _write_images(light_field, stack, depths, white, out)
+    _write_images(light_field, stack, slopes, depths, white, out)
     arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
     with written_aside(out / "light_field.npz") as aside:
         np.savez_compressed(aside, **arrays)
@@ -61,21 +60,15 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     return record
 
 
-def _write_images(light_field: LightField, stack, depths, white: float, out: Path) -> None:
+def _write_images(light_field: LightField, stack, slopes, depths, white: float, out: Path) -> None:
     raw = light_field.to_raw()
-    _write_tiff(out / "raw.tif", raw)
-    _write_png(out / "raw.png", raw / white)
-    _write_tiff(out / "refocused.tif", stack)
+    write_image(out / "raw.tif", raw)
+    write_image(out / "raw.png", _levels(raw / white))
+    write_focal_stack(stack, slopes, out / "refocused.tif")
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
-        _write_png(out / f"refocused_{number}_{depth:+g}mm.png", image / white)
+        write_image(out / f"refocused_{number}_{depth:+g}mm.png", _levels(image / white))
     figures.save(figures.view_sheet(light_field.views), out / "views.png")
 
 
-def _write_tiff(path: Path, image: np.ndarray) -> None:
-    with written_aside(path) as aside:
-        imwrite(aside, image, compression="zlib")
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    with written_aside(path) as aside:
-        imsave(aside, img_as_ubyte(np.clip(image, 0, 1)), check_contrast=False)
+def _levels(image: np.ndarray) -> np.ndarray:
+    return to_levels(np.clip(image, 0, 1), 8)

@@ -21,7 +21,7 @@ LAYERS = [
     {"datasets"},
     {"backbone", "models", "optimizers", "warmstart"},
     {"training", "evaluation"},
-    {"figures", "simulate", "report", "costs", "costs_report"},
+    {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
     {"cli"},
 ]
 """A module imports only from its own layer and from those above it in this list."""

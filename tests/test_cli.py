@@ -55,6 +55,7 @@ def test_help_teaches_every_command():
         "camera",
         "plan",
         "simulate",
+        "refocus",
         "slopes",
         "costs",
         "dataset",
@@ -133,7 +134,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypat
         Path(path).write_bytes(b"half a file")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr("lf_flame.simulate.imwrite", full)
+    monkeypatch.setattr("tifffile.imwrite", full)
     monkeypatch.setattr(
         sys, "argv", ["lf-flame", "simulate", str(tmp_path / "scene.toml"), "--out", str(out)]
     )

@@ -17,10 +17,10 @@ import numba
 import numpy as np
 import pandas as pd
 from numba import njit, prange
+from timing import best_of, write_table
 
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, _kernels, render
 from lf_flame.datasets import read_config
-from lf_flame.files import write_json, write_text
 from lf_flame.integrators import Optics, integrate, trace
 from lf_flame.planes import slice_scene
 from lf_flame.provenance import environment
@@ -30,18 +30,6 @@ SOME_LINES = slice(20, None, 45)
 """Lines of the image on which many rays are traced."""
 
 COLUMNS = ["what", "ours", "opponent", "unit", "ratio", "wanted", "outputs differ by"]
-
-
-def best_of(rounds: int, *calls) -> list[float]:
-    """Shortest times of some calls, in seconds, made in turn after one round of warming up."""
-    times = [[] for _ in calls]
-    for round_ in range(rounds + 1):
-        for call, found in zip(calls, times, strict=True):
-            started = time.perf_counter()
-            call()
-            if round_:
-                found.append(time.perf_counter() - started)
-    return [min(found) for found in times]
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> str:
@@ -344,20 +332,7 @@ def main() -> None:
         rows += part()
     table = pd.DataFrame(rows, columns=COLUMNS)
     formats = ("", ".4g", ".4g", "", ".3g", "", "")
-    record = environment()
-    text = (
-        "### Speed of the simulator\n\n"
-        + table.to_markdown(index=False, floatfmt=formats)
-        + f"\n\nBest of some rounds in turn; {record['machine']}, revision "
-        f"{record['git_revision']}. Command: `make benchmarks`.\n"
-    )
-    write_text(out / "speed.md", text)
-    write_text(out / "speed.csv", table.to_csv(index=False))
-    write_json(
-        out / "speed.json",
-        {**record, "rows": table.astype(object).where(table.notna(), None).to_dict("records")},
-    )
-    sys.stdout.write(text)
+    write_table(out / "speed", "Speed of the simulator", table, formats, environment())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round
 from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.methods import refocus
-from lf_flame.refocus.sharpness import SlopeSearch, find_sharpest_slope
+from lf_flame.refocus.sharpness import SlopeSearch, find_sharpest_slope, find_sharpest_slopes
 from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import (
     planar_slopes,
@@ -27,6 +27,7 @@ __all__ = [
     "depth_from_focus",
     "f_number_aperture",
     "find_sharpest_slope",
+    "find_sharpest_slopes",
     "fourier_refocus",
     "fourier_slice",
     "planar_slopes",

@@ -5,6 +5,9 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
+READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
+"""Types of pixel that have kernels of their own."""
+
 
 def as_views(views) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; whether they are finite is not checked."""
@@ -17,11 +20,35 @@ def as_views(views) -> np.ndarray:
     return views
 
 
+def as_readable(views: np.ndarray) -> np.ndarray:
+    """Lay views out as the kernels read them; what is laid out so already is not copied."""
+    if views.dtype not in READ_AS_THEY_ARE:
+        wide = np.result_type(views.dtype, np.float32) != np.float32
+        views = views.astype(np.float64 if wide else np.float32)
+    return np.ascontiguousarray(views)
+
+
 def as_slopes(slopes) -> np.ndarray:
     slopes = np.atleast_1d(np.asarray(slopes, float))
     if slopes.ndim != 1 or slopes.size == 0 or not np.all(np.isfinite(slopes)):
-        raise InputError(f"slopes must be one or more finite numbers, got {slopes}.")
+        raise InputError(f"slopes must be one or more finite numbers, got {shown(slopes)}.")
     return slopes
+
+
+def as_steps(slopes) -> np.ndarray:
+    """Slopes to search: three or more, rising in equal steps."""
+    slopes = as_slopes(slopes)
+    steps = np.diff(slopes)
+    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):
+        raise InputError(
+            f"slopes to search must be three or more in equal steps, got {shown(slopes)}."
+        )
+    return slopes
+
+
+def shown(numbers: np.ndarray) -> str:
+    """Write numbers on one line, the middle of many left out."""
+    return np.array2string(numbers, threshold=8, max_line_width=10_000)
 
 
 def refuse_not_finite(views: np.ndarray) -> None:

@@ -27,36 +27,41 @@ def _fused(_context, a, _b, _c):
 fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
 
 
-def _cut_line(line, start, reach, channels, out):
+def _cut_line(line, start, reach, channels, lines, base, size):
     """Copy a line from start - reach on, edges repeated; count pixels that are not finite."""
-    low, high = max(start - reach, 0), min(start - reach + out.size, line.size)
-    left = low - (start - reach)
-    inside, bad = out[left : left + high - low], 0
-    near = line[low:high]
-    for s in range(inside.size):
-        inside[s] = near[s]
-        bad += near[s] - near[s] != 0
-    right = left + inside.size
-    if channels == 1:
-        out[:left], out[right:] = line[0], line[line.size - 1]
-    else:
-        for c in range(channels):
-            out[c:left:channels] = line[c]
-            out[right + c :: channels] = line[line.size - channels + c]
+    low, high = max(start - reach, 0), min(start - reach + size, line.size)
+    left, right = base + low - (start - reach), base + high - (start - reach)
+    source, target, bad = np.uint64(low), np.uint64(left), 0
+    for s in range(np.uint64(high - low)):
+        value = line[source + s]
+        lines[target + s] = value
+        bad += value - value != 0
+    for c in range(channels):
+        fill(lines, base + c, left, channels, line[c])
+        fill(lines, right + c, base + size, channels, line[line.size - channels + c])
     return bad
 
 
-def _link(numbers):
+def _fill(line, start, stop, step, value):
+    """Put a value into every step-th place."""
+    if step == 1:  # of its own, so that it is vectorised
+        for s in range(np.uint64(start), np.uint64(stop)):
+            line[s] = value
+    else:
+        for s in range(start, stop, step):
+            line[s] = value
+
+
+def _link(numbers, v, n, i):
     """CHAIN numbers as a tuple, which fits into registers."""
     return (
-        numbers[0], numbers[1], numbers[2], numbers[3],
-        numbers[4], numbers[5], numbers[6], numbers[7],
+        numbers[v, n, i, 0], numbers[v, n, i, 1], numbers[v, n, i, 2], numbers[v, n, i, 3],
+        numbers[v, n, i, 4], numbers[v, n, i, 5], numbers[v, n, i, 6], numbers[v, n, i, 7],
     )  # fmt: skip
 
 
-def _sum_views(lines, at, weights, part):
+def _sum_views(lines, first, weight, part):
     """CHAIN views, each shifted and weighted: part[s]."""
-    first, weight = link(at), link(weights)
     for s in range(np.uint64(part.size)):
         total = weight[0] * lines[first[0] + s]
         for k in range(1, CHAIN):
@@ -64,10 +69,8 @@ def _sum_views(lines, at, weights, part):
         part[s] = total
 
 
-def _sum_views_twice(lines, at, near, far, parts):
-    """As `_sum_views` for two lists of weights, every pixel loaded once: parts[0] and parts[1]."""
-    first, weight, other = link(at), link(near), link(far)
-    this, that = parts[0], parts[1]
+def _sum_views_twice(lines, first, weight, other, this, that):
+    """As `_sum_views` for two lists of weights, every pixel loaded once."""
     for s in range(np.uint64(this.size)):
         value = lines[first[0] + s]
         a, b = weight[0] * value, other[0] * value
@@ -78,35 +81,38 @@ def _sum_views_twice(lines, at, near, far, parts):
         that[s] = b
 
 
-def _sum_row(lines, at, weights, channels, parts, total):
-    """Sum a row of views: ``weights[i, j, k] * lines[at[i, k] + j * channels + s]`` over i, j, k.
+def _sum_row(lines, at, weights, v, n, channels, parts, total):
+    """Sum a row of views: ``weights[j][v, n, i, k] * lines[at[v, n, i, k] + j * channels + s]``.
 
-    at[i, k]: chains of CHAIN views. Tap j of all views is gathered in a line of its own, which
-    is added to total[s] in its place at the end.
+    The sum is over i, j, k. Tap j of all views is gathered in a line of its own, which is added
+    to total[s] in its place at the end.
     """
-    total[:] = 0.0
-    for i in range(at.shape[0]):
-        taps = weights.shape[1]
-        for j in range(0, taps - 1, 2):
-            sum_views_twice(lines, at[i], weights[i, j], weights[i, j + 1], parts)
-            near, far = parts[0, j * channels :], parts[1, (j + 1) * channels :]
-            for s in range(total.size):
-                total[s] += np.float64(near[s]) + np.float64(far[s])
-        if taps == 1:
-            sum_views(lines, at[i], weights[i, 0], parts[0])
-            for s in range(total.size):
-                total[s] += parts[0, s]
+    near, far = parts
+    for s in range(total.size):
+        total[s] = 0.0
+    for i in range(at.shape[2]):
+        first = link(at, v, n, i)
+        for j in range(0, len(weights) - 1, 2):
+            sum_views_twice(
+                lines, first, link(weights[j], v, n, i), link(weights[j + 1], v, n, i), near, far
+            )
+            one, two = np.uint64(j * channels), np.uint64((j + 1) * channels)
+            for s in range(np.uint64(total.size)):
+                total[s] += np.float64(near[one + s]) + np.float64(far[two + s])
+        if len(weights) == 1:
+            sum_views(lines, first, link(weights[0], v, n, i), near)
+            for s in range(np.uint64(total.size)):
+                total[s] += near[s]
 
 
-def _add_row(total, row, offset, weight, sums):
-    """Add a row to all rows t of sums[t, s] that show it: where t + offset, clamped, is row."""
-    height = sums.shape[0]
+def _add_row(total, row, offset, weight, sums, n):
+    """Add a row to all rows t of sums[n, t, s] that show it: where t + offset, clamped, is row."""
+    height = sums.shape[1]
     low = 0 if row == 0 else max(row - offset, 0)
     high = height if row == height - 1 else min(row - offset + 1, height)
     for t in range(low, high):
-        inside = sums[t]
-        for s in range(inside.size):
-            inside[s] = fma(weight, total[s], inside[s])
+        for s in range(np.uint64(total.size)):
+            sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
 def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights, sums, bad):
@@ -115,7 +121,7 @@ def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
     reach: pixels that the taps bring in from beyond a block of columns.
     used[v, u]: whether a view counts.
-    at[v, n, i, k], weights[v, n, i, j, k]: where tap 0 of view (i, k) reads in the padded lines of
+    at[v, n, i, k], weights[j][v, n, i, k]: where tap 0 of view (i, k) reads in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
     bad[k]: gains the number of pixels that are not finite, for each of the blocks and groups.
@@ -123,27 +129,30 @@ def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights
     rows, columns, height, width = views.shape
     groups, slopes = sums.shape[:2]
     breadth = -(-width * groups // (bad.size * channels)) * channels
-    taps = weights.shape[3]
+    taps = len(weights)
     wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
+    padded = wide + 2 * reach
     for k in prange(bad.size):
         group, start = k % groups, k // groups * breadth
         size = min(breadth, width - start)
         block = np.zeros((slopes, height, size))
-        lines = np.zeros(columns * (wide + 2 * reach), weights.dtype)
-        parts, total = np.empty((2, wide), weights.dtype), np.empty(size)
+        lines = np.zeros(columns * padded, weights[0].dtype)
+        parts = np.empty(wide, weights[0].dtype), np.empty(wide, weights[0].dtype)
+        total, found = np.empty(size), 0
         for v in range(group * rows // groups, (group + 1) * rows // groups):
             if not np.any(used[v]):
                 continue
             for t in range(height):
                 for u in range(columns):
                     if used[v, u]:
-                        line = lines[u * (wide + 2 * reach) : (u + 1) * (wide + 2 * reach)]
-                        bad[k] += cut_line(views[v, u, t], start, reach, channels, line)
+                        line = views[v, u, t]
+                        found += cut_line(line, start, reach, channels, lines, u * padded, padded)
                 for n in range(slopes):
-                    sum_row(lines, at[v, n], weights[v, n], channels, parts, total)
+                    sum_row(lines, at, weights, v, n, channels, parts, total)
                     for j in range(taps):
-                        add_row(total, t, down[v, n] + j, down_weights[v, n, j], block[n])
+                        add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
         sums[group, :, :, start : start + size] = block
+        bad[k] = found
 
 
 def _merge(sums, out):
@@ -176,6 +185,7 @@ def _slice_spectrum(spectrum, rows, row_shares, columns, column_shares, out):
             out[n, t, s] = total
 
 
+fill = njit(_fill)
 cut_line = njit(_cut_line)
 link = njit(_link)
 sum_views = njit(_sum_views)

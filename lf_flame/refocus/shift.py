@@ -4,7 +4,13 @@ import numpy as np
 
 from lf_flame.footprint import centred
 from lf_flame.refocus import _kernels
-from lf_flame.refocus._arguments import as_slopes, as_views, as_weights, refuse_not_finite
+from lf_flame.refocus._arguments import (
+    as_readable,
+    as_slopes,
+    as_views,
+    as_weights,
+    refuse_not_finite,
+)
 from lf_flame.refocus.interpolation import shift_taps
 
 SLOPES_AT_ONCE = 8
@@ -12,9 +18,6 @@ SLOPES_AT_ONCE = 8
 
 BLOCK = 384
 """Pixels of a line, about, that are worked on together: those of all u fit into the cache."""
-
-READ_AS_IS = ("uint8", "uint16", "float32", "float64")
-"""Types that the kernels read without a copy; half floats and odd integers are copied."""
 
 
 def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
@@ -49,7 +52,7 @@ def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) ->
     InputError
         If views, slopes, interpolation or weights cannot be used.
     """
-    views, slopes = _as_readable(as_views(views)), as_slopes(slopes)
+    views, slopes = as_readable(as_views(views)), as_slopes(slopes)
     weights = as_weights(weights, views.shape[:2])
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet side by side
@@ -58,12 +61,6 @@ def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) ->
         some = slice(first, first + SLOPES_AT_ONCE)
         _shift_and_sum(lines, channels, slopes[some], interpolation, weights, stack[some])
     return stack.reshape(len(slopes), *views.shape[2:])
-
-
-def _as_readable(views: np.ndarray) -> np.ndarray:
-    if views.dtype.name not in READ_AS_IS or not views.dtype.isnative:
-        views = views.astype(np.float32 if views.dtype.itemsize < 4 else np.float64)
-    return np.ascontiguousarray(views)
 
 
 def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
@@ -114,7 +111,7 @@ def _chain(used: np.ndarray, at: np.ndarray, shares: np.ndarray):
     Returns
     -------
     at : ndarray of uint64, shape (v, n, chain, link)
-    shares : ndarray of float, shape (v, n, chain, tap, link)
+    shares : tuple of ndarray of float, one for each tap, shape (v, n, chain, link)
     """
     rows, columns = used.shape
     taps, slopes = len(shares), at.shape[1]
@@ -126,4 +123,4 @@ def _chain(used: np.ndarray, at: np.ndarray, shares: np.ndarray):
     chosen = np.take_along_axis(shares, links[None, :, :, None], axis=2)
     chained[..., : links.shape[1]] = np.swapaxes(chosen, 2, 3)
     shape = (rows, slopes, -1, _kernels.CHAIN)
-    return chained_at.reshape(shape), np.moveaxis(chained.reshape(taps, *shape), 0, 3).copy()
+    return chained_at.reshape(shape), tuple(chained.reshape(taps, *shape))

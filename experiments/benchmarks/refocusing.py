@@ -1,0 +1,343 @@
+"""How fast refocusing is: ratios within one run, against named opponents, outputs compared.
+
+    make benchmarks
+
+All calls are timed in turn, again and again, and the best of each counts, so that what else the
+machine does hits all alike. The opponents of `opponents.txt` run in a Python of their own
+(`--opponents`), which times the call alone. A ratio is the opponent's time over ours; a difference
+is the largest of any pixel, relative to the brightest.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+
+import numba
+import numpy as np
+import pandas as pd
+from numba import njit, prange
+from scipy import ndimage
+from timing import best_times, seconds, write_table
+
+from lf_flame.footprint import centred
+from lf_flame.provenance import environment
+from lf_flame.refocus import fourier_refocus, shift_and_sum
+
+ALIKE = 1e-6
+"""Largest difference, relative to the brightest pixel, of outputs that should be the same."""
+
+ROUNDS = 5
+
+TURN_S = 0.05
+"""A call that takes less is repeated for so long in its turn."""
+
+LANES = 64
+"""Sums side by side: enough that memory, not the latency of an addition, sets the speed."""
+
+COLUMNS = ["what", "opponent", "threads", "ours ms", "opponent ms", "ratio", "wanted",
+           "largest difference", "remarks"]  # fmt: skip
+
+
+@njit(parallel=True, cache=True)
+def sum_views(views, sums):
+    """Sum each of the views [view, pixel] in float32: what reading them once costs."""
+    for k in prange(views.shape[0]):
+        lanes = np.zeros(LANES, np.float32)
+        view = views[k]
+        whole = view.size // LANES * LANES
+        for i in range(0, whole, LANES):
+            for j in range(LANES):
+                lanes[j] += view[i + j]
+        sums[k] = lanes.sum() + view[whole:].sum()
+
+
+def read_once(views, slopes):
+    """Sum all pixels; the same for any number of slopes."""
+    sums = np.empty(views.shape[0] * views.shape[1], np.float32)
+    sum_views(views.reshape(sums.size, -1), sums)
+    return sums.sum(dtype=np.float64)
+
+
+def scipy_shift(views, slopes, order=1):
+    """Shift view by view, each into the same array."""
+    if views.ndim == 5:
+        channels = [scipy_shift(views[..., c], slopes, order) for c in range(views.shape[4])]
+        return np.stack(channels, axis=-1)
+    images = np.zeros((len(slopes), *views.shape[2:]))
+    moved = np.empty(views.shape[2:], np.float32)
+    for image, slope in zip(images, slopes, strict=True):
+        down, right = (-slope * centred(n) for n in views.shape[:2])
+        for v, row in enumerate(views):
+            for u, view in enumerate(row):
+                ndimage.shift(view, (down[v], right[u]), moved, order, mode="nearest")
+                image += moved
+    return images / (views.shape[0] * views.shape[1])
+
+
+def whole_shifts(lines, shifts):
+    """Where to gather lines[k, line] shifted by the whole part, one line more; and the rest."""
+    whole = np.floor(shifts).astype(int)
+    places = np.clip(whole[:, None] + np.arange(lines.shape[1] + 1), 0, lines.shape[1] - 1)
+    return places, (shifts - whole).astype(np.float32)
+
+
+def sum_by_lerps(lines, shifts):
+    """Gather and interpolate lines[k, line] one k after the other, into the same arrays."""
+    total, part = np.zeros_like(lines[0]), np.empty_like(lines[0])
+    for some, places, rest in zip(lines, *whole_shifts(lines, shifts), strict=True):
+        moved = some[places]
+        np.subtract(moved[1:], moved[:-1], out=part)
+        part *= rest
+        part += moved[:-1]
+        total += part
+    return total
+
+
+def sum_by_product(lines, shifts):
+    """Gather lines[k, line] for all k, then weigh and sum them in one matrix product."""
+    places, rest = whole_shifts(lines, shifts)
+    moved = lines[np.arange(len(lines))[:, None], places]
+    near, far = np.tensordot(np.stack([1 - rest, rest]), moved, axes=1)
+    return near[:-1] + far[1:]
+
+
+def separable(views, slopes, shifted_sum):
+    """Sum over v first, where the lines gathered are contiguous, then over u; float32."""
+    images = np.empty((len(slopes), *views.shape[2:]), np.float32)
+    for image, slope in zip(images, slopes, strict=True):
+        down, right = (slope * centred(n) for n in views.shape[:2])
+        sums = np.stack([shifted_sum(views[:, u], down) for u in range(views.shape[1])])
+        image[:] = shifted_sum(sums.swapaxes(1, 2), right).swapaxes(0, 1)
+    return images / np.float32(views.shape[0] * views.shape[1])
+
+
+@dataclass(frozen=True)
+class Opponent:
+    """A way to refocus, here by a function of views and slopes, or by a package elsewhere."""
+
+    name: str
+    remarks: str
+    refocus: Callable | None = None
+    package: str = ""
+    threaded: bool = False
+    """Runs on as many threads as we do."""
+    same_output: bool = True
+
+
+READ = Opponent("reading the light field once", "Numba, float32 sum; the floor", read_once,
+                threaded=True, same_output=False)  # fmt: skip
+LERPS = Opponent("NumPy, separable", "float32, gathers and lerps; one thread",
+                 partial(separable, shifted_sum=sum_by_lerps))  # fmt: skip
+PRODUCT = Opponent("NumPy, separable, matrix product", "float32, gathers; threads of its BLAS",
+                   partial(separable, shifted_sum=sum_by_product))  # fmt: skip
+SHIFT = Opponent("SciPy ndimage.shift", "order 1, one thread", scipy_shift)
+SPLINE = Opponent("SciPy ndimage.shift, order 3", "a cubic B-spline: another image; one thread",
+                  partial(scipy_shift, order=3), same_output=False)  # fmt: skip
+FOURIER = Opponent("our fourier_refocus", "exact, periodic shifts: another image; threads of BLAS",
+                   fourier_refocus, same_output=False)  # fmt: skip
+PLENPY = Opponent("plenpy", "its slopes converted; one thread", package="plenpy")
+PLENOPTICAM = Opponent("PlenoptiCam", "whole slopes and RGB only, float64; its output, N times "
+                       "the mean, divided by N; one thread", package="plenopticam")  # fmt: skip
+PLENOPTOMOS = Opponent("plenoptomos", "not on PyPI", package="plenoptomos")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Light field and slopes, and against whom; `wanted` is the least ratio on all threads."""
+
+    what: str
+    shape: tuple[int, ...]
+    slopes: tuple[float, ...]
+    against: tuple[Opponent, ...]
+    wanted: dict[Opponent, float] = field(default_factory=dict)
+    frames_per_s: float | None = None
+    interpolation: str = "linear"
+
+    def light_field(self) -> np.ndarray:
+        """Noise, on which any error of a shift shows."""
+        return np.random.default_rng(0).random(self.shape, np.float32)
+
+
+FOUR_SLOPES = (2.1, 1.15, 0.35, -1.25)
+HERE = (READ, LERPS, PRODUCT, SHIFT)
+
+
+def cases(small: bool) -> list[Case]:
+    """Everything that is measured, or the same with few views of few pixels."""
+    usual = (5, 5, 12, 18) if small else (15, 15, 90, 180)
+    large = (5, 5, 27, 54) if small else (15, 15, 270, 540)
+    stack = tuple(np.linspace(-2.05, 2.15, 15).tolist())
+    return [
+        Case("one plane", usual, (1.15,), (*HERE, FOURIER, PLENPY, PLENOPTOMOS)),
+        Case("four planes", usual, FOUR_SLOPES, (*HERE, PLENPY), {READ: 1 / 4, LERPS: 15}),
+        Case("one plane, cubic", usual, (1.15,), (READ, SPLINE), interpolation="cubic"),
+        Case("one plane, whole slope", usual, (1.0,), (*HERE, PLENPY)),
+        Case("one plane, whole slope, RGB", (*usual, 3), (1.0,), (*HERE, PLENPY, PLENOPTICAM)),
+        Case("15 planes", usual, stack, (READ, LERPS, PRODUCT, FOURIER, PLENPY), {PLENPY: 10}),
+        Case("four planes, large", large, FOUR_SLOPES, (READ, LERPS, PRODUCT), frames_per_s=20),
+    ]
+
+
+class OtherPython:
+    """The program `opponents.py` in another interpreter; `versions` says what that has."""
+
+    def __init__(self, python: Path):
+        self.python = python
+
+    def __enter__(self):
+        self._folder = tempfile.TemporaryDirectory()
+        program = Path(__file__).with_name("opponents.py")
+        self._process = subprocess.Popen(
+            [self.python, program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.versions = self._answer()
+        return self
+
+    def __exit__(self, *_):
+        self._process.stdin.close()
+        self._process.wait()
+        self._folder.cleanup()
+
+    def refocus(self, package: str, views: np.ndarray, slopes) -> np.ndarray:
+        """Hand over a light field and get it refocused."""
+        path = {name: str(Path(self._folder.name, f"{name}.npy")) for name in ("views", "out")}
+        np.save(path["views"], views)
+        self._ask({"tool": package, "slopes": slopes, **path})
+        return np.load(path["out"])
+
+    def seconds(self, package: str) -> float:
+        """Time that it takes to do so once more."""
+        return self._ask({"tool": package})["seconds"]
+
+    def _ask(self, request: dict) -> dict:
+        self._process.stdin.write(json.dumps(request) + "\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def _answer(self) -> dict:
+        line = self._process.stdout.readline()
+        if not line:
+            sys.exit("The opponents' Python stopped; what it wrote stands above.")
+        return json.loads(line)
+
+
+THREADS = sorted({1, numba.config.NUMBA_NUM_THREADS})
+
+
+def on_threads(count: int, call: Callable) -> Callable[[], float]:
+    """Make a clock of a call on some threads."""
+
+    def clock() -> float:
+        numba.set_num_threads(count)
+        return seconds(call)
+
+    return clock
+
+
+def largest_difference(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Largest difference of any pixel, relative to their brightest."""
+    return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+
+
+def compared(opponent: Opponent, ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Difference of the images, which ends the program where they should be the same."""
+    if opponent is READ:
+        return ""
+    found = largest_difference(ours, theirs)
+    if opponent.same_output and not found <= ALIKE:
+        sys.exit(f"{opponent.name} must refocus as we do to {ALIKE:g}, but differs by {found:.1e}.")
+    return f"{found:.1e}"
+
+
+def measure(case: Case, small: bool, other: OtherPython | None) -> list[tuple]:
+    """Refocus in every way, compare the images, then time all in turn."""
+    work = (case.light_field(), case.slopes)
+    ours = partial(shift_and_sum, *work, interpolation=case.interpolation)
+    images, differences = ours(), {}
+    clocks = {("ours", n): on_threads(n, ours) for n in THREADS}
+    for opponent in case.against:
+        if opponent.refocus:
+            theirs = opponent.refocus(*work)
+            for n in THREADS if opponent.threaded else THREADS[-1:]:
+                clocks[opponent, n] = on_threads(n, partial(opponent.refocus, *work))
+        elif other and opponent.package in other.versions:
+            theirs = other.refocus(opponent.package, *work)
+            clocks[opponent, THREADS[-1]] = partial(other.seconds, opponent.package)
+        else:
+            continue
+        differences[opponent] = compared(opponent, images, theirs)
+    times = best_times(*((1, 0.0) if small else (ROUNDS, TURN_S)), list(clocks.values()))
+    ms = {key: 1e3 * time for key, time in zip(clocks, times, strict=True)}
+    return [row for n in THREADS for row in rows_of(case, n, ms, differences)]
+
+
+def rows_of(case: Case, threads: int, ms: dict, differences: dict) -> list[tuple]:
+    """Rows of the table for one number of our threads."""
+    what = f"{case.what}, {'x'.join(map(str, case.shape))}"
+    ours, all_threads = ms["ours", threads], threads == THREADS[-1]
+    rows = []
+    for opponent in case.against:
+        theirs = ms.get((opponent, threads), ms.get((opponent, THREADS[-1]), np.nan))
+        wanted = case.wanted.get(opponent) if all_threads else None
+        rows.append((
+            what, opponent.name, threads, ours, theirs, theirs / ours,
+            f"at least {wanted:g}" if wanted else "", differences.get(opponent, ""),
+            opponent.remarks if opponent in differences else f"not installed; {opponent.remarks}",
+        ))  # fmt: skip
+    if case.frames_per_s:
+        frame = 1e3 / case.frames_per_s
+        rows.append((
+            what, f"{case.frames_per_s:g} frames/s", threads, ours, frame, frame / ours,
+            "at least 1" if all_threads else "", "", f"{1e3 / ours:.3g} frames/s",
+        ))  # fmt: skip
+    return rows
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
+    parser.add_argument(
+        "--opponents", type=Path, help="Python in which opponents.txt is installed; default: none"
+    )
+    parser.add_argument("--small", action="store_true", help="few small views, to try the program")
+    asked = parser.parse_args()
+    if asked.opponents and not shutil.which(asked.opponents):
+        parser.error(f"--opponents must be a Python interpreter, got {asked.opponents}")
+    return asked
+
+
+def main() -> None:
+    """Measure, print and write."""
+    asked = arguments()
+    rows, record = [], environment()
+    record["versions"]["scipy"] = metadata.version("scipy")
+    with OtherPython(asked.opponents) if asked.opponents else nullcontext() as other:
+        record["opponents"] = other.versions if other else {}
+        for case in cases(asked.small):
+            sys.stderr.write(f"measuring: {case.what}\n")
+            rows += measure(case, asked.small, other)
+    theirs = ", ".join(map(" ".join, record["opponents"].items())) or "none installed"
+    write_table(
+        asked.out / "refocusing",
+        "Speed of refocusing",
+        pd.DataFrame(rows, columns=COLUMNS),
+        ("", "", "", ".4g", ".4g", ".3g", "", "", ""),
+        record,
+        missing="missing",
+        notes="Threads are ours. Ratio: the opponent's time over ours. Difference: of any pixel, "
+        f"relative to the brightest. Opponents in a Python of their own: {theirs}.\n\n",
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,241 @@
+"""The grid of micro-images in a raw lenslet image.
+
+Pixel centres are at whole numbers, x runs right with the columns and y down with the rows. The
+micro-image in row i and column j of the array is centred at
+``(x0, y0) + R(rotation) (pitch (j + offset), row_pitch i)``, where the offset is 1/2 in the odd
+rows of a hexagonal array and else 0; a positive rotation turns the x axis towards the y axis.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.footprint import centred
+
+LAYOUTS = ("rectangular", "hexagonal")
+
+HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
+"""Row distance over pitch where every lenslet touches six others."""
+
+EDGE_SLACK = 0.5
+"""Pixels by which a micro-image may overhang the image and still count as whole."""
+
+
+@dataclass(frozen=True)
+class LensletGrid:
+    """Where the micro-images of a raw lenslet image are.
+
+    All fields are plain numbers and text: ``dataclasses.asdict`` gives what JSON can hold.
+
+    Parameters
+    ----------
+    x0, y0 : float
+        Centre of one micro-image, of row 0 and column 0, in pixels; it need not be the first.
+    pitch : float
+        Distance between neighbouring micro-image centres along a row, in pixels.
+    rotation : float, optional
+        Angle in rad from the image's rows to the array's rows, x towards y, within pi/4.
+    layout : {"rectangular", "hexagonal"}, optional
+    row_pitch : float, optional
+        Distance between neighbouring rows, in pixels. Default: the pitch, or sqrt(3)/2 of it in
+        a hexagonal array.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; the message names it.
+    """
+
+    x0: float
+    y0: float
+    pitch: float
+    rotation: float = 0.0
+    layout: str = "rectangular"
+    row_pitch: float | None = None
+
+    def __post_init__(self):
+        check_layout(self.layout)
+        if self.row_pitch is None:
+            ratio = HEXAGONAL_ROW_PITCH if self.layout == "hexagonal" else 1.0
+            object.__setattr__(self, "row_pitch", ratio * self.pitch)
+        for name in ("x0", "y0", "pitch", "rotation", "row_pitch"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        for name in ("pitch", "row_pitch"):
+            if not (getattr(self, name) >= 1 and math.isfinite(getattr(self, name))):
+                raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
+        if not (math.isfinite(self.x0) and math.isfinite(self.y0)):
+            raise InputError(
+                f"x0 and y0 of a micro-image must be finite, got {self.x0} and {self.y0}."
+            )
+        if not abs(self.rotation) <= math.pi / 4:
+            raise InputError(
+                f"rotation must lie within pi/4 rad; turn the image first, got {self.rotation}."
+            )
+
+    def position(self, row, column):
+        """Centre ``(y, x)`` in pixels of the micro-image in a row and column of the array.
+
+        Parameters
+        ----------
+        row, column : int or ndarray of int
+        """
+        offset = row % 2 / 2 if self.layout == "hexagonal" else 0.0
+        y, x = self.turned(self.row_pitch * row, self.pitch * (column + offset))
+        return self.y0 + y, self.x0 + x
+
+    def turned(self, down, along):
+        """Turn a vector across and along the array's rows into ``(y, x)`` of the image."""
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        return sin * along + cos * down, cos * along - sin * down
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Height and width of a micro-image in pixels.
+
+        In a hexagonal array it is the square around the round micro-image, whose corners reach
+        into the neighbours'.
+        """
+        height = self.row_pitch if self.layout == "rectangular" else self.pitch
+        return height, self.pitch
+
+    def block(self, shape) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the array's largest block of whole micro-images in an image.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of the image; further axes are ignored.
+
+        Returns
+        -------
+        rows, columns : ndarray of int
+            Consecutive indices.
+
+        Raises
+        ------
+        InputError
+            If no micro-image lies whole in the image.
+        """
+        rows, columns = self.indices(shape)
+        inside = self._is_whole(*self.position(rows[:, None], columns), shape)
+        first = np.where(inside.any(axis=1), inside.argmax(axis=1), len(columns))
+        last = len(columns) - 1 - inside[:, ::-1].argmax(axis=1)
+        top, bottom, left, right = _largest_block(first, last)
+        if top == bottom:
+            raise InputError(
+                f"No micro-image of {self.window[0]:.4g} x {self.window[1]:.4g} pixels lies whole "
+                f"in the image of {shape[0]} x {shape[1]}."
+            )
+        return rows[top:bottom], columns[left:right]
+
+    def count(self, shape) -> tuple[int, int]:
+        """Rows and columns of whole micro-images in an image of this shape."""
+        rows, columns = self.block(shape)
+        return len(rows), len(columns)
+
+    def centres(self, shape) -> np.ndarray:
+        """Centres ``(y, x)`` of the whole micro-images, shape (rows, columns, 2), float64."""
+        rows, columns = self.block(shape)
+        return np.stack(self.position(rows[:, None], columns), axis=-1)
+
+    def describe(self) -> str:
+        """Tell in a line what array this is."""
+        return (
+            f"{self.layout} lenslets, pitch {self.pitch:.3f} pixels along rows and "
+            f"{self.row_pitch:.3f} between them, turned by {self.rotation:+.5f} rad"
+        )
+
+    def own_views(self, views: int) -> np.ndarray:
+        """Tell which views are nearest to their own lenslet: bool, shape (views, views).
+
+        In a rectangular array all are; in a hexagonal one the corners hold neighbours' light.
+        """
+        if self.layout == "rectangular":
+            return np.ones((views, views), bool)
+        offset = np.abs(centred(views)) * self.pitch / views
+        x, y = self.pitch / 2, self.row_pitch  # of the nearest lenslet in the next row
+        return offset[:, None] * y + offset * x <= (x**2 + y**2) / 2  # nearer to its own
+
+    def indices(self, shape) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the array that may lie in the image, and a few more."""
+        y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
+        back = replace(self, rotation=-self.rotation)
+        down, along = back.turned(y - self.y0, x - self.x0)
+        row, column = down / self.row_pitch, along / self.pitch
+        return tuple(
+            np.arange(math.floor(i.min()) - 1, math.ceil(i.max()) + 2) for i in (row, column)
+        )
+
+    def _is_whole(self, y, x, shape) -> np.ndarray:
+        cos, sin = math.cos(self.rotation), abs(math.sin(self.rotation))
+        height, width = self.window
+        half_y, half_x = (cos * height + sin * width) / 2, (cos * width + sin * height) / 2
+        low, high = -0.5 - EDGE_SLACK, -0.5 + EDGE_SLACK
+        return (
+            (y - half_y >= low)
+            & (y + half_y <= shape[0] + high)
+            & (x - half_x >= low)
+            & (x + half_x <= shape[1] + high)
+        )
+
+
+def check_layout(layout: str) -> None:
+    """Refuse layouts that are not known."""
+    if layout not in LAYOUTS:
+        raise InputError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}.")
+
+
+def _largest_block(first: np.ndarray, last: np.ndarray) -> tuple[int, int, int, int]:
+    """Largest block (top, bottom, left, right) in rows that are filled from first to last."""
+    largest, block = 0, (0, 0, 0, 0)
+    for top in range(len(first)):
+        left = np.maximum.accumulate(first[top:])
+        width = np.minimum.accumulate(last[top:]) + 1 - left
+        area = np.maximum(width, 0) * np.arange(1, len(width) + 1)
+        k = int(area.argmax())
+        if area[k] > largest:
+            largest, block = area[k], (top, top + k + 1, int(left[k]), int(left[k] + width[k]))
+    return block
+
+
+def grid_from_pitch(
+    shape, pitch: float, centre=None, rotation=0.0, layout="rectangular", row_pitch=None
+) -> LensletGrid:
+    """Grid of a stated pitch, where there is no white image.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the image; further axes are ignored.
+    pitch : float
+        Distance between neighbouring micro-image centres along a row, in pixels.
+    centre : (float, float), optional
+        ``(y, x)`` of any one micro-image, in pixels. Default: the array stands in the middle of
+        the image, with as many whole micro-images as it holds.
+    rotation, layout, row_pitch : optional
+        As in `LensletGrid`.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, or the image is smaller than a micro-image.
+    """
+    if centre is not None:
+        if np.shape(centre) != (2,):
+            raise InputError(f"centre must be (y, x) of one micro-image, got {centre}.")
+        return LensletGrid(centre[1], centre[0], pitch, rotation, layout, row_pitch)
+    grid = LensletGrid(0.0, 0.0, pitch, rotation, layout, row_pitch)
+    height, width = grid.window
+    half = 0.5 if layout == "hexagonal" else 0.0
+    # A hair more, so that rounding does not cost a row where the micro-images tile the image.
+    rows = math.floor((shape[0] - height) / grid.row_pitch + 1 + 1e-6)
+    columns = math.floor((shape[1] - width) / pitch + 1 - half + 1e-6)
+    if rows < 1 or columns < 1:
+        raise InputError(
+            f"No micro-image of {height:.4g} x {width:.4g} pixels lies whole in the image of "
+            f"{shape[0]} x {shape[1]}."
+        )
+    up, left = grid.turned((rows - 1) / 2 * grid.row_pitch, ((columns - 1 + half) / 2) * pitch)
+    return replace(grid, y0=(shape[0] - 1) / 2 - up, x0=(shape[1] - 1) / 2 - left)

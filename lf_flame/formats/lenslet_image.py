@@ -1,0 +1,80 @@
+"""Lenslet images: one picture in which N x N pixels, the micro-image, lie under each lenslet."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.images import read_image, to_levels, write_image
+from lf_flame.lightfield import LightField
+
+MOST_VIEWS = 64
+"""Pixels under a lenslet up to which divisors of an image's sides are offered."""
+
+
+def read_lenslet_image(
+    path: str | Path, views: int | None = None, keep: int | None = None
+) -> LightField:
+    """Read a rectified lenslet image, such as the ESLF files of the Lytro cameras.
+
+    Parameters
+    ----------
+    path : str or Path
+        An image whose sides are multiples of `views`; micro-images as they lie, not turned.
+    views : int
+        Pixels under a lenslet along each axis; 14 in files of the Lytro Illum.
+    keep : int, optional
+        Views to keep along each axis, about the middle: the outer ones, which look past the main
+        lens's aperture, are dark in many files. Default: all.
+
+    Returns
+    -------
+    LightField
+        Values from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If the image cannot be read, `views` is missing or does not divide its sides, or `keep` is
+        not from 1 to `views`.
+    """
+    raw = read_image(path)
+    return LightField(cut_views(raw, views, path, keep))
+
+
+def cut_views(raw: np.ndarray, views: int | None, source, keep: int | None = None) -> np.ndarray:
+    """Cut a raw lenslet array into views, and say what would fit where `views` does not."""
+    if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
+        got = "they are not stated" if views is None else f"got {views}"
+        common = math.gcd(*raw.shape[:2])
+        fit = [str(n) for n in range(2, min(common, MOST_VIEWS) + 1) if common % n == 0]
+        raise InputError(
+            f"The pixels under a lenslet (views) must divide the {raw.shape[0]} x {raw.shape[1]} "
+            f"pixels of {source}, {got}; {', '.join(fit) or 'only 1'} would."
+        )
+    if keep is None:
+        keep = views
+    if not 1 <= keep <= views:
+        raise InputError(f"keep must be from 1 to the {views} views, got {keep}.")
+    middle = slice((views - keep) // 2, (views + keep) // 2)
+    return LightField.from_raw(raw, views).views[middle, middle]
+
+
+def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 16) -> None:
+    """Write a lenslet image, PNG or TIFF by the ending.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Values from 0 to 1; without a channel axis, or with 1 or 3 channels.
+    path : str or Path
+    bits : int, optional
+        8 or 16.
+
+    Raises
+    ------
+    InputError
+        If values, channels or the ending do not fit.
+    """
+    write_image(path, to_levels(light_field.to_raw(), bits))

@@ -1,0 +1,70 @@
+"""Sweeps through focus as moving pictures."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from lf_flame.errors import InputError
+from lf_flame.files import written_aside
+
+MOVIE_SUFFIXES = (".gif", ".mp4")
+
+FRAMES_PER_S = 12
+
+
+def check_movie(path: str | Path) -> None:
+    """Refuse a movie that could not be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, or the encoder of .mp4 is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MOVIE_SUFFIXES:
+        raise InputError(f"A movie is written as {' or '.join(MOVIE_SUFFIXES)}, got {path}.")
+    if suffix == ".mp4":
+        try:
+            import imageio_ffmpeg  # noqa: F401
+        except ImportError:
+            raise InputError(
+                "Writing .mp4 needs the package imageio-ffmpeg, which is not installed: "
+                "pip install imageio-ffmpeg, or write a .gif."
+            ) from None
+
+
+def write_movie(path: str | Path, frames: np.ndarray) -> None:
+    """Write frames as a GIF that starts over at its end, or as an MP4 (H.264).
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .gif or .mp4.
+    frames : ndarray of uint8, shape (n, h, w) or (n, h, w, 3)
+
+    Raises
+    ------
+    InputError
+        If it cannot be written (`check_movie`).
+    """
+    check_movie(path)
+    with written_aside(path) as aside:
+        if aside.suffix.lower() == ".gif":
+            first, *others = (Image.fromarray(frame) for frame in frames)
+            duration = round(1000 / FRAMES_PER_S)
+            first.save(aside, save_all=True, append_images=others, duration=duration, loop=0)
+        else:
+            _write_mp4(aside, frames)
+
+
+def _write_mp4(path: Path, frames: np.ndarray) -> None:
+    import imageio.v2 as imageio
+
+    colour = frames if frames.ndim == 4 else np.repeat(frames[..., None], 3, axis=-1)
+    height, width = (n - n % 2 for n in colour.shape[1:3])  # H.264 halves the colour planes
+    if min(height, width) < 2:
+        raise InputError("An .mp4 needs frames of 2 x 2 pixels or more: write a .gif.")
+    with imageio.get_writer(path, fps=FRAMES_PER_S, macro_block_size=2, quality=8) as movie:
+        for frame in colour[:, :height, :width]:
+            movie.append_data(frame)

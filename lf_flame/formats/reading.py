@@ -1,0 +1,116 @@
+"""One door for all kinds of light-field files."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lf_flame.errors import InputError
+from lf_flame.formats.arrays import read_array
+from lf_flame.formats.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image
+from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.lenslet_image import read_lenslet_image
+from lf_flame.formats.raw_lenslets import decode_raw
+from lf_flame.formats.stacks import is_stack, read_view_stack
+from lf_flame.formats.view_folder import read_view_folder
+from lf_flame.formats.view_order import arranged
+from lf_flame.formats.white_image import estimate_grid
+from lf_flame.lightfield import LightField
+
+ARRAY_SUFFIXES = (".npy", ".npz")
+
+
+def read_light_field(
+    path: str | Path,
+    views: int | None = None,
+    order: str | None = None,
+    progress: Callable = iter,
+) -> LightField:
+    """Read a light field, whatever holds it.
+
+    ================================  ==============================================
+    a folder                          `read_view_folder`, one image for each view
+    ``.npy``, ``.npz``                `read_array`
+    ``.tif``, ``.tiff`` of many pages `read_view_stack`
+    any other image                   `read_lenslet_image`, N x N pixels to a lenslet
+    ================================  ==============================================
+
+    Parameters
+    ----------
+    path : str or Path
+    views : int, optional
+        Pixels under a lenslet along each axis, of a lenslet image or a raw array.
+    order : str, optional
+        What the rows and columns of views count, such as ``row,-col``; `scan_view_folder` tells.
+        Default: as the parallax shows, for folders and pages; as it stands, for the others.
+    progress : callable, optional
+        Wraps the list of a folder's files, as ``tqdm`` does.
+
+    Returns
+    -------
+    LightField
+
+    Raises
+    ------
+    InputError
+        If there is nothing of that name, it cannot be read, or an argument does not fit.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if not path.exists():
+        raise InputError(f"There is no light field {path}: no such file or folder.")
+    if path.is_dir():
+        return read_view_folder(path, order, progress)
+    if suffix in TIFF_SUFFIXES and is_stack(path):
+        return read_view_stack(path, order)
+    if suffix in ARRAY_SUFFIXES:
+        light_field = read_array(path, views)
+    elif suffix in IMAGE_SUFFIXES:
+        light_field = read_lenslet_image(path, views)
+    else:
+        raise InputError(
+            f"{path} is no light field: it must be a folder of views, an array "
+            f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."
+        )
+    return LightField(arranged(light_field.views, order)) if order else light_field
+
+
+def read_raw(
+    path: str | Path,
+    white: str | Path | None = None,
+    pitch: float | None = None,
+    layout: str | None = None,
+    views: int | None = None,
+) -> tuple[LightField, LensletGrid]:
+    """Read and decode the raw lenslet image of any plenoptic camera.
+
+    Parameters
+    ----------
+    path : str or Path
+        Image, demosaiced if it is in colour.
+    white : str or Path, optional
+        White image, in which the micro-images are found and by which the views are divided.
+    pitch : float, optional
+        Distance of micro-images in pixels; with a white image, roughly; without one it must be
+        given, and the array is taken to stand upright in the middle of the image.
+    layout : {"rectangular", "hexagonal"}, optional
+        Default: as the white image shows; rectangular without one.
+    views : int, optional
+        Default: the odd number of whole pixels under a lenslet.
+
+    Returns
+    -------
+    LightField, LensletGrid
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, no grid is found, or neither white image nor pitch is given.
+    """
+    image = read_image(path)
+    if white is not None:
+        white = read_image(white)
+        grid = estimate_grid(white, pitch, layout)
+    elif pitch is not None:
+        grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
+    else:
+        raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
+    return decode_raw(image, grid, views, white), grid

@@ -1,0 +1,179 @@
+"""TIFF files of many pages: views of a light field, and refocused images with their slopes."""
+
+import json
+from math import isqrt
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from lf_flame.errors import InputError
+from lf_flame.files import written_aside
+from lf_flame.formats.images import readable, to_unit
+from lf_flame.formats.view_order import arranged, find_order
+from lf_flame.lightfield import LightField
+
+MOST_CHANNELS = 4
+"""Channels up to which an axis that a file calls C may hold colours and not pages."""
+
+LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
+"""ImageJ reads classic TIFF only, whose offsets have 32 bits."""
+
+
+def is_stack(path: str | Path) -> bool:
+    """Whether a TIFF file holds more than one image.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    with readable(path), tifffile.TiffFile(path) as file:
+        alike = _alike(file)
+    return len(alike) > 1 or bool(set(alike[0].axes) - set("YXS"))
+
+
+def read_view_stack(path: str | Path, order: str | None = None) -> LightField:
+    """Read the pages of a TIFF file as views.
+
+    Parameters
+    ----------
+    path : str or Path
+        A square number of pages, or rows and columns of pages where the file tells them apart.
+    order : str, optional
+        What the pages count, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row by row.
+        Default: as the parallax shows.
+
+    Returns
+    -------
+    LightField
+        Unsigned levels of 8 or 16 bits as 0 to 1, floats as they are.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, its pages make no square, or it is a focal stack.
+    """
+    pages, image_axes, metadata = _read(path)
+    if "slopes" in metadata:
+        raise InputError(f"{path} is a stack of refocused images, not of views.")
+    counted, image = pages.shape[:-image_axes], pages.shape[-image_axes:]
+    if len(counted) != 2:
+        side = isqrt(pages.size // int(np.prod(image)))
+        counted = (side, side)
+    if int(np.prod(counted + image)) != pages.size:
+        raise InputError(
+            f"The views in {path} must be a square number of pages, or rows and columns of pages, "
+            f"got pages in the shape {pages.shape[:-image_axes]}."
+        )
+    views = pages.reshape(counted + image)
+    return LightField(arranged(views, order or find_order(views).order))
+
+
+def write_focal_stack(stack, slopes, path: str | Path) -> None:
+    """Write refocused images as a TIFF file of float32 pages that ImageJ opens too.
+
+    Parameters
+    ----------
+    stack : array_like, shape (n, t, s) or (n, t, s, channels)
+        Up to 4 channels; a single one loses its axis.
+    slopes : sequence of float
+        One for each image; they are kept in the file's description and label its pages.
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        If stack and slopes do not fit together, or are larger than ImageJ can open.
+    """
+    stack = np.asarray(stack, np.float32)
+    slopes = [float(slope) for slope in np.atleast_1d(slopes)]
+    if stack.ndim == 4 and stack.shape[3] == 1:
+        stack = stack[..., 0]
+    if (
+        stack.ndim not in (3, 4)
+        or stack.size == 0
+        or len(stack) != len(slopes)
+        or stack.shape[3:] > (MOST_CHANNELS,)
+    ):
+        raise InputError(
+            f"A focal stack needs one image for each slope, in up to {MOST_CHANNELS} channels, got "
+            f"shape {stack.shape} and {len(slopes)} slopes."
+        )
+    if stack.nbytes > LARGEST_IMAGEJ_BYTES:
+        raise InputError(f"A focal stack must stay below 4 GiB, got {stack.nbytes / 2**30:.1f}.")
+    axes = "ZYX"
+    if stack.ndim == 4:  # ImageJ has no float colour: channels are planes of their own
+        stack, axes = np.moveaxis(stack, 3, 1), "ZCYX"
+    channels = stack.shape[1] if stack.ndim == 4 else 1
+    metadata = {
+        "axes": axes,
+        "slopes": json.dumps(slopes),
+        "Labels": [f"slope {slope:g}" for slope in slopes for _ in range(channels)],
+    }
+    with written_aside(path) as aside:
+        tifffile.imwrite(aside, stack, imagej=True, photometric="minisblack", metadata=metadata)
+
+
+def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Read a focal stack, with its slopes where `write_focal_stack` kept them.
+
+    Returns
+    -------
+    stack : ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        Unsigned levels of 8 or 16 bits as 0 to 1, floats as they are.
+    slopes : ndarray of float64, shape (n,), or None
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its pages are in more than one row.
+    """
+    pages, image_axes, metadata = _read(path)
+    if pages.ndim == image_axes:
+        pages = pages[None]
+    if pages.ndim != image_axes + 1:
+        raise InputError(
+            f"A focal stack has its images in one row, got shape {pages.shape} in {path}."
+        )
+    if "slopes" not in metadata:
+        return pages, None
+    with readable(path):
+        slopes = np.array(json.loads(metadata["slopes"]), np.float64)
+    if slopes.shape != (len(pages),):
+        raise InputError(f"{path} has {len(pages)} images, but slopes of shape {slopes.shape}.")
+    return pages, slopes
+
+
+def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
+    """Read the pages with their channels last, the axes of one image, and ImageJ's description."""
+    with readable(path), tifffile.TiffFile(path) as file:
+        metadata = file.imagej_metadata or {}
+        alike = _alike(file)
+        axes = "I" + alike[0].get_axes(squeeze=False)
+        pages = [one.asarray(squeeze=False) for one in alike]
+        pages = pages[0][None] if len(pages) == 1 else np.stack(pages)
+    channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
+    image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
+    counted = [k for k in range(pages.ndim) if k not in image]
+    shape = [pages.shape[k] for k in counted if pages.shape[k] > 1]
+    shape += [pages.shape[k] for k in image]
+    return to_unit(pages.transpose(counted + image).reshape(shape), path), len(image), metadata
+
+
+def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
+    """Leave out thumbnails and the like: what has another shape or type than the first."""
+    first, *others = file.series
+    return [first, *(one for one in others if (one.shape, one.dtype) == (first.shape, first.dtype))]
+
+
+def _channel_axis(axes: str, shape: tuple[int, ...], focal: bool) -> int | None:
+    """Find the axis of colours by tifffile's letters: samples, or a few channels beside pages."""
+    sizes = dict(zip(axes, shape, strict=True))
+    image = sizes["Y"] * sizes["X"]
+    if sizes.get("S", 1) > 1:
+        return axes.index("S")
+    channels = sizes.get("C", 1)
+    if 1 < channels <= MOST_CHANNELS and (focal or np.prod(shape) > channels * image):
+        return axes.index("C")
+    return None

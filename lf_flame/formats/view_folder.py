@@ -1,0 +1,188 @@
+"""Folders with one image for each view of a light field."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.images import read_image, to_levels, write_image
+from lf_flame.formats.view_names import number_grid, view_files
+from lf_flame.formats.view_order import FoundOrder, arranged, check_order, find_order
+from lf_flame.lightfield import LightField
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFolder:
+    """The files of a light field, in their order.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    files : ndarray of Path, shape (v, u)
+    found : FoundOrder
+        How the file names count the views, and how that was found.
+    left_out : int
+        Other files in the folder.
+    """
+
+    path: Path
+    files: np.ndarray
+    found: FoundOrder
+    left_out: int
+
+    def describe(self) -> str:
+        """Tell in a few lines what was found and how it is read."""
+        v, u = self.files.shape
+        lines = [
+            f"{self.path}: {v} x {u} views, top left {self.files[0, 0].name}, "
+            f"bottom right {self.files[-1, -1].name}",
+            f"order {self.found.order}, {self.found.reason}",
+        ]
+        if self.found.slopes:
+            low, high = (round(slope, 1) + 0.0 for slope in self.found.slopes)
+            lines.append(
+                f"sharp at slopes from about {low:.1f} to {high:.1f}; should the nearer things "
+                f"have the higher ones, both axes run the other way: put a minus before each"
+            )
+        if self.left_out:
+            lines.append(f"other files left out: {self.left_out}")
+        return "\n".join(lines)
+
+    def read(self, progress: Callable = iter) -> LightField:
+        """Read the views.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Wraps the list of files, as ``tqdm`` does.
+
+        Returns
+        -------
+        LightField
+            Values from 0 to 1; colour in a last axis of 3 channels.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read, or differs from the first in size or channels.
+        """
+        paths = list(self.files.flat)
+        first = read_image(paths[0])
+        views = np.empty((len(paths), *first.shape), np.float32)
+
+        def place(k: int) -> None:
+            image = read_image(paths[k])
+            if image.shape != first.shape:
+                raise InputError(
+                    f"All views must be alike: {paths[k]} is {_kind(image)}, {paths[0].name} is "
+                    f"{_kind(first)}."
+                )
+            views[k] = image
+
+        with ThreadPoolExecutor() as pool:  # decoders work outside the interpreter's lock
+            done = pool.map(place, range(len(paths)))
+            for _ in zip(progress(paths), done, strict=True):
+                pass
+        return LightField(views.reshape(*self.files.shape, *first.shape))
+
+
+def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
+    """Find out which files of a folder are the views of a light field, and how they count.
+
+    The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) whose names differ in their
+    numbers only: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
+    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), or HCI's
+    ``input_Cam000.png`` and on (one running number along a square). Numbers may start anywhere.
+    Other files are left out; a second set of images half as large or larger is refused.
+
+    Parameters
+    ----------
+    path : str or Path
+    order : str, optional
+        What the numbers count, the slower first, a minus for an axis that runs the other way:
+        ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
+        bottom), ``row,-col``, and so on. Default: as the parallax of the four central views
+        shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
+
+    Returns
+    -------
+    ViewFolder
+
+    Raises
+    ------
+    InputError
+        If the folder, its names or the order cannot be used, or a view is missing.
+
+    Notes
+    -----
+    With rows counted downward and columns to the right, as seen by the cameras, nearer things have
+    the lower slope, as `lf_flame.refocus` has it: the camera moves to the right, and what is near
+    moves to the left. Parallel cameras then have slopes below 0 only. A folder that gives higher
+    slopes to nearer things has both axes turned, which no parallax shows: read it as ``-row,-col``.
+    """
+    path = Path(path)
+    files = view_files(path)
+    grid = number_grid(files)
+    if order is None:
+        found = find_order(grid, read_image)
+    else:
+        found = FoundOrder(check_order(order), "as stated")
+    left_out = sum(1 for _ in path.iterdir()) - len(files)
+    return ViewFolder(path, arranged(grid, found.order), found, left_out)
+
+
+def read_view_folder(
+    path: str | Path, order: str | None = None, progress: Callable = iter
+) -> LightField:
+    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there."""
+    return scan_view_folder(path, order).read(progress)
+
+
+def _kind(image: np.ndarray) -> str:
+    return f"{image.shape[0]} x {image.shape[1]} {'grey' if image.ndim == 2 else 'colour'}"
+
+
+def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 16) -> None:
+    """Write each view as ``view_RR_CC.png``, rows and columns counted from 0.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Values from 0 to 1; without a channel axis, or with 1 or 3 channels.
+    folder : str or Path
+        A new or an empty folder. It is written aside and renamed when it is whole.
+    bits : int, optional
+        8 or 16.
+
+    Raises
+    ------
+    InputError
+        If the folder holds files, or values or channels do not fit.
+    """
+    folder = Path(folder).resolve()
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
+    levels = to_levels(light_field.views, bits)
+    width = max(2, len(str(max(levels.shape[:2]) - 1)))
+    with _folder_written_aside(folder) as aside:
+        for v, u in np.ndindex(levels.shape[:2]):
+            write_image(aside / f"view_{v:0{width}}_{u:0{width}}.png", levels[v, u])
+
+
+@contextmanager
+def _folder_written_aside(folder: Path) -> Iterator[Path]:
+    """Do for a folder what `lf_flame.files.written_aside` does for a file."""
+    aside = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir(parents=True)
+    try:
+        yield aside
+        aside.replace(folder)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)

@@ -1,0 +1,197 @@
+"""Slope map and image with everything in focus, from a focal stack.
+
+Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994): at each
+pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
+stack. Sharpness is the gradient energy of the low-passed slice under a Gaussian window.
+
+The stack should come from exact shifts (`refocus` with "sinc"). With linear interpolation a slice
+is piecewise linear in the slope, with kinks where a view's shift is a whole number of lenslets, and
+the energy peaks at the kinks: planted surfaces came out wrong by up to 0.04 in the median, 0.07 at
+most, whatever the low-pass, and with the modified Laplacian or the variance over the views as well.
+With exact shifts it was 0.01 in the median at most.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from lf_flame.errors import InputError
+from lf_flame.footprint import centred
+from lf_flame.refocus._arguments import as_steps, as_views, refuse_not_finite
+from lf_flame.refocus.methods import refocus
+from lf_flame.refocus.surface import refocus_surface
+
+LOW_PASS = 1.0
+"""Standard deviation, in lenslets, of the Gaussian before the gradient: keeps aliasing out."""
+
+FLOOR = 0.1
+"""Sharpness, as a share of its mean over the image, at which confidence is halved."""
+
+TRUSTED = 0.2
+"""Confidence from which a pixel keeps its own slope."""
+
+
+@dataclass(frozen=True, eq=False)
+class FocusMap:
+    """Result of `depth_from_focus` and `all_in_focus`.
+
+    Attributes
+    ----------
+    slope : ndarray of float64, shape (t, s)
+        Slope of sharpest focus, filled in from around where confidence is low.
+    confidence : ndarray of float64, shape (t, s)
+        0 to 1: how far the peak of sharpness stands above its mean over the slopes, and above
+        the weakest texture that counts; 0 where the peak lies at an end of the slopes. That of
+        `all_in_focus` is low, too, where the views do not agree.
+    all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
+        Every pixel at its slope.
+    """
+
+    slope: np.ndarray
+    confidence: np.ndarray
+    all_in_focus: np.ndarray
+
+
+def depth_from_focus(stack, slopes, window: float = 3.0) -> FocusMap:
+    """Find the slope at which each pixel is sharpest in a focal stack.
+
+    Parameters
+    ----------
+    stack : array_like, shape (n, t, s) or (n, t, s, channels)
+        Refocused images, best by `refocus` with "sinc" (see above).
+    slopes : sequence of float
+        Their slopes: at least three, rising in equal steps.
+    window : float, optional
+        Standard deviation, in lenslets, of the Gaussian under which sharpness is summed: smaller
+        shows finer outlines, larger needs less texture.
+
+    Returns
+    -------
+    FocusMap
+        Its image is interpolated between the two slices next to each pixel's slope.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    """
+    stack, slopes = np.asarray(stack), as_steps(slopes)
+    slope, _, confidence = _peak(stack, slopes, window)
+    slope = _filled(slope, confidence)
+    return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
+
+
+def all_in_focus(
+    views, slopes, window: float = 3.0, interpolation: str = "linear", weights=None
+) -> FocusMap:
+    """Find the slope map of a light field and refocus every pixel at its slope.
+
+    Light that spreads from a bright surface into a dark one has a sharpest slope there, too, but a
+    false one: the middle view does not see it. So confidence is low where the surface refocused
+    from all views differs from that of the middle ones. The image is refocused on the surface
+    found (`refocus_surface`), not picked from slices, so that it has no seams.
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    slopes : sequence of float
+        To search: at least three, rising in equal steps. A peak at the first or the last is not
+        trusted; let them reach a step beyond the scene.
+    window : float, optional
+        As in `depth_from_focus`.
+    interpolation, weights : optional
+        As in `refocus_surface`, for the image.
+
+    Returns
+    -------
+    FocusMap
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a pixel is NaN or infinite.
+    """
+    views, slopes = as_views(views), as_steps(slopes)
+    refuse_not_finite(views)
+    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
+    slope, peak, confidence = _peak(refocus(grey, slopes, "sinc"), slopes, window)
+    amiss = _disagreement(grey, slope, window)
+    confidence *= peak / np.maximum(peak + amiss, np.finfo(float).tiny)
+    slope = _filled(slope, confidence)
+    return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
+
+
+def _peak(stack: np.ndarray, slopes: np.ndarray, window: float):
+    """Slope of the sharpest slice, by a parabola through three; its sharpness; confidence."""
+    if stack.ndim not in (3, 4) or len(stack) != len(slopes) or min(stack.shape) < 1:
+        raise InputError(
+            f"A focal stack must have one image for each of the {len(slopes)} slopes, (n, t, s) or "
+            f"(n, t, s, channels), got an array of shape {stack.shape}."
+        )
+    if not 0 < window < np.inf:
+        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
+    refuse_not_finite(stack)
+    sharpness = np.stack([_sharpness(image, window) for image in stack])
+    k = sharpness.argmax(axis=0)
+    middle = np.clip(k, 1, len(slopes) - 2)
+    before, top, after = (
+        np.take_along_axis(sharpness, (middle + i)[None], axis=0)[0] for i in (-1, 0, 1)
+    )
+    bend = 2 * top - before - after
+    inside = (k == middle) & (bend > 0)
+    offset = np.where(inside, (after - before) / (2 * np.where(inside, bend, 1.0)), 0.0)
+    peak, mean = sharpness.max(axis=0), sharpness.mean(axis=0)
+    floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
+    confidence = np.where(inside, (peak - mean) / (peak + floor), 0.0)
+    return slopes[k] + (slopes[1] - slopes[0]) * offset, peak, confidence
+
+
+def _sharpness(image: np.ndarray, window: float) -> np.ndarray:
+    """Gradient energy around each pixel, summed over channels: shape (t, s)."""
+    energy = np.zeros(image.shape[:2])
+    for channel in np.moveaxis(np.atleast_3d(image), 2, 0):
+        smooth = gaussian_filter(channel.astype(float), LOW_PASS, mode="nearest")
+        for axis in (0, 1):
+            if smooth.shape[axis] > 1:
+                energy += np.gradient(smooth, axis=axis) ** 2
+    return gaussian_filter(energy, window, mode="nearest")
+
+
+def _disagreement(views: np.ndarray, slope: np.ndarray, window: float) -> np.ndarray:
+    """Squared difference, low-passed as sharpness is, of all views from the middle ones."""
+    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])  # one, or two of an even number
+    narrow = refocus_surface(views, slope, weights=np.outer(down, right))
+    difference = refocus_surface(views, slope).astype(float) - narrow
+    smooth = gaussian_filter(difference, LOW_PASS, mode="nearest")
+    return gaussian_filter(smooth**2, window, mode="nearest")
+
+
+def _filled(values: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """Keep trusted values; fill the others from around, from as near as there is enough trust.
+
+    Normalised convolution (Knutsson, Westin, CVPR 1993) at scales that double; what lies beyond
+    the widest gets the mean of all.
+    """
+    tiny = np.finfo(float).tiny
+    filled, missing = np.zeros(values.shape), np.ones(values.shape)
+    for scale in (0.0, *2.0 ** np.arange(np.log2(max(values.shape)) - 1)):
+        trust, trusted_values = (
+            gaussian_filter(image, scale, mode="nearest", truncate=2.0)
+            for image in (confidence, confidence * values)
+        )
+        share = missing * np.minimum(trust / TRUSTED, 1.0)
+        filled += share * trusted_values / np.maximum(trust, tiny)
+        missing -= share
+    weights = confidence if confidence.any() else np.ones(values.shape)
+    return filled + missing * np.average(values, weights=weights)
+
+
+def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Image interpolated linearly between the slices next to each pixel's slope."""
+    place = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
+    below = np.minimum(place.astype(int), len(slopes) - 2)
+    rows, columns = np.indices(slope.shape, sparse=True)
+    share = (place - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
+    near, far = stack[below, rows, columns], stack[below + 1, rows, columns]
+    return ((1 - share) * near + share * far).astype(np.float32)

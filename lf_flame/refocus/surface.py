@@ -1,0 +1,205 @@
+"""Refocusing on a surface: a slope for every pixel in place of one for the image.
+
+A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a tilted
+(Scheimpflug) lens has in focus, is linear in it; regions of interest each get a slope of their own
+(volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238); the slope map of
+a whole scene makes an image with everything in focus (`lf_flame.refocus.composite`).
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from lf_flame.camera import PlenopticCamera
+from lf_flame.errors import InputError
+from lf_flame.footprint import centred
+from lf_flame.refocus import _surface_kernels
+from lf_flame.refocus._arguments import as_readable, as_views, as_weights, refuse_not_finite
+from lf_flame.refocus.interpolation import check_interpolation
+
+TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
+"""Lenslets along an axis that each interpolation reads."""
+
+
+def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
+    """Refocus every pixel at a slope of its own.
+
+    ``out[t, s]`` is the mean over v, u of ``L[v, u, t + slopes[t, s] (v - vc), s + slopes[t, s]
+    (u - uc)]``, coordinates clamped at the edges. A constant map gives `shift_and_sum`.
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        uint8, uint16, float32 and float64 are read as they are; others become float32, or
+        float64 where they are wider.
+    slopes : array_like, shape (t, s) or (n, t, s)
+        One slope map or several.
+    interpolation : {"linear", "nearest", "cubic"}, optional
+        Between neighbouring lenslets: "nearest" rounds both shifts to whole lenslets, halves up;
+        "cubic" is Keys' convolution with a = -1/2, 4 x 4 lenslets, which can overshoot.
+    weights : array_like, shape (v, u), optional
+        Weight of each view, 0 or above; their sum is taken out. Views of weight 0 are not read.
+        Default: all alike.
+
+    Returns
+    -------
+    ndarray of float32, shape of `slopes`, or with a last axis of channels
+        Sums run in float64.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a pixel that was read is NaN or infinite.
+    """
+    views = as_readable(as_views(views))
+    slopes = _as_slope_maps(slopes, views.shape[2:4])
+    weights = as_weights(weights, views.shape[:2])
+    check_interpolation(interpolation)
+    grey = views.ndim == 4
+    lights = views[..., None] if grey else views
+    maps = slopes.reshape(-1, *slopes.shape[-2:])
+    out = np.empty((*maps.shape, lights.shape[4]), np.float32)
+    shares = weights / weights.sum()
+    with np.errstate(over="ignore"):  # refused below
+        _surface_kernels.refocus_surface(lights, maps, shares, TAPS[interpolation], out)
+    if not np.isfinite(out).all():
+        refuse_not_finite(views)
+        raise InputError(
+            f"Pixels must stay below {np.finfo(np.float32).max:.3g}, the largest float32, "
+            f"got up to {np.abs(views).max():.3g}."
+        )
+    return out.reshape(slopes.shape if grey else (*slopes.shape, -1))
+
+
+def planar_slopes(shape, at: float, gradient=(0.0, 0.0)) -> np.ndarray:
+    """Slope map that is linear: a plane in object space, tilted or not.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Lenslet rows and columns, (t, s).
+    at : float
+        Slope in the middle of the image.
+    gradient : (float, float), optional
+        Change of the slope from one lenslet to the next, along t and along s.
+
+    Returns
+    -------
+    ndarray of float64, shape (t, s)
+
+    Raises
+    ------
+    InputError
+        If a number cannot be used.
+    """
+    height, width = _as_shape(shape)
+    if np.shape(gradient) != (2,):
+        raise InputError(f"gradient must be two numbers, along t and along s, got {gradient}.")
+    slopes = at + gradient[0] * centred(height)[:, None] + gradient[1] * centred(width)
+    return _as_slope_maps(slopes, (height, width))
+
+
+def tilted_plane(camera: PlenopticCamera, depth_mm: float, tilt_rad) -> np.ndarray:
+    """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
+
+    Exact: the slope is linear in the inverse distance, and along the rays of the middle view,
+    ``x = Z s pitch / i0``, the inverse distance of a plane is linear in s (as a plane's disparity
+    is: Hartley and Zisserman, Multiple View Geometry, chapter 13). The slope changes by
+    ``view_step tan(tilt) / Z`` per lenslet, Z the distance of the plane from the main lens.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+        Its recorded lenslets give the shape of the map.
+    depth_mm : float
+        Depth of the plane on the optical axis, from the focal plane.
+    tilt_rad : (float, float)
+        How the plane leans away from the camera downward (t) and to the right (s), within pi/2.
+
+    Returns
+    -------
+    ndarray of float64, shape (t, s)
+
+    Raises
+    ------
+    InputError
+        If the plane does not stand in front of the main lens, or a tilt reaches pi/2.
+    """
+    at = camera.depth_to_slope(depth_mm)
+    tilts = np.asarray(tilt_rad, float)
+    if tilts.shape != (2,) or not np.all(np.abs(tilts) < np.pi / 2):
+        raise InputError(f"tilt_rad must be two angles within pi/2, (t, s), got {tilt_rad}.")
+    per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.focus_distance_mm + depth_mm)
+    return planar_slopes(camera.lenslets, at, per_lenslet)
+
+
+def region_slopes(shape, regions: Iterable, background: float, soften: float = 0.0) -> np.ndarray:
+    """Slope map of regions of interest, each with a slope of its own.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Lenslet rows and columns, (t, s).
+    regions : iterable of (region, slope)
+        A region is ``(t_start, t_stop, s_start, s_stop)`` in lenslets, or a mask, shape (t, s) of
+        bool. A later one lies over those before it.
+    background : float
+        Slope of the rest; far from all that is in the scene, the rest is blurred.
+    soften : float, optional
+        Standard deviation, in lenslets, of a Gaussian that smooths the map, so that no seam shows
+        (Samarakoon et al. use 5). Default: none.
+
+    Returns
+    -------
+    ndarray of float64, shape (t, s)
+
+    Raises
+    ------
+    InputError
+        If a region does not lie in the image, or a number cannot be used.
+    """
+    shape = _as_shape(shape)
+    slopes = np.full(shape, background, dtype=float)
+    for region, slope in regions:
+        slopes[_as_mask(region, shape)] = slope
+    if not 0 <= soften < np.inf:
+        raise InputError(f"soften must be a number of lenslets, 0 or above, got {soften}.")
+    slopes = _as_slope_maps(slopes, shape)
+    return gaussian_filter(slopes, soften, mode="nearest") if soften else slopes
+
+
+def _as_shape(shape) -> tuple[int, int]:
+    counts = tuple(shape)
+    if len(counts) != 2 or any(n != int(n) or n < 1 for n in counts):
+        raise InputError(f"shape must be two numbers of lenslets, (t, s), got {shape}.")
+    return int(counts[0]), int(counts[1])
+
+
+def _as_mask(region, shape: tuple[int, int]):
+    """Index of a region: its slices, or the mask itself."""
+    region = np.asarray(region)
+    if region.dtype == bool and region.shape == shape:
+        return region
+    if region.shape == (4,) and region.dtype.kind in "iu":
+        t0, t1, s0, s1 = (int(edge) for edge in region)
+        if 0 <= t0 < t1 <= shape[0] and 0 <= s0 < s1 <= shape[1]:
+            return slice(t0, t1), slice(s0, s1)
+    raise InputError(
+        f"A region must be (t_start, t_stop, s_start, s_stop) inside the {shape[0]} x {shape[1]} "
+        f"lenslets, or a bool mask of that shape, got "
+        f"{region.tolist() if region.size <= 4 else f'{region.dtype} of shape {region.shape}'}."
+    )
+
+
+def _as_slope_maps(slopes, shape: tuple[int, int]) -> np.ndarray:
+    slopes = np.ascontiguousarray(slopes, dtype=float)
+    if slopes.ndim not in (2, 3) or slopes.shape[-2:] != tuple(shape) or slopes.size == 0:
+        raise InputError(
+            f"A slope map must have the {shape[0]} x {shape[1]} lenslets of the views, or be "
+            f"several such, got an array of shape {slopes.shape}."
+        )
+    if not np.all(np.isfinite(slopes)):
+        bad = np.count_nonzero(~np.isfinite(slopes))
+        raise InputError(f"A slope map must be finite, got {bad} NaN or infinite slopes.")
+    return slopes

@@ -1,0 +1,168 @@
+"""From a light field to the refocused pictures a user looks at."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame import figures, provenance
+from lf_flame.camera import PlenopticCamera
+from lf_flame.errors import InputError
+from lf_flame.files import write_json
+from lf_flame.formats.images import to_levels, write_image
+from lf_flame.formats.movie import write_movie
+from lf_flame.formats.stacks import write_focal_stack
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import (
+    SlopeSearch,
+    all_in_focus,
+    annular_aperture,
+    f_number_aperture,
+    find_sharpest_slope,
+    refocus,
+    round_aperture,
+)
+
+SWEEP_FRAMES = 41
+"""Frames from one end of a sweep to the other; the movie goes there and back."""
+
+SLOPE_MAP_STEPS = 33
+"""Slopes of the stack from which a slope map is made."""
+
+
+def aperture_weights(
+    views: tuple[int, int],
+    diameter: float | None = None,
+    ring: float | None = None,
+    f_number: float | None = None,
+    camera: PlenopticCamera | None = None,
+) -> np.ndarray | None:
+    """Weights of the views for an aperture as a user states it.
+
+    Parameters
+    ----------
+    views : (int, int)
+    diameter : float, optional
+        Of a round aperture, in widths of the full one. Default: the full one, or of a ring 1.
+    ring : float, optional
+        Diameter of the middle that is covered.
+    f_number : float, optional
+        In place of a diameter; needs the camera.
+    camera : PlenopticCamera, optional
+
+    Returns
+    -------
+    ndarray, shape (v, u), or None for all views alike
+    """
+    if f_number is not None:
+        if diameter is not None or ring is not None:
+            raise InputError("An f-number and a diameter of the aperture cannot both be given.")
+        if views != (camera.views, camera.views):
+            raise InputError(
+                f"The camera has {camera.views} x {camera.views} views, "
+                f"but the light field {views[0]} x {views[1]}."
+            )
+        return f_number_aperture(camera, f_number)
+    if ring is not None:
+        return annular_aperture(views, ring, 1.0 if diameter is None else diameter)
+    return None if diameter is None else round_aperture(views, diameter)
+
+
+@dataclass(frozen=True, eq=False)
+class Refocusing:
+    """What to make of a light field, and where to put it.
+
+    Attributes
+    ----------
+    light_field : LightField
+    out : Path
+        Folder for the pictures and ``refocus.json``, the record.
+    options : dict
+        `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
+    record : dict
+        What the record says beside what each call adds.
+    written : list of str
+        Names of the files, as they are written.
+    """
+
+    light_field: LightField
+    out: Path
+    options: dict = field(default_factory=dict)
+    record: dict = field(default_factory=dict)
+    written: list[str] = field(default_factory=list)
+
+    @property
+    def white(self) -> float:
+        """Radiance shown as white: 1, or the brightest pixel if above 1 or below 0.1."""
+        brightest = float(self.light_field.views.max())
+        return max(brightest, 1.0) if brightest > 0.1 else max(brightest, 1e-30)
+
+    def refocus_at(self, slopes: Sequence[float]) -> None:
+        """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes."""
+        stack = refocus(self.light_field, slopes, **self.options)
+        write_focal_stack(stack, slopes, self._path("focal_stack.tif"))
+        digits = len(str(len(slopes)))
+        for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
+            name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}.png"
+            write_image(self._path(name), self._levels(image))
+        self.record["slopes"] = [float(slope) for slope in slopes]
+        self.record["radiance_of_white_in_png"] = self.white
+
+    def search(self) -> SlopeSearch:
+        """Find the slope of sharpest focus; writes its curve as ``slope_search.png``."""
+        search = find_sharpest_slope(self.light_field)
+        figures.save(figures.search_figure([search]), self._path("slope_search.png"))
+        self.record["search"] = {"slope": search.slope, "confidence": search.confidence}
+        return search
+
+    def sweep(self, first: float, last: float, movie: str, progress: Callable = iter) -> None:
+        """Write a movie through focus, from one slope to another and back.
+
+        Parameters
+        ----------
+        first, last : float
+        movie : str
+            Name of the file, which ends in .gif or .mp4.
+        progress : callable, optional
+            Wraps the list of slopes.
+        """
+        slopes = np.linspace(first, last, SWEEP_FRAMES)
+        frames = [
+            self._levels(refocus(self.light_field, slope, **self.options)[0])
+            for slope in progress(list(slopes))
+        ]
+        write_movie(self._path(movie), np.stack(frames + frames[-2:0:-1]))
+        self.record["sweep"] = [first, last]
+
+    def map_slopes(self, first: float, last: float) -> None:
+        """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``."""
+        if not first < last:
+            raise InputError(f"A slope map needs the lower slope first, got {first} and {last}.")
+        slopes = np.linspace(first, last, SLOPE_MAP_STEPS)
+        weights = self.options.get("weights")
+        found = all_in_focus(self.light_field, slopes, weights=weights)
+        write_image(self._path("all_in_focus.png"), self._levels(found.all_in_focus))
+        write_image(self._path("slope_map.tif"), found.slope.astype(np.float32))
+        figures.save(figures.slope_map_figure(found), self._path("slope_map.png"))
+        self.record["slope_map"] = [first, last]
+
+    def write_record(self) -> dict:
+        """Write ``refocus.json``; returns the record."""
+        v, u, t, s = self.light_field.views.shape[:4]
+        record = {
+            "views": [v, u],
+            "lenslets": [t, s],
+            **{k: value for k, value in self.options.items() if k != "weights"},
+            **self.record,
+            **provenance.environment(),
+        }
+        write_json(self._path("refocus.json"), record)
+        return record
+
+    def _path(self, name: str) -> Path:
+        self.written.append(name)
+        return self.out / name
+
+    def _levels(self, image: np.ndarray) -> np.ndarray:
+        return to_levels(np.clip(image / self.white, 0, 1), 8)

@@ -1,0 +1,347 @@
+"""Images, lenslet images, arrays and stacks: round trips and what is refused."""
+
+import json
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from lf_flame import InputError, LightField
+from lf_flame.formats import (
+    read_array,
+    read_focal_stack,
+    read_lenslet_image,
+    read_light_field,
+    read_view_stack,
+    write_focal_stack,
+    write_lenslet_image,
+    write_view_folder,
+)
+from lf_flame.formats.images import read_image, write_image
+
+SEEDS = st.integers(0, 2**32)
+
+
+def levels(rng, shape, bits=8):
+    return rng.integers(0, 2**bits, shape, f"uint{bits}")
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    st.sampled_from([(), (1,), (3,)]),
+    st.sampled_from([8, 16]),
+    st.sampled_from([".png", ".tif"]),
+    SEEDS,
+)
+def test_every_level_of_an_image_comes_back(tmp_path_factory, shape, channels, bits, suffix, seed):
+    pixels = levels(np.random.default_rng(seed), shape + channels, bits)
+    path = tmp_path_factory.mktemp("image") / f"image{suffix}"
+    write_image(path, pixels)
+    expected = pixels[..., 0] if channels == (1,) else pixels
+    back = read_image(path)
+    assert back.dtype == np.float32
+    np.testing.assert_array_equal(np.rint(back * (2.0**bits - 1)), expected)
+
+
+def test_deep_colour_is_a_sound_png(tmp_path, rng):
+    pixels = levels(rng, (20, 30, 3), bits=16)
+    write_image(tmp_path / "deep.png", pixels)
+    with Image.open(tmp_path / "deep.png") as image:  # checks every chunk
+        image.verify()
+    with Image.open(tmp_path / "deep.png") as image:
+        np.testing.assert_array_equal(np.asarray(image), pixels >> 8)
+
+
+@pytest.mark.parametrize("filter_type", range(5))
+def test_deep_colour_with_transparency_is_read_whatever_its_filter(tmp_path, rng, filter_type):
+    """The five filters of the PNG specification, section 9, written the slow and obvious way."""
+    pixels = levels(rng, (6, 7, 4), bits=16)
+    data = pixels.astype(">u2").reshape(6, -1).view(np.uint8).astype(int)
+    padded = np.pad(data, ((1, 0), (8, 0)))
+    left, up, corner = padded[1:, :-8], padded[:-1, 8:], padded[:-1, :-8]
+    distances = np.abs([up - corner, left - corner, left + up - 2 * corner])
+    paeth = np.choose(distances.argmin(axis=0), [left, up, corner])
+    predicted = [0 * data, left, up, (left + up) // 2, paeth][filter_type]
+    lines = np.insert((data - predicted) % 256, 0, filter_type, axis=1).astype(np.uint8)
+    write_image(tmp_path / "like.png", pixels[..., :3])
+    whole = (tmp_path / "like.png").read_bytes()
+    header = whole[16:25] + b"\x06" + whole[26:29]  # colour type 6: with transparency
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes())), (b"IEND", b"")]
+    (tmp_path / "deep.png").write_bytes(
+        whole[:8]
+        + b"".join(
+            len(body).to_bytes(4) + name + body + zlib.crc32(name + body).to_bytes(4)
+            for name, body in chunks
+        )
+    )
+    back = read_image(tmp_path / "deep.png")
+    np.testing.assert_array_equal(np.rint(back * 65535.0), pixels[..., :3])
+
+
+def test_images_of_another_kind_are_not_written(tmp_path, rng):
+    with pytest.raises(InputError, match=r"written as .png, .tif or .tiff, got .*a.jpg"):
+        write_image(tmp_path / "a.jpg", levels(rng, (3, 3)))
+    assert list(tmp_path.iterdir()) == []
+
+
+LENSLETS = st.tuples(*[st.integers(1, 5)] * 4, st.sampled_from([0, 3]))
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(LENSLETS, st.sampled_from([8, 16]), st.sampled_from([".png", ".tiff"]), SEEDS)
+def test_a_lenslet_image_comes_back(tmp_path_factory, shape, bits, suffix, seed):
+    n, _, t, s, channels = shape
+    full = (n, n, t, s, channels) if channels else (n, n, t, s)
+    views = levels(np.random.default_rng(seed), full, bits) / np.float32(2**bits - 1)
+    path = tmp_path_factory.mktemp("lenslets") / f"raw{suffix}"
+    write_lenslet_image(LightField(views), path, bits)
+    np.testing.assert_array_equal(read_light_field(path, views=n).views, views)
+
+
+def test_a_lenslet_image_lies_as_eslf_files_do(tmp_path, rng):
+    raw = levels(rng, (28, 42, 3), bits=16)
+    write_image(tmp_path / "flowers_eslf.png", raw)
+    views = read_lenslet_image(tmp_path / "flowers_eslf.png", views=14).views
+    assert views.shape == (14, 14, 2, 3, 3)
+    np.testing.assert_array_equal(views[5, 9], raw[5::14, 9::14] / np.float32(65535))
+
+
+@pytest.mark.parametrize(("keep", "first"), [(8, 3), (7, 3), (14, 0), (1, 6)])
+def test_outer_views_can_be_left_out(tmp_path, rng, keep, first):
+    write_image(tmp_path / "a.png", levels(rng, (28, 28)))
+    every = read_lenslet_image(tmp_path / "a.png", views=14).views
+    kept = read_lenslet_image(tmp_path / "a.png", views=14, keep=keep).views
+    middle = slice(first, first + keep)
+    np.testing.assert_array_equal(kept, every[middle, middle])
+
+
+def test_views_that_do_not_divide_a_lenslet_image_are_refused(tmp_path, rng):
+    write_image(tmp_path / "a.png", levels(rng, (28, 42)))
+    with pytest.raises(InputError, match=r"28 x 42 .*not stated; 2, 7, 14 would"):
+        read_light_field(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"got 15; 2, 7, 14 would"):
+        read_light_field(tmp_path / "a.png", views=15)
+    with pytest.raises(InputError, match=r"got 0; 2, 7, 14 would"):
+        read_light_field(tmp_path / "a.png", views=0)
+    with pytest.raises(InputError, match="keep must be from 1 to the 14 views, got 15"):
+        read_lenslet_image(tmp_path / "a.png", views=14, keep=15)
+    write_image(tmp_path / "b.png", levels(rng, (9, 8)))
+    with pytest.raises(InputError, match="only 1 would"):
+        read_light_field(tmp_path / "b.png", views=3)
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8", ">f4", "u1", "u2"])
+@pytest.mark.parametrize("shape", [(2, 3, 4, 5), (2, 2, 3, 4, 3)])
+def test_arrays_come_back(tmp_path, rng, dtype, shape):
+    array = (rng.uniform(size=shape) * (200 if "u" in dtype else 1)).astype(dtype)
+    top = {"u1": 255, "u2": 65535}.get(dtype, 1)
+    np.save(tmp_path / "a.npy", array)
+    np.savez(tmp_path / "b.npz", field=array)
+    np.savez_compressed(tmp_path / "c.npz", depth=array[0, 0], views=array, more=array)
+    np.savez(tmp_path / "d.npz", depth=array[0, 0, :, :], field=array)
+    for name in ("a.npy", "b.npz", "c.npz", "d.npz"):
+        views = read_light_field(tmp_path / name).views
+        assert views.dtype == np.float32
+        np.testing.assert_array_equal(views, (array / np.float32(top)).astype(np.float32))
+
+
+def test_raw_arrays_are_cut(tmp_path, rng):
+    views = rng.uniform(size=(3, 3, 4, 5, 3)).astype(np.float32)
+    np.save(tmp_path / "a.npy", LightField(views).to_raw())
+    np.savez(tmp_path / "b.npz", raw=LightField(views[..., 0]).to_raw())
+    np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy", 3).views, views)
+    np.testing.assert_array_equal(read_light_field(tmp_path / "b.npz", 3).views, views[..., 0])
+    with pytest.raises(InputError, match="not stated; 3 would"):
+        read_light_field(tmp_path / "b.npz")
+
+
+def test_odd_arrays_are_refused(tmp_path, rng):
+    views = rng.uniform(size=(2, 2, 3, 3))
+    np.save(tmp_path / "pickled.npy", np.array([{"a": 1}], object))
+    np.savez(tmp_path / "pickled.npz", views=np.array([{"a": 1}], object))
+    np.savez(tmp_path / "two.npz", a=views, b=views)
+    np.savez(tmp_path / "none.npz")
+    np.save(tmp_path / "complex.npy", views + 1j)
+    np.save(tmp_path / "long.npy", np.ones((2, 2, 3, 3), int))
+    np.save(tmp_path / "line.npy", views.ravel())
+    np.save(tmp_path / "nan.npy", views * np.nan)
+    (tmp_path / "text.npy").write_text("no array")
+    (tmp_path / "empty.npy").write_bytes(b"")
+    (tmp_path / "text.npz").write_text("no archive")
+    whole = (tmp_path / "two.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    np.save(tmp_path / "cut.npy", views)
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "cut.npy").read_bytes()[:-8])
+    for name, told in {
+        "pickled.npy": "cannot be read",
+        "pickled.npz": "cannot be read",
+        "text.npy": "cannot be read",
+        "empty.npy": "cannot be read",
+        "text.npz": "cannot be read",
+        "cut.npz": "cannot be read",
+        "cut.npy": "cannot be read",
+        "two.npz": r"one only of 4 or 5 axes, got a \(2, 2, 3, 3\), b",
+        "none.npz": "got none",
+        "complex.npy": "or floats, got complex128",
+        "long.npy": "8 or 16 bits, or floats, got int64",
+        "line.npy": r"got shape \(36,\)",
+        "nan.npy": "must be finite, got 36 NaN",
+    }.items():
+        with pytest.raises(InputError, match=told):
+            read_array(tmp_path / name)
+    with pytest.raises(InputError, match="no such file"):
+        read_array(tmp_path / "nowhere.npy")
+
+
+@pytest.mark.parametrize("bits", [8, 16, 32])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
+    views = rng.uniform(size=(3, 3, 10, 12, *channels)).astype(np.float32)
+    kept, top = views, 1
+    if bits < 32:
+        kept, top = levels(rng, views.shape, bits), 2**bits - 1
+    photometric = "rgb" if channels else "minisblack"
+    row = kept.reshape(9, *kept.shape[2:])
+    tifffile.imwrite(tmp_path / "row.tif", row, photometric=photometric)
+    tifffile.imwrite(tmp_path / "grid.tiff", kept, photometric=photometric, compression="zlib")
+    with tifffile.TiffWriter(tmp_path / "pages.tif") as file:
+        for page in row:
+            file.write(page, photometric=photometric, contiguous=False)
+    if not (channels and bits > 8):
+        axes = "ZYXS" if channels else "ZYX"
+        tifffile.imwrite(tmp_path / "imagej.tif", row, imagej=True, metadata={"axes": axes})
+    for path in tmp_path.iterdir():
+        back = read_light_field(path).views
+        np.testing.assert_array_equal(back, kept / np.float32(top), err_msg=path.name)
+        turned = read_light_field(path, order="col,row").views
+        np.testing.assert_array_equal(turned, back.swapaxes(0, 1))
+
+
+def test_a_tiff_of_one_page_is_a_lenslet_image(tmp_path, rng):
+    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
+    tifffile.imwrite(tmp_path / "raw.tif", LightField(views).to_raw())
+    np.testing.assert_array_equal(read_light_field(tmp_path / "raw.tif", views=3).views, views)
+
+
+def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
+    pages = levels(rng, (9, 3, 10, 12), bits=16)
+    tifffile.imwrite(tmp_path / "a.tif", pages, imagej=True, metadata={"axes": "ZCYX"})
+    views = read_light_field(tmp_path / "a.tif").views
+    expected = np.moveaxis(pages, 1, -1).reshape(3, 3, 10, 12, 3) / np.float32(65535)
+    np.testing.assert_array_equal(views, expected)
+
+
+def test_a_thumbnail_in_a_tiff_is_left_out(tmp_path, rng):
+    raw = levels(rng, (12, 15), bits=16)
+    with tifffile.TiffWriter(tmp_path / "raw.tif") as file:
+        file.write(raw)
+        file.write(raw[::3, ::3])
+    views = read_light_field(tmp_path / "raw.tif", views=3).views
+    np.testing.assert_array_equal(views[1, 2], raw[1::3, 2::3] / np.float32(65535))
+
+
+def test_odd_stacks_are_refused(tmp_path, rng):
+    stack = rng.uniform(size=(7, 10, 12)).astype(np.float32)
+    tifffile.imwrite(tmp_path / "seven.tif", stack)
+    with pytest.raises(InputError, match=r"square number of pages, .*got .*\(7,\)"):
+        read_light_field(tmp_path / "seven.tif")
+    write_focal_stack(stack[:4], [0, 1, 2, 3], tmp_path / "focal.tif")
+    with pytest.raises(InputError, match="focal.tif is a stack of refocused images"):
+        read_light_field(tmp_path / "focal.tif")
+    (tmp_path / "cut.tif").write_bytes((tmp_path / "seven.tif").read_bytes()[:200])
+    (tmp_path / "text.tif").write_text("no picture")
+    for name in ("cut.tif", "text.tif", "nowhere.tif"):
+        with pytest.raises(InputError, match=name):
+            read_view_stack(tmp_path / name)
+        with pytest.raises(InputError, match=name):
+            read_light_field(tmp_path / name, views=2)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    st.integers(1, 5),
+    st.tuples(st.integers(2, 6), st.integers(2, 6)),
+    st.sampled_from([(), (1,), (2,), (3,), (4,)]),
+    st.floats(-10, 10),
+    SEEDS,
+)
+def test_a_focal_stack_comes_back_with_its_slopes(tmp_path_factory, n, shape, channels, step, seed):
+    stack = np.random.default_rng(seed).normal(size=(n, *shape, *channels)).astype(np.float32)
+    slopes = step * np.arange(n)
+    path = tmp_path_factory.mktemp("stack") / "stack.tif"
+    write_focal_stack(stack, slopes, path)
+    back, kept = read_focal_stack(path)
+    np.testing.assert_array_equal(back, stack[..., 0] if channels == (1,) else stack)
+    np.testing.assert_array_equal(kept, slopes)
+
+
+def test_imagej_sees_the_planes_and_their_slopes(tmp_path, rng):
+    write_focal_stack(rng.uniform(size=(3, 4, 5, 3)), [-1.25, 0, 2.1], tmp_path / "stack.tif")
+    with tifffile.TiffFile(tmp_path / "stack.tif") as file:
+        assert file.is_imagej
+        assert len(file.pages) == 9
+        assert file.pages[0].dtype == np.float32
+        told = file.imagej_metadata
+    assert (told["slices"], told["channels"]) == (3, 3)
+    assert json.loads(told["slopes"]) == [-1.25, 0, 2.1]
+    assert told["Labels"][::3] == ["slope -1.25", "slope 0", "slope 2.1"]
+
+
+def test_focal_stacks_of_other_programs_have_no_slopes(tmp_path, rng):
+    stack = levels(rng, (4, 5, 6), bits=16)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack")
+    back, slopes = read_focal_stack(tmp_path / "a.tif")
+    assert slopes is None
+    np.testing.assert_array_equal(back, stack / np.float32(65535))
+    tifffile.imwrite(tmp_path / "b.tif", stack.reshape(2, 2, 5, 6), photometric="minisblack")
+    with pytest.raises(InputError, match="images in one row"):
+        read_focal_stack(tmp_path / "b.tif")
+
+
+def test_focal_stacks_that_do_not_fit_their_slopes_are_refused(tmp_path, rng):
+    for shape, slopes in (((3, 4, 5), [0, 1]), ((4, 5), [0]), ((1, 4, 5, 5), [0]), ((0, 4, 5), [])):
+        with pytest.raises(InputError, match="one image for each slope, in up to 4 channels, got"):
+            write_focal_stack(rng.uniform(size=shape), slopes, tmp_path / "a.tif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_door_opens_every_kind(tmp_path, rng):
+    views = levels(rng, (3, 3, 5, 6), bits=16) / np.float32(65535)
+    light_field = LightField(views)
+    write_view_folder(light_field, tmp_path / "folder")
+    write_lenslet_image(light_field, tmp_path / "raw.png")
+    np.save(tmp_path / "views.npy", views)
+    tifffile.imwrite(tmp_path / "views.tif", views, photometric="minisblack")
+    for name in ("folder", "raw.png", "views.npy", "views.tif"):
+        stated = {"views": 3} if name == "raw.png" else {}
+        path = tmp_path / name
+        np.testing.assert_array_equal(read_light_field(path, **stated).views, views)
+        turned = read_light_field(path, order="row,-col", **stated).views
+        np.testing.assert_array_equal(turned, views[:, ::-1])
+
+
+def test_what_no_door_fits_is_refused(tmp_path):
+    (tmp_path / "a.lfr").write_bytes(b"")
+    with pytest.raises(InputError, match=r"a.lfr is no light field: it must be a folder of views"):
+        read_light_field(tmp_path / "a.lfr")
+    with pytest.raises(InputError, match="no such file or folder"):
+        read_light_field(tmp_path / "nowhere")
+    (tmp_path / "a.png").write_bytes(b"no picture")
+    with pytest.raises(InputError, match=r"a.png cannot be read"):
+        read_light_field(tmp_path / "a.png", views=2)
+
+
+def test_reading_needs_neither_numba_nor_figures():
+    code = (
+        "import sys, lf_flame.formats; "
+        "print([m for m in ('numba', 'keras', 'matplotlib') if m in sys.modules])"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[]"

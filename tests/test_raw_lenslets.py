@@ -1,0 +1,425 @@
+"""Raw lenslet images: grids found to a small part of a pixel, light and slopes kept."""
+
+import json
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.raw_lenslets import decode_raw
+from lf_flame.formats.white_image import estimate_grid
+from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+
+
+def nearest_lenslet(grid, shape):
+    """For each pixel: row, place along the row and offset (down, along) from its lenslet.
+
+    The place counts pitches from (x0, y0), the offset pixels. Written apart from the package: all
+    lenslets of the two rows beside a pixel are compared.
+    """
+    y, x = np.indices(shape)
+    z = (x - grid.x0 + 1j * (y - grid.y0)) * np.exp(-1j * grid.rotation)
+    best = np.full((4, *shape), np.inf)
+    for row in (np.floor(z.imag / grid.row_pitch), np.ceil(z.imag / grid.row_pitch)):
+        shifted = (row % 2) / 2 if grid.layout == "hexagonal" else 0
+        place = np.round(z.real / grid.pitch - shifted) + shifted
+        down, along = z.imag - row * grid.row_pitch, z.real - place * grid.pitch
+        found = np.stack([row, place, down, along])
+        best = np.where(np.hypot(down, along) < np.hypot(*best[2:]), found, best)
+    return best
+
+
+def white_image(grid, shape, rng, radius=0.45, gap=0.05, noise=0.0, falloff=0.0, dead=0.0):
+    """Round micro-images, darker towards the corners of the sensor, some of them dead."""
+    row, place, down, along = nearest_lenslet(grid, shape)
+    image = gap + (1 - gap) * np.clip(radius * grid.pitch - np.hypot(down, along) + 0.5, 0, 1)
+    is_dead = rng.uniform(size=(500, 500)) < dead
+    image[is_dead[row.astype(int) % 500, np.floor(place).astype(int) % 500]] = 0.02
+    y, x = (np.linspace(-1, 1, n) for n in shape)
+    image *= 1 - falloff * (y[:, None] ** 2 + x**2) / 2
+    return image + noise * rng.standard_normal(shape)
+
+
+def random_grid(layout, rng):
+    return LensletGrid(
+        x0=rng.uniform(0, 100),
+        y0=rng.uniform(0, 100),
+        pitch=rng.uniform(9.7, 20),
+        rotation=rng.uniform(-0.05, 0.05),
+        layout=layout,
+    )
+
+
+def farthest(found, true, shape):
+    """Largest distance of a found centre from the nearest true one, in pixels."""
+    y, x = np.moveaxis(found.centres(shape), -1, 0)
+    z = (x - true.x0 + 1j * (y - true.y0)) * np.exp(-1j * true.rotation)
+    row = np.round(z.imag / true.row_pitch)
+    shifted = (row % 2) / 2 if true.layout == "hexagonal" else 0
+    place = np.round(z.real / true.pitch - shifted) + shifted
+    return np.abs(z - place * true.pitch - 1j * row * true.row_pitch).max()
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_random_grids_are_found(layout, rng):
+    for _ in range(10):
+        true, shape = random_grid(layout, rng), tuple(rng.integers(250, 500, 2))
+        look = {"radius": (0.35, 0.5), "gap": (0, 0.3), "noise": (0, 0.08), "falloff": (0, 0.7)}
+        look = {name: rng.uniform(*limits) for name, limits in look.items()}
+        found = estimate_grid(white_image(true, shape, rng, dead=0.02, **look))
+        assert found.layout == layout
+        assert farthest(found, true, shape) < 0.05
+        assert found.pitch == pytest.approx(true.pitch, abs=0.005)
+        assert found.row_pitch == pytest.approx(true.row_pitch, abs=0.006)
+        assert found.rotation == pytest.approx(true.rotation, abs=3e-4)
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_a_clean_grid_is_found_to_a_hundredth_of_a_pixel(layout, rng):
+    true, shape = random_grid(layout, rng), (401, 503)
+    found = estimate_grid(white_image(true, shape, rng, falloff=0.4))
+    assert farthest(found, true, shape) < 0.01
+
+
+def test_a_separate_row_pitch_is_found(rng):
+    true = LensletGrid(20, 30, 14.3, 0.02, "rectangular", row_pitch=12.1)
+    found = estimate_grid(white_image(true, (300, 380), rng, radius=0.4))
+    assert found.row_pitch == pytest.approx(12.1, abs=0.002)
+    assert farthest(found, true, (300, 380)) < 0.02
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+@pytest.mark.parametrize("radius", [0.2, 0.5])
+def test_small_and_touching_micro_images_are_found(radius, layout, rng):
+    true = LensletGrid(20, 30, 15.2, 0.02, layout)
+    found = estimate_grid(white_image(true, (400, 420), rng, radius=radius, noise=0.02))
+    assert farthest(found, true, (400, 420)) < 0.02
+
+
+def test_kinds_of_white_images(rng):
+    true, shape = LensletGrid(20, 30, 12.2, 0.02, "hexagonal"), (400, 421)
+    white = np.clip(white_image(true, shape, rng, falloff=0.3), 0, 1)
+    y, x = np.indices(shape)
+    mosaic = np.where(y % 2 == x % 2, 1.0, 0.4) * white
+    image_circle = np.where(np.hypot(y - 200, x - 210) < 170, white, 0)
+    for image in (
+        (255 * white).astype(np.uint8),
+        np.clip(2 * white, 0, 1),  # saturated
+        np.stack([white, 0.5 * white, 0.2 * white], axis=-1),
+        1e-6 * white,
+        mosaic,
+        image_circle,
+    ):
+        assert farthest(estimate_grid(image), true, shape) < 0.02
+    assert farthest(estimate_grid(white, 14, "hexagonal"), true, shape) < 0.02
+
+
+def test_images_without_a_grid_are_refused(rng):
+    stripes = np.tile(np.sin(np.arange(300) / 2), (300, 1)) + rng.uniform(size=(300, 300))
+    blobs = ndimage.gaussian_filter(rng.uniform(size=(300, 300)), 4)
+    noise, ramp = rng.uniform(size=(300, 300)), np.add.outer(np.arange(300), np.arange(300))
+    for image in (np.zeros((300, 300)), np.ones((300, 300)), noise, ramp, stripes, blobs):
+        with pytest.raises(InputError, match="No regular array of micro-images was found"):
+            estimate_grid(image)
+
+
+def test_a_grid_other_than_stated_is_refused(rng):
+    white = white_image(LensletGrid(20, 30, 12.2, 0.0, "hexagonal"), (300, 320), rng)
+    with pytest.raises(InputError, match="every 12 pixels, not every 30"):
+        estimate_grid(white, pitch=30)
+    with pytest.raises(InputError, match="layout must be hexagonal, .* got 'rectangular'"):
+        estimate_grid(white, layout="rectangular")
+    with pytest.raises(InputError, match="straight columns.*numpy.rot90"):
+        estimate_grid(white.T)
+    with pytest.raises(InputError, match="3 x 3 micro-images"):
+        estimate_grid(white[:45, :60])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.ones((50, 50)), 2.0), "pitch must lie between 4 pixels and .* got 2.0"),
+        ((np.ones((50, 50)), 10, "square"), "layout must be one of rectangular, hexagonal"),
+        ((np.ones((8, 50)),), "at least 16 pixels high and wide, got 8 x 50"),
+        ((np.ones(50),), r"shape \(50,\)"),
+        ((np.full((50, 50), np.nan),), "must be finite, got 2500 NaN"),
+    ],
+)
+def test_white_images_that_cannot_be_used(arguments, message):
+    with pytest.raises(InputError, match=message):
+        estimate_grid(*arguments)
+
+
+@given(
+    pitch=st.floats(3, 20),
+    row_pitch=st.floats(3, 20),
+    rotation=st.floats(-0.7, 0.7),
+    layout=st.sampled_from(["rectangular", "hexagonal"]),
+    shape=st.tuples(st.integers(45, 120), st.integers(45, 120)),
+)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_whole_micro_images_are_a_block_that_cannot_grow(pitch, row_pitch, rotation, layout, shape):
+    grid = LensletGrid(17.3, 50.1, pitch, rotation, layout, row_pitch)
+    rows, columns = grid.block(shape)
+
+    def are_whole(row, column):
+        y, x = grid.position(row, column)
+        corners = np.array([(a, b) for a in (-0.5, 0.5) for b in (-0.5, 0.5)]) * grid.window
+        return all(
+            np.all((y + dy >= -1 - 1e-9) & (y + dy <= shape[0] + 1e-9))
+            and np.all((x + dx >= -1 - 1e-9) & (x + dx <= shape[1] + 1e-9))
+            for dy, dx in (grid.turned(*corner) for corner in corners)
+        )
+
+    assert are_whole(rows[:, None], columns)
+    assert not are_whole(rows[0] - 1, columns)
+    assert not are_whole(rows[-1] + 1, columns)
+    assert not are_whole(rows, columns[0] - 1)
+    assert not are_whole(rows, columns[-1] + 1)
+    assert grid.count(shape) == grid.centres(shape).shape[:2] == (len(rows), len(columns))
+
+
+def test_a_grid_goes_through_json():
+    grid = grid_from_pitch((100, 120), np.float32(14.3), (7, 8), 0.01, "hexagonal")
+    assert LensletGrid(**json.loads(json.dumps(asdict(grid)))) == grid
+    assert (grid.y0, grid.x0) == (7, 8)
+    assert grid.row_pitch == pytest.approx(14.3 * math.sqrt(3) / 2)
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_a_stated_pitch_fills_the_image_evenly(layout):
+    grid = grid_from_pitch((100, 131), 10, layout=layout)
+    centres = grid.centres((100, 131))
+    assert centres.shape[:2] == ((10, 13) if layout == "rectangular" else (11, 12))
+    first, last = centres.min(axis=(0, 1)), centres.max(axis=(0, 1))
+    np.testing.assert_allclose(first + last, (99, 130))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (((9, 100), 10), "No micro-image of 10 x 10 pixels lies whole in the image of 9 x 100"),
+        (((90, 100), 0.5), "pitch must be at least 1 pixel, got 0.5"),
+        (((90, 100), np.nan), "pitch must be at least 1 pixel, got nan"),
+        (((90, 100), 10, (3, np.inf)), "x0 and y0 of a micro-image must be finite"),
+        (((90, 100), 10, (3, 4, 5)), "centre must be"),
+        (((90, 100), 10, None, 1.0), "rotation must lie within pi/4"),
+        (((90, 100), 10, None, 0, "square"), "layout must be one of"),
+    ],
+)
+def test_grids_that_cannot_be(arguments, message):
+    with pytest.raises(InputError, match=message):
+        grid_from_pitch(*arguments)
+
+
+def test_a_grid_beside_the_image_is_refused():
+    with pytest.raises(InputError, match="No micro-image"):
+        LensletGrid(0, 0, 40).block((30, 300))
+
+
+@pytest.fixture
+def checked_board(small_camera):
+    """A layer out of focus that fills most of the field, and the camera that sees it."""
+    y, x = np.indices((48, 48))
+    texture = 1 + (y // 6 + x // 6) % 2 + 0.3 * np.sin(y / 2) * np.cos(x / 3)
+    return Scene([Layer(texture, 10.0, tuple(0.8 * n for n in small_camera.field_mm(0)))])
+
+
+@pytest.mark.parametrize("channels", [None, 3])
+def test_the_exact_grid_gives_the_views_back(channels, checked_board, small_camera):
+    views = render(checked_board, small_camera).views
+    if channels:
+        views = views[..., None] * np.array([1, 0.5, 0.2], np.float32)
+    raw = LightField(views).to_raw()
+    decoded = decode_raw(raw, grid_from_pitch(raw.shape, 5)).views
+    assert decoded.dtype == np.float32
+    np.testing.assert_allclose(decoded, views, rtol=1e-6, atol=1e-6)
+
+
+def test_whole_numbers_are_read_as_they_are(rng):
+    for dtype in (np.uint8, np.uint16):
+        raw = rng.integers(0, np.iinfo(dtype).max, (30, 40), dtype, endpoint=True)
+        expected = LightField.from_raw(raw, 5).views
+        decoded = decode_raw(raw, grid_from_pitch(raw.shape, 5)).views
+        np.testing.assert_allclose(decoded, expected, rtol=1e-6, atol=1e-3)
+
+
+def test_light_is_kept(rng):
+    """The parts of a micro-image hold all its light, and none of the neighbours'."""
+    raw, grid = rng.uniform(size=(90, 120)), grid_from_pitch((90, 120), 15)
+    for views in (1, 4, 7, 15, 22):
+        decoded = decode_raw(raw, grid, views).views
+        expected = LightField.from_raw(raw, 15).photograph
+        np.testing.assert_allclose(decoded.mean(axis=(0, 1)), expected, rtol=1e-5)
+
+
+def test_smooth_micro_images_are_averaged_over_parts():
+    """Parts of 1.5 pixels in a grid that sits between pixels, against the closed form."""
+    y, x = np.indices((90, 120))
+    ky, kx = 0.31, 0.23
+    pixel = np.sinc(ky / 2 / np.pi) * np.sinc(kx / 2 / np.pi)
+    raw = pixel * np.cos(ky * y + kx * x)
+    grid = LensletGrid(20.37, 31.81, 10.5)
+    centres = grid.centres(raw.shape)
+    decoded = decode_raw(raw, grid, views=7).views
+    offset = 1.5 * (np.arange(7) - 3)
+    phase = ky * (centres[..., 0] + offset[:, None, None, None])
+    phase = phase + kx * (centres[..., 1] + offset[None, :, None, None])
+    part = np.sinc(1.5 * ky / 2 / np.pi) * np.sinc(1.5 * kx / 2 / np.pi)
+    inner = (..., slice(1, -1), slice(1, -1))  # off the image's border
+    np.testing.assert_allclose(decoded[inner], part * np.cos(phase)[inner], atol=2e-4)
+
+
+def test_the_views_asked_for():
+    raw = np.ones((100, 100))
+    for pitch, views in ((15, 15), (14.9996, 15), (14.3, 13), (16.0004, 15), (9.7, 9)):
+        assert decode_raw(raw, LensletGrid(50, 50, pitch)).views.shape[:2] == (views, views)
+    for views in (0, 41, 2.5):
+        with pytest.raises(InputError, match=f"from 1 to twice the 20 pixels .* got {views}"):
+            decode_raw(raw, LensletGrid(50, 50, 20), views)
+
+
+def sampled_scene(grid, shape, slope, views):
+    """Raw image of a smooth scene at a slope, in row distances per view, and the scene itself."""
+
+    def scene(t, s):
+        return 2 + np.sin(0.55 * t + 0.4) * np.cos(0.45 * s) + 0.5 * np.sin(0.3 * t - 0.5 * s)
+
+    row, place, down, along = nearest_lenslet(grid, shape)
+    view = grid.pitch / views  # pixels from view to view
+    t = row - slope * down / view
+    s = place * grid.pitch / grid.row_pitch - slope * along / view
+    return scene(t, s), scene
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.03])
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_a_known_slope_is_decoded(layout, rotation):
+    grid = LensletGrid(161.3, 149.6, 14.3, rotation, layout)
+    shape, views, slope = (301, 333), 13, 0.7
+    raw, scene = sampled_scene(grid, shape, slope, views)
+    decoded = decode_raw(raw, grid).views
+    rows, columns = grid.block(shape)
+    v = np.arange(views) - 6
+    t = rows[:, None]
+    if layout == "rectangular":
+        s = columns.astype(float)
+    else:
+        width = decoded.shape[3]
+        s = (columns[0] + 0.5) * grid.pitch / grid.row_pitch + np.arange(width)
+        assert s[-1] <= columns[-1] * grid.pitch / grid.row_pitch < s[-1] + 1
+    expected = scene(t - slope * v[:, None, None, None], s - slope * v[None, :, None, None])
+    # At the rim an interpolation sees the next micro-image, and linear interpolation from lenslet
+    # to lenslet is off by h^2 / 8 times the second derivative: 0.055 here.
+    middle, inner = slice(2, -2), slice(3, -3)
+    error = np.abs(decoded - expected)[inner, inner]
+    assert error.max() < (0.01 if layout == "rectangular" else 0.06)
+    assert find_sharpest_slope(decoded[middle, middle]).slope == pytest.approx(slope, abs=0.01)
+
+
+def test_own_views_are_those_nearest_to_their_lenslet():
+    grid = LensletGrid(0, 0, 15, 0, "hexagonal")
+    y, x = np.indices((15, 15)) - 7
+    neighbours = [np.array(grid.position(i, j)) for i, j in ((1, 0), (1, -1), (-1, 0), (0, 1))]
+    nearest = np.min([np.hypot(y - ny, x - nx) for ny, nx in neighbours], axis=0)
+    own = grid.own_views(15)
+    np.testing.assert_array_equal(own, own[::-1])
+    np.testing.assert_array_equal(own, own[:, ::-1])
+    np.testing.assert_array_equal(own[7:, 7:], (np.hypot(y, x) <= nearest + 1e-9)[7:, 7:])
+    assert replace(grid, layout="rectangular").own_views(15).all()
+
+
+def test_a_hexagonal_array_needs_two_columns():
+    with pytest.raises(InputError, match="at least two whole lenslets along a row, got 1"):
+        decode_raw(np.ones((60, 16)), LensletGrid(7.5, 30, 10, 0, "hexagonal"))
+
+
+FINE = 3
+"""Simulated pixels along a sensor's pixel, so that a turned sensor can be laid over them."""
+
+
+def on_another_sensor(image, turn, scale):
+    """Lay a sensor, turned and with finer or coarser pixels, over a finely simulated image.
+
+    Returns its image and a function from its pixels (y, x) to those of the fine image.
+    """
+    step = FINE / scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    size = (0.9 * np.array(image.shape) * scale / FINE).astype(int)
+    start = (np.array(image.shape) - 1) / 2 + (1.37, -0.61) - step @ ((size - 1) / 2)
+    parts = (np.arange(FINE) - (FINE - 1) / 2) / FINE
+    shifts = [step @ (a, b) for a in parts for b in parts]
+    samples = [ndimage.affine_transform(image, step, start + n, size, order=1) for n in shifts]
+    return np.mean(samples, axis=0), lambda pixels: pixels @ step.T + start
+
+
+@pytest.mark.parametrize(("turn", "scale"), [(0.02, 1.07), (-0.035, 0.93)])
+def test_another_sensor_sees_the_same(turn, scale):
+    """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
+    pixels = 15
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views=pixels * FINE, lenslets=(26, 30))
+    y, x = np.indices((48, 48))
+    texture = 1 + (y // 8 + x // 8) % 2 + 0.3 * np.sin(y / 3) * np.cos(x / 4)
+    size = tuple(0.8 * n for n in camera.field_mm(0))
+    fine = render(Scene([Layer(texture, 10.0, size)]), camera).to_raw().astype(float)
+    whole = grid_from_pitch(fine.shape, pixels * FINE)
+    white = white_image(whole, fine.shape, np.random.default_rng(0), 0.46, gap=0.0, falloff=0.5)
+    fine *= white  # a round aperture, and vignetting
+
+    def read(turn, scale):
+        raw, to_fine = on_another_sensor(fine, turn, scale)
+        white_raw, _ = on_another_sensor(white, turn, scale)
+        grid = estimate_grid(white_raw)
+        light_field = decode_raw(raw, grid, pixels, white_raw).views
+        return light_field, (to_fine(grid.centres(raw.shape)) + 0.5) / (pixels * FINE) - 0.5
+
+    straight, straight_places = read(0.0, 1.0)
+    turned, places = read(turn, scale)
+    np.testing.assert_allclose(places, np.round(places), atol=0.002)  # lenslets, in lenslets
+    offset = np.round(places[0, 0] - straight_places[0, 0]).astype(int)
+    rows, columns = (slice(o, o + n) for o, n in zip(offset, turned.shape[2:4], strict=True))
+    same = straight[:, :, rows, columns]
+    slope, other = find_sharpest_slope(same).slope, find_sharpest_slope(turned).slope
+    assert other == pytest.approx(slope, abs=0.02)
+    clear = (slice(None), slice(3, -3), slice(3, -3))
+    image, other = (shift_and_sum(n, [0, slope])[clear] for n in (same, turned))
+    error = np.sqrt(np.mean((image - other) ** 2))
+    assert error < 0.01 * image.max()
+
+
+def test_a_white_image_takes_out_falloff(rng):
+    grid, shape = LensletGrid(160.2, 140.7, 14.3, 0.02), (290, 320)
+    white = 300 * white_image(grid, shape, rng, falloff=0.8, gap=0.02)
+    lit = grid.own_views(13) & (np.hypot(*np.indices((13, 13)) - 6) < 4.5)
+    level = np.median(decode_raw(white, grid).views[6, 6])
+    even = decode_raw(0.4 * white, grid, white=white).views
+    np.testing.assert_allclose(even[lit], 0.4 * level, rtol=1e-5)
+    assert even[0, 0].max() < 0.1 * level  # beyond the round micro-images it stays dark
+    colour = np.stack([white, 2 * white, 0.5 * white], axis=-1)
+    expected = np.broadcast_to(level * np.array([1, 2, 0.5]), (*even[lit].shape, 3))
+    balanced = decode_raw(colour, grid, white=colour).views
+    np.testing.assert_allclose(balanced[lit], expected, rtol=1e-5)
+    by_grey = decode_raw(colour, grid, white=white).views
+    np.testing.assert_allclose(by_grey[lit], expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("raw", "white", "message"),
+    [
+        (np.ones(30), None, r"raw lenslet image must be grey or coloured, .* shape \(30,\)"),
+        (np.ones((30, 30), complex), None, "type complex128"),
+        (np.full((30, 30), np.inf), None, "raw lenslet image must be finite, got 900"),
+        (np.ones((30, 30)), np.ones((30, 31)), "must have the raw image's shape"),
+        (np.ones((30, 30)), np.full((30, 30), np.nan), "white lenslet image must be finite"),
+        (np.ones((30, 30)), np.zeros((30, 30)), "must be bright in the middle"),
+        (np.ones((4, 30)), None, "No micro-image of 6 x 6 pixels lies whole"),
+    ],
+)
+def test_raw_images_that_cannot_be_used(raw, white, message):
+    with pytest.raises(InputError, match=message):
+        decode_raw(raw, LensletGrid(2.5, 2.5, 6), white=white)

@@ -1,0 +1,218 @@
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame.refocus import shift_and_sum
+from lf_flame.refocus.surface import planar_slopes, refocus_surface, region_slopes, tilted_plane
+
+KERNELS = {
+    "linear": lambda x: np.maximum(1 - np.abs(x), 0),
+    "cubic": lambda x: np.where(  # Keys 1981, equation 4 with a = -1/2, in |x|
+        np.abs(x) <= 1,
+        1.5 * np.abs(x) ** 3 - 2.5 * x**2 + 1,
+        np.where(np.abs(x) < 2, -0.5 * np.abs(x) ** 3 + 2.5 * x**2 - 4 * np.abs(x) + 2, 0),
+    ),
+}
+
+
+def twin(views, slopes, interpolation, weights):
+    """Pixel by pixel and view by view, from the definition."""
+    rows, columns, height, width = views.shape
+    out = np.zeros((height, width))
+    for t, s in np.ndindex(height, width):
+        for v, u in np.ndindex(rows, columns):
+            shift = slopes[t, s] * np.array([v - (rows - 1) / 2, u - (columns - 1) / 2])
+            if interpolation == "nearest":
+                near = np.array([t, s]) + np.floor(shift + 0.5)
+                value = views[v, u][tuple(np.clip(near, 0, [height - 1, width - 1]).astype(int))]
+            else:
+                place = np.array([t, s]) + shift
+                i, j = np.floor(place).astype(int)[:, None] + np.arange(-1, 3)
+                near = views[v, u][
+                    np.ix_(np.clip(i, 0, height - 1), np.clip(j, 0, width - 1))
+                ].astype(float)
+                kernel = KERNELS[interpolation]
+                value = kernel(place[0] - i) @ near @ kernel(place[1] - j)
+            out[t, s] += weights[v, u] * value
+    return out / weights.sum()
+
+
+shapes = st.tuples(*[st.integers(1, n) for n in (3, 4, 6, 7)])
+interpolations = st.sampled_from(["nearest", "linear", "cubic"])
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(shape=shapes, interpolation=interpolations, reach=st.floats(0, 12), seed=seeds)
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_a_surface_equals_its_plain_twin(shape, interpolation, reach, seed):
+    rng = np.random.default_rng(seed)
+    views = rng.uniform(size=shape).astype(np.float32)
+    slopes = rng.uniform(-reach, reach, size=shape[2:])
+    weights = rng.integers(0, 3, size=shape[:2]) + np.eye(*shape[:2])
+    found = refocus_surface(views, slopes, interpolation, weights)
+    expected = twin(views, slopes, interpolation, weights)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+@given(shape=shapes, interpolation=interpolations, slope=st.floats(-9, 9), seed=seeds)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
+    rng = np.random.default_rng(seed)
+    views = rng.uniform(0.5, 1, size=(*shape, 3)).astype(np.float32)
+    weights = rng.uniform(size=shape[:2])
+    found = refocus_surface(views, planar_slopes(shape[2:], slope), interpolation, weights)
+    expected = shift_and_sum(views, slope, interpolation, weights)[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_cubic_is_exact_on_parabolas():
+    """Keys' kernel with a = -1/2 reproduces polynomials of degree 2."""
+    t, s = np.indices((20, 22)) - 10.0
+    slopes = 0.3 + 0.02 * t - 0.01 * s
+    views = np.broadcast_to(2 + t**2 - t * s + 0.5 * s**2 + s, (3, 5, 20, 22))
+    # The mean over v - vc = -1, 0, 1 and u - uc = -2 .. 2 of (t + slope (v - vc))^2 and so on.
+    expected = views[0, 0] + slopes**2 * (2 / 3 + 0.5 * 2)
+    inside = (slice(3, -3), slice(4, -4))
+    found = refocus_surface(views, slopes, "cubic")
+    np.testing.assert_allclose(found[inside], expected[inside], rtol=1e-6)
+
+
+def test_several_maps_and_colour_keep_their_order(rng):
+    views = rng.uniform(size=(3, 3, 8, 9, 3)).astype(np.float32)
+    slopes = rng.uniform(-2, 2, size=(2, 8, 9))
+    stack = refocus_surface(LightField(views), slopes)
+    assert stack.shape == (2, 8, 9, 3)
+    assert stack.dtype == np.float32
+    np.testing.assert_array_equal(stack[1, ..., 2], refocus_surface(views[..., 2], slopes[1]))
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "i2", "i8", "f2", "f4", ">f4", "f8", "bool"])
+def test_pixels_of_any_type_and_layout_are_read(dtype, rng):
+    views = rng.integers(0, 200, size=(3, 3, 8, 9)).astype(dtype)
+    slopes = rng.uniform(-2, 2, size=(8, 9))
+    expected = refocus_surface(views.astype(float), slopes)
+    np.testing.assert_array_equal(refocus_surface(views, slopes), expected)
+    strided = np.asfortranarray(views)
+    strided.flags.writeable = False
+    np.testing.assert_array_equal(refocus_surface(strided, slopes), expected)
+
+
+def test_views_without_weight_are_not_read(rng):
+    views = rng.uniform(size=(3, 3, 8, 9)).astype(np.float32)
+    views[0, 0] = np.nan
+    weights = np.ones((3, 3))
+    weights[0, 0] = 0
+    assert np.isfinite(refocus_surface(views, np.zeros((8, 9)), weights=weights)).all()
+    only = refocus_surface(
+        views, np.full((8, 9), 1.7), weights=np.eye(3)[1] * np.eye(3)[1][:, None]
+    )
+    np.testing.assert_array_equal(only, views[1, 1])
+
+
+@pytest.mark.jit
+def test_bits_do_not_depend_on_the_number_of_threads(rng):
+    views = rng.uniform(size=(5, 5, 30, 40)).astype(np.float32)
+    slopes = rng.uniform(-3, 3, size=(30, 40))
+    before = numba.get_num_threads()
+    try:
+        images = []
+        for count in (1, before):
+            numba.set_num_threads(count)
+            images.append(refocus_surface(views, slopes, "cubic"))
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(*images)
+
+
+def test_a_tilted_plane_is_where_its_rays_meet_it():
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (41, 61))
+    depth, tilt = 12.0, (-0.4, 0.7)
+    slopes = tilted_plane(camera, depth, tilt)
+    for t, s in ((0, 0), (40, 60), (13, 50), (20, 30)):
+        # Tangents of the ray of the middle view through this lenslet.
+        y, x = ((i - c) * camera.lenslet_pitch_mm / camera.image_distance_mm
+                for i, c in ((t, 20), (s, 30)))  # fmt: skip
+        slant = y * np.tan(tilt[0]) + x * np.tan(tilt[1])
+
+        def beyond_plane(z, slant=slant):
+            return z - depth - (camera.focus_distance_mm + z) * slant
+
+        met = brentq(beyond_plane, -200, 200, xtol=1e-12)
+        assert slopes[t, s] == pytest.approx(camera.depth_to_slope(met), abs=1e-9)
+
+
+def test_a_tilted_plane_is_sharper_than_any_slice(rng):
+    """Upright strips, each at the depth that a plane through them has in its middle."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (40, 80))
+    tilt, width = 1.2, 0.4
+    layers = [
+        Layer(rng.uniform(size=(16, 2)), x * np.tan(tilt), (4.5, width), (0.0, x))
+        for x in np.arange(-4.2, 4.3, width)
+    ]
+    views = render(Scene(layers), camera)
+    middle = views.views[3, 3]
+    plane = refocus_surface(views, tilted_plane(camera, 0.0, (0.0, tilt)))
+    slices = shift_and_sum(views, np.arange(-2, 2.01, 0.1))
+    errors = ((slices - middle) ** 2).mean(axis=(1, 2))
+    assert ((plane - middle) ** 2).mean() < 0.3 * errors.min()
+
+
+def test_regions_are_refocused_at_their_slopes(rng):
+    views = rng.uniform(size=(3, 3, 20, 24)).astype(np.float32)
+    mask = np.hypot(*(np.indices((20, 24)) - np.array([14, 17])[:, None, None])) < 4
+    slopes = region_slopes((20, 24), [((2, 9, 1, 12), 1.2), (mask, -0.7)], background=-3.0)
+    found = refocus_surface(views, slopes)
+    stack = shift_and_sum(views, [1.2, -0.7, -3.0])
+    np.testing.assert_allclose(found[2:9, 1:12], stack[0, 2:9, 1:12], rtol=1e-6)
+    np.testing.assert_allclose(found[mask], stack[1][mask], rtol=1e-6)
+    np.testing.assert_allclose(found[:2], stack[2, :2], rtol=1e-6)
+
+
+def test_later_regions_lie_over_earlier_ones_and_seams_soften():
+    regions = [((0, 20, 0, 10), 1.0), ((5, 15, 5, 15), 2.0)]
+    hard = region_slopes((20, 40), regions, 0.0)
+    assert hard[10, 7] == 2.0
+    soft = region_slopes((20, 40), regions, 0.0, soften=2.0)
+    assert np.abs(np.diff(soft, axis=1)).max() < 0.5 < np.abs(np.diff(hard, axis=1)).max()
+    np.testing.assert_allclose(soft[:, -1], 0, atol=1e-6)
+
+
+def test_planar_slopes_count_from_the_middle():
+    slopes = planar_slopes((3, 5), 0.5, (0.1, -0.2))
+    assert slopes[1, 2] == 0.5
+    np.testing.assert_allclose(slopes[2, 0], 0.5 + 0.1 + 0.4)
+
+
+FLAT = np.ones((3, 3, 4, 5))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: refocus_surface(FLAT, np.zeros((5, 4))), "4 x 5 lenslets"),
+        (lambda: refocus_surface(FLAT, 1.0), "4 x 5 lenslets"),
+        (lambda: refocus_surface(FLAT, np.full((4, 5), np.nan)), "finite, got 20 NaN"),
+        (lambda: refocus_surface(FLAT * np.nan, np.zeros((4, 5))), "finite, got 180 NaN"),
+        (lambda: refocus_surface(FLAT * 1e60, np.zeros((4, 5))), "the largest float32"),
+        (lambda: refocus_surface(FLAT, np.zeros((4, 5)), "sinc"), "got 'sinc'"),
+        (lambda: refocus_surface(FLAT, np.zeros((4, 5)), weights=[1.0]), "weights must"),
+        (lambda: planar_slopes((4, 0), 1.0), "two numbers of lenslets"),
+        (lambda: planar_slopes((4, 5), 1.0, 0.1), "gradient must be two numbers"),
+        (lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], 0.0), r"got \[0, 9, 0, 5\]"),
+        (lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], 0.0), r"\(5, 4\)"),
+        (lambda: region_slopes((4, 5), [], 0.0, soften=-1.0), "soften must"),
+        (lambda: region_slopes((4, 5), [], np.inf), "got 20 NaN or infinite slopes"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_a_plane_seen_edge_on_is_refused(small_camera):
+    with pytest.raises(InputError, match="within pi/2"):
+        tilted_plane(small_camera, 0.0, (0.0, np.pi / 2))

@@ -1,0 +1,165 @@
+"""The program `lf-flame refocus`: from files of anybody's light field to pictures."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+from skimage.io import imread
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, cli, render
+from lf_flame.formats import (
+    read_focal_stack,
+    write_lenslet_image,
+    write_movie,
+    write_view_folder,
+)
+from lf_flame.formats.images import write_image
+from lf_flame.refocus import refocus, round_aperture, shift_and_sum
+
+DEPTH = 3.0
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 48))
+
+
+@pytest.fixture(scope="module")
+def light_field(camera):
+    texture = np.random.default_rng(1).uniform(size=(12, 14))
+    rendered = render(Scene([Layer(0.9 * texture, DEPTH, (3.0, 4.0))]), camera)
+    return LightField(np.rint(rendered.views * 65535) / np.float32(65535))
+
+
+@pytest.fixture
+def folder(light_field, tmp_path):
+    write_view_folder(light_field, tmp_path / "views")
+    return tmp_path / "views"
+
+
+def run(*args):
+    """Run the command in this process; what users may do wrong raises InputError here."""
+    result = CliRunner().invoke(cli.commands, ["refocus", *map(str, args)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_slopes_and_depths(folder, light_field, camera, tmp_path):
+    record = {"camera": {name: getattr(camera, name) for name in (
+        "main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
+        "views", "lenslets")}}  # fmt: skip
+    (tmp_path / "simulation.json").write_text(json.dumps(record))
+    result = run(folder, "--slope", -0.5, "--depth-mm", DEPTH, "--camera",
+                 tmp_path / "simulation.json", "--out", tmp_path / "out")  # fmt: skip
+    assert "5 x 5 views of 40 x 48 pixels" in result.output
+    stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    np.testing.assert_allclose(slopes, [-0.5, camera.depth_to_slope(DEPTH)])
+    np.testing.assert_array_equal(stack, shift_and_sum(light_field, slopes))
+    shown = imread(tmp_path / "out" / f"refocused_2_slope{slopes[1]:+.3f}.png")
+    np.testing.assert_allclose(shown / 255, stack[1], atol=0.003)
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["slopes"] == list(slopes)
+    assert written["views"] == [5, 5]
+
+
+def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path):
+    result = run(folder, "--out", tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["slopes"][0] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
+    assert "sharpest at slope" in result.output
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"slope_search.png", "focal_stack.tif", "refocus.json"} < names
+
+
+def test_numbers_of_other_programs(folder, light_field, tmp_path):
+    """plenpy's number for our slope 0.5 with 5 views is -0.4."""
+    run(folder, "--slope", -0.4, "--slope-of", "plenpy", "--out", tmp_path / "out")
+    stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    assert slopes[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(stack[0], shift_and_sum(light_field, 0.5)[0], atol=1e-6)
+
+
+def test_apertures_and_interpolations(folder, light_field, tmp_path):
+    run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6, "--ring", 0.2,
+        "--out", tmp_path / "out")  # fmt: skip
+    weights = round_aperture((5, 5), 0.6) - round_aperture((5, 5), 0.2)
+    expected = refocus(light_field, 0.5, "sinc", weights=weights)
+    stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    np.testing.assert_allclose(stack, expected, atol=1e-6)
+
+
+def test_sweep_and_map(folder, camera, tmp_path):
+    run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
+    with Image.open(tmp_path / "out" / "sweep.gif") as movie:
+        assert movie.n_frames == 80
+        assert movie.size == (48, 40)
+    slopes = imread(tmp_path / "out" / "slope_map.tif")
+    assert np.median(slopes[14:26, 16:32]) == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.05)
+    assert imread(tmp_path / "out" / "all_in_focus.png").shape == (40, 48)
+
+
+def test_lenslet_images_and_raw_images(light_field, tmp_path):
+    """The same picture from N x N pixels to a lenslet, and decoded by a stated pitch."""
+    write_lenslet_image(light_field, tmp_path / "lenslets.png")
+    write_image(tmp_path / "raw.tif", light_field.to_raw())
+    expected = shift_and_sum(light_field, 0.5)
+    for args in (["lenslets.png", "--views", 5], ["raw.tif", "--pitch", 5.0]):
+        run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", tmp_path / "out")
+        stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+        np.testing.assert_allclose(stack, expected, atol=1e-4)
+
+
+def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
+    for brightness in (1e-3, 50.0):
+        np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
+        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out")
+        assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
+        written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+        white = written["radiance_of_white_in_png"]
+        assert white == pytest.approx(light_field.views.max() * brightness)
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--depth-mm", 3], "need the camera"),
+        (["--f-number", 8], "need the camera"),
+        (["--slope", "nan"], "finite"),
+        (["--slope", 1, "--slope-of", "nobody"], "convention must be one of motion"),
+        (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
+        (["--slope", 1, "--aperture", -1], "diameter above 0"),
+        (["--order", "up,down"], "order"),
+        (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
+    ],
+)
+def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
+    with pytest.raises(InputError, match=message) as caught:
+        run(folder, *args, "--out", tmp_path / "out")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_missing_view_is_named(folder, tmp_path):
+    (folder / "view_02_03.png").unlink()
+    with pytest.raises(InputError, match="02_03"):
+        run(folder, "--out", tmp_path / "out")
+    with pytest.raises(InputError, match="no such file or folder"):
+        run(tmp_path / "nothing", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_movies(tmp_path, rng):
+    frames = rng.integers(0, 255, size=(3, 20, 31, 3), dtype=np.uint8)
+    with pytest.raises(InputError, match=r"\.gif or \.mp4, got .*sweep\.avi"):
+        write_movie(tmp_path / "sweep.avi", frames)
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="MP4 needs imageio-ffmpeg")
+    write_movie(tmp_path / "sweep.mp4", frames)
+    assert imageio_ffmpeg.count_frames_and_secs(tmp_path / "sweep.mp4")[0] == 3
+
+
+def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    with pytest.raises(InputError, match="imageio-ffmpeg, which is not installed"):
+        write_movie(tmp_path / "sweep.mp4", np.zeros((2, 4, 4), np.uint8))
