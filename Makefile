@@ -20,8 +20,10 @@ RESULTS := experiments/results/$(RUN)
 BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
 INSTALLED := $(VENV)/installed
+# GPL-licensed programs of others stay in an environment of their own, and out of ours.
+OPPONENTS := .venv-opponents
 
-.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks
+.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
 .PHONY: test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
@@ -63,8 +65,16 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 costs: | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (10 minutes)
 	$(LF) costs --out experiments/results/costs
 
-benchmarks: | $(INSTALLED)  ## measure the simulator's speed against opponents, on an idle machine
+benchmarks: | $(INSTALLED)  ## measure speed against opponents, on an idle machine (see opponents)
 	$(BIN)/python experiments/benchmarks/speed.py --out experiments/results/benchmarks
+	$(BIN)/python experiments/benchmarks/refocusing.py --out experiments/results/benchmarks \
+	  $(if $(wildcard $(OPPONENTS)/installed),--opponents $(OPPONENTS)/bin/python)
+
+opponents: $(OPPONENTS)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
+$(OPPONENTS)/installed: experiments/benchmarks/opponents.txt
+	$(PYTHON) -m venv $(OPPONENTS)
+	$(OPPONENTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	@touch $@
 
 test: | $(INSTALLED)  ## run the tests
 	$(BIN)/python -m pytest

@@ -16,8 +16,8 @@ from lf_flame.refocus.interpolation import shift_taps
 SLOPES_AT_ONCE = 8
 """Slopes that share one reading of the light field."""
 
-BLOCK = 384
-"""Pixels of a line, about, that are worked on together: those of all u fit into the cache."""
+BLOCK = 2048
+"""Pixels of a line, about, that are worked on together; shorter pieces are read more slowly."""
 
 
 def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
@@ -81,11 +81,24 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     down_shares = np.moveaxis(down_shares * (scale / weights.sum())[:, None], 0, 2).copy()
     groups = min(rows, max(4 // blocks, 1))
     sums = np.empty((groups, len(slopes), height, width))
-    bad = np.zeros(groups * blocks, np.int64)
+    integer = np.dtype(f"i{views.itemsize}")
+    bits = views.view(integer) if views.dtype.kind == "f" else None
+    unsigned = integer.type(np.iinfo(integer).max)
+    largest = np.zeros(groups * blocks, integer)
     _kernels.shift_and_sum(
-        views, reach, channels, weights > 0, *chains, down, down_shares, sums, bad
+        views,
+        bits,
+        unsigned,
+        reach,
+        channels,
+        weights > 0,
+        *chains,
+        down,
+        down_shares,
+        sums,
+        largest,
     )
-    if bad.any():
+    if bits is not None and not np.isfinite(largest.view(views.dtype)).all():
         refuse_not_finite(views)
     _kernels.merge(sums, out)
 
