@@ -1,31 +1,41 @@
 """The slope at which a region of a light field is sharpest.
 
-Bilinear shifts by a fraction of a lenslet soften an image, so a search over them is drawn to
-whole slopes. This one works on exact spectra (`lf_flame.refocus.fourier`): the
-sharpness is the gradient energy of the refocused region, below a frequency at which the views are
-still free of aliasing.
+Sharpness is gradient energy, freed from what is not due to focus (`lf_flame.refocus.semblance`).
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise, product
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.interpolate import make_interp_spline
+from scipy.optimize import minimize_scalar
+from scipy.signal import find_peaks
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import as_slopes, as_views
-from lf_flame.refocus.fourier import refocused_spectra
+from lf_flame.refocus.semblance import semblance
 
-PASS_BAND = 0.15
-"""Width of the Gaussian low-pass in cycles per lenslet."""
+DEFAULT_RANGES = (3.0, 12.0)
+"""Slopes searched by default, either way: at first, and at most if the peak is not inside."""
 
-FILTER_REACH = 8
-"""Lenslets around a region that the low-pass can still bring into it."""
+WIDEST_STEP, STEP_BY_VIEWS = 0.1, 0.7
+"""Step of a search at most, and at most times the views less one: 0.05 for 15 views.
 
-DEFAULT_SLOPES = (-3.0, 3.0, 0.05)
-"""First and last slope and step of the search; the paper's slopes are multiples of 0.05."""
+Of what passes the low-pass, two views that far apart beat by half a cycle or less over such a step.
+"""
 
-ROUNDING = 4 * 2.0**-24
-"""Part of the brightness below which a gradient may be rounding: a few half units of float32."""
+RIPPLE = 0.02
+"""Part of the highest peak by which another one must stand out to be its rival."""
+
+CLEAR = 3.0
+"""How far a peak stands above what unrelated views would leave if it is more than a ripple."""
+
+MOST_NOISE = 0.5
+"""Part of the energy to subtract as noise at most, lest too little be left to divide by."""
+
+Region = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,26 +45,39 @@ class SlopeSearch:
     Attributes
     ----------
     slope : float
-        Slope of the highest sharpness, between the samples by a parabola.
+        Slope of the highest sharpness, between the samples by a spline.
     slopes, sharpness : ndarray of float64, shape (n,)
-        The curve: mean squared gradient over the region, per lenslet squared.
+        The curve: mean squared gradient over the region, per lenslet squared, as it would be if
+        the views held as much of it at every slope as they do at the peak.
+    confidence : float
+        In [0, 1]: ``1 - rival / peak``, where the rival is the highest of the curve's other peaks,
+        its lowest point, and the 1/n that n unrelated views would leave of their energy. Near 1
+        for one layer; near 0 for two layers of equal strength, for noise, and where there is too
+        little parallax to tell slopes apart.
+    region : (int, int, int, int)
+        ``(t_start, t_stop, s_start, s_stop)`` in lenslets.
     """
 
     slope: float
     slopes: np.ndarray
     sharpness: np.ndarray
+    confidence: float
+    region: Region
 
 
-def find_sharpest_slope(views, slopes=None, region=None) -> SlopeSearch:
+def find_sharpest_slope(views, slopes=None, region: Region | None = None) -> SlopeSearch:
     """Search the slope that makes a region sharpest.
 
     Parameters
     ----------
     views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        Of colours the mean is searched.
     slopes : sequence of float, optional
-        At least three, rising in equal steps. Default: -3 to 3 in steps of 0.05.
+        At least three, rising in equal steps. Where the steps are wide for the number of views,
+        slopes between them are searched too. Default: -3 to 3, and twice as far, up to 12, as long
+        as the peak is not inside, or no more than a ripple of unrelated views.
     region : (int, int, int, int), optional
-        ``(t_start, t_stop, s_start, s_stop)`` in lenslets; it should hold one object, whole.
+        ``(t_start, t_stop, s_start, s_stop)`` in lenslets; it should hold one layer.
         Default: the whole image.
 
     Returns
@@ -64,82 +87,213 @@ def find_sharpest_slope(views, slopes=None, region=None) -> SlopeSearch:
     Raises
     ------
     InputError
-        If the arguments cannot be used, or the curve has no peak inside the range: it is flat
-        to the rounding of float32 pixels, or still rises at an end.
+        If the arguments cannot be used, if a slope shifts views by more than the image, or if the
+        curve has no peak inside the range: it is flat to the rounding of float32 pixels, or still
+        rises at an end.
     """
     views = as_views(views)
-    slopes = _default_slopes() if slopes is None else as_slopes(slopes)
-    steps = np.diff(slopes)
-    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):
-        raise InputError(f"slopes to search must be three or more in equal steps, got {slopes}.")
-    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float64).astype(np.float32)
-    patch, inside = _cut(grey, slopes, region)
-    # To about 1, by a power of two, so that no sum of float32 overflows and no digit changes.
-    exponent = int(np.frexp(np.abs(patch).max())[1])
-    np.ldexp(patch, -exponent, out=patch)
-    sharpness = _sharpness(patch, slopes)[:, inside[0], inside[1]].mean(axis=(1, 2))
-    rounding = ROUNDING * np.linalg.norm(patch) / np.sqrt(patch.size)
-    slope = _peak(slopes, sharpness, rounding)
-    return SlopeSearch(slope, slopes, np.ldexp(sharpness, 2 * exponent))
-
-
-def _default_slopes() -> np.ndarray:
-    first, last, step = DEFAULT_SLOPES
-    return np.linspace(first, last, round((last - first) / step) + 1)
-
-
-def _cut(views: np.ndarray, slopes: np.ndarray, region):
-    """Cut out a region and the surroundings that shifts bring into it.
-
-    Returns the patch, as periodic shifts need it, and the slices of the region in it. Beyond the
-    image its edge is repeated.
-    """
-    size = views.shape[2:]
-    t0, t1, s0, s1 = (0, size[0], 0, size[1]) if region is None else region
-    if not (0 <= t0 < t1 <= size[0] and 0 <= s0 < s1 <= size[1]):
-        raise InputError(
-            f"region must be (t_start, t_stop, s_start, s_stop) inside the {size[0]} x {size[1]} "
-            f"lenslets, got {tuple(region)}."
-        )
-    cuts, pads, inside = [], [], []
-    for axis, (start, stop) in enumerate(((t0, t1), (s0, s1))):
-        reach = int(np.abs(slopes).max() * (views.shape[axis] - 1) / 2) + FILTER_REACH
-        low, high = start - reach, stop + reach
-        cuts.append(slice(max(low, 0), min(high, size[axis])))
-        length = next_fast_len(high - low, real=True)
-        pads.append((max(-low, 0), length - (cuts[-1].stop - cuts[-1].start) - max(-low, 0)))
-        inside.append(slice(reach, reach + stop - start))
-    patch = np.pad(views[:, :, cuts[0], cuts[1]], [(0, 0), (0, 0), *pads], mode="edge")
-    return patch, inside
-
-
-def _sharpness(patch: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Squared gradient of the low-passed, refocused patch: shape (slopes, t, s)."""
-    height, width = patch.shape[2:]
-    spectra = refocused_spectra(rfft2(patch), slopes, width)
-    down, right = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
-    low_pass = 2j * np.pi * np.exp(-(down**2 + right**2) / (2 * PASS_BAND**2))
-    gradients = (irfft2(spectra * low_pass * k, (height, width)) for k in (down, right))
-    return sum(gradient**2 for gradient in gradients)
-
-
-def _peak(slopes: np.ndarray, sharpness: np.ndarray, rounding: float) -> float:
-    """Slope of the peak; `rounding` is the part of a root-mean-square gradient that may be error.
-
-    The mean square of ``gradient + error`` is off by up to ``2 gradient error + error^2``: a curve
-    that varies by no more than that has no peak.
-    """
-    k = int(sharpness.argmax())
-    if np.ptp(sharpness) <= rounding * (2 * np.sqrt(sharpness[k]) + rounding):
+    height, width = views.shape[2:4]
+    curves = _measure(views, slopes, [(0, height, 0, width) if region is None else region])
+    if curves.flat[0]:
         raise InputError(
             "No slope is sharpest: the sharpness is the same at all of them, "
             "to the rounding of float32 pixels."
         )
-    if k in (0, len(slopes) - 1):
+    if curves.rising[0]:
+        end = curves.slopes[curves.top[0]]
         raise InputError(
-            f"The sharpness still rises at the end of the slopes searched, "
-            f"{slopes[0]:g} to {slopes[-1]:g}; search a wider range."
+            f"The sharpness still rises at the end of the slopes searched, {curves.slopes[0]:g} to "
+            f"{curves.slopes[-1]:g}; search a range that goes beyond {end:g}."
         )
-    before, top, after = sharpness[k - 1 : k + 2]
-    offset = (before - after) / (2 * (before - 2 * top + after))  # in steps, of the parabola
-    return float(slopes[k] + (slopes[1] - slopes[0]) * offset)
+    return curves.search(0)
+
+
+def find_sharpest_slopes(
+    views,
+    slopes=None,
+    tiles: tuple[int, int] | None = None,
+    regions: Iterable[Region] | None = None,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+) -> list[SlopeSearch]:
+    """Search the slope of each of many regions; they share one set of refocused images.
+
+    Parameters
+    ----------
+    views, slopes
+        As for `find_sharpest_slope`. The default range is one for all: it widens while any curve
+        rises at an end, or most have no peak.
+    tiles : (int, int), optional
+        Rows and columns of tiles to cut the image into.
+    regions : sequence of (int, int, int, int), optional
+        ``(t_start, t_stop, s_start, s_stop)`` in lenslets, instead of tiles.
+    progress : callable, optional
+        ``progress(finished, done, total)`` wraps the iterable of finished batches of slopes; it is
+        called again where the range widens.
+
+    Returns
+    -------
+    list of SlopeSearch
+        In the order of the regions; of tiles, row by row. Where a curve has no peak inside the
+        range, the slope is NaN and the confidence 0.
+
+    Raises
+    ------
+    InputError
+        If the arguments cannot be used, or a slope shifts views by more than the image.
+    """
+    views = as_views(views)
+    if (tiles is None) == (regions is None):
+        raise InputError("Give tiles or regions, and not both.")
+    regions = _tiles(tiles, views.shape[2:4]) if regions is None else list(regions)
+    if not regions:
+        raise InputError("regions must hold at least one region, got none.")
+    curves = _measure(views, slopes, regions, progress)
+    return [curves.search(k) for k in range(len(regions))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """What `semblance` gives for regions at rising slopes, and what follows from it."""
+
+    regions: list[Region]
+    views: int
+    slopes: np.ndarray
+    semblance: np.ndarray
+    energy: np.ndarray
+    rounding: float
+    stride: int = 1  # one in so many slopes was asked for
+
+    @cached_property
+    def top(self) -> np.ndarray:
+        """Index of each curve's highest sample."""
+        return self.semblance.argmax(axis=0)
+
+    @cached_property
+    def sharpness(self) -> np.ndarray:
+        return self.semblance * np.take_along_axis(self.energy, self.top[None], axis=0)
+
+    @cached_property
+    def flat(self) -> np.ndarray:
+        """Which curves may be rounding alone.
+
+        The mean square of ``gradient + error`` is off by up to ``2 gradient error + error^2``: a
+        curve that varies by no more than that has no peak.
+        """
+        error = self.rounding * (2 * np.sqrt(self.sharpness.max(axis=0)) + self.rounding)
+        return np.ptp(self.sharpness, axis=0) <= error
+
+    @cached_property
+    def rising(self) -> np.ndarray:
+        """Which curves are highest at an end."""
+        return ~self.flat & ((self.top == 0) | (self.top == len(self.slopes) - 1))
+
+    @property
+    def settled(self) -> bool:
+        """Whether none rises at an end, and half of those that are not flat have a peak."""
+        high = self.semblance.max(axis=0)[~self.flat] > min(CLEAR / self.views, 0.5)
+        return not self.rising.any() and 2 * np.count_nonzero(high) >= len(high)
+
+    def amid(self, outer: "_Curves") -> "_Curves":
+        """Join these curves with those at slopes on both sides of theirs."""
+        middle = len(outer.slopes) // 2
+        joined = {
+            name: np.insert(getattr(outer, name), middle, getattr(self, name), axis=0)
+            for name in ("slopes", "semblance", "energy")
+        }
+        return replace(self, **joined)
+
+    def search(self, k: int) -> SlopeSearch:
+        """Find the peak of one region's curve."""
+        slope, confidence = np.nan, 0.0
+        if not (self.flat[k] or self.rising[k]):
+            slope = _peak(self.slopes, self.semblance[:, k], self.energy[:, k], self.views)
+            confidence = _confidence(self.semblance[:, k], 1 / self.views)
+        slopes, sharpness = self.slopes[:: self.stride], self.sharpness[:: self.stride, k]
+        return SlopeSearch(slope, slopes, sharpness, confidence, self.regions[k])
+
+
+def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: int) -> float:
+    """Slope of the peak, between the samples by a spline.
+
+    What the views do not share at the peak is taken for noise, of equal strength everywhere, and
+    subtracted: where fewer views see the edges, it counts for less, and would move a flat peak.
+    """
+    k = int(semblance.argmax())
+    near = slice(max(k - 5, 0), k + 6)
+    energy = np.maximum(energy[near] / energy[k], 1e-6)
+    noise = min((1 - semblance[k]) / (1 - 1 / views), MOST_NOISE * energy.min())
+    curve = (semblance[near] * energy - noise / views) / (energy - noise)
+    spline = make_interp_spline(slopes[near], curve, k=min(5, len(curve) - 1))
+    bounds = slopes[max(k - 2, 0)], slopes[min(k + 2, len(slopes) - 1)]
+    options = {"xatol": 1e-6 * (bounds[1] - bounds[0])}
+    best = minimize_scalar(lambda s: -spline(s), bounds=bounds, method="bounded", options=options)
+    return float(best.x)
+
+
+def _confidence(curve: np.ndarray, unrelated: float) -> float:
+    """How far the peak stands above its rival; an end that the curve rises to is a peak too."""
+    top = curve.max()
+    peaks, _ = find_peaks(np.pad(curve, 1), prominence=RIPPLE * top)
+    rivals = np.sort(curve[peaks - 1])[:-1]
+    return float(max(1 - max(rivals.max(initial=unrelated), curve.min()) / top, 0))
+
+
+def _measure(views: np.ndarray, slopes, regions: list, progress=None) -> _Curves:
+    """Measure the regions at the slopes, and between them where the number of views asks for it."""
+    angular, size = views.shape[:2], views.shape[2:4]
+    regions = [_checked(region, size) for region in regions]
+    step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
+    # There the outermost views are shifted by the image.
+    limits = [2 * m / (n - 1) for n, m in zip(angular, size, strict=True) if n > 1]
+    limit = min(limits, default=2 * max(size))
+
+    def curves(slopes, stride=1):
+        measured = semblance(views, slopes, regions, progress)
+        return _Curves(regions, angular[0] * angular[1], slopes, *measured, stride)
+
+    if slopes is not None:
+        return curves(*_between(as_slopes(slopes), step, limit))
+    end, last = (int(min(np.ceil(m / step - 1e-6), limit // step)) for m in DEFAULT_RANGES)
+    found = curves(step * np.arange(-end, end + 1))
+    while not found.settled and end < last:
+        start, end = end + 1, min(2 * end, last)
+        found = found.amid(curves(step * np.r_[-end : 1 - start, start : end + 1]))
+    return found
+
+
+def _between(slopes: np.ndarray, step: float, limit: float) -> tuple[np.ndarray, int]:
+    """Fill in slopes that are farther apart than `step`; each so many of them was asked for."""
+    if np.abs(slopes).max() > limit:
+        raise InputError(
+            f"slopes to search must lie within -{limit:g} to {limit:g}, beyond which views are "
+            f"shifted by more than the image, got {slopes.min():g} to {slopes.max():g}."
+        )
+    steps = np.diff(slopes)
+    if len(slopes) < 3 or steps[0] <= 0 or not np.allclose(steps, steps[0], atol=0):
+        raise InputError(f"slopes to search must be three or more in equal steps, got {slopes}.")
+    stride = int(np.ceil(steps[0] / step - 1e-6))
+    filled = np.linspace(slopes[0], slopes[-1], (len(slopes) - 1) * stride + 1)
+    filled[::stride] = slopes
+    return filled, stride
+
+
+def _checked(region: Region, size: tuple[int, int]) -> Region:
+    if len(region) != 4 or not (
+        0 <= region[0] < region[1] <= size[0] and 0 <= region[2] < region[3] <= size[1]
+    ):
+        raise InputError(
+            f"region must be (t_start, t_stop, s_start, s_stop) inside the {size[0]} x {size[1]} "
+            f"lenslets, got {tuple(region)}."
+        )
+    return tuple(int(k) for k in region)
+
+
+def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:
+    """Cut the image into tiles, equal to a lenslet, row by row."""
+    if not all(1 <= n <= m for n, m in zip(tiles, size, strict=True)):
+        raise InputError(
+            f"tiles must be rows and columns, at least 1 and at most the {size[0]} x {size[1]} "
+            f"lenslets, got {tuple(tiles)}."
+        )
+    rows, columns = (pairwise(np.arange(n + 1) * m // n) for n, m in zip(tiles, size, strict=True))
+    return [(*row, *column) for row, column in product(rows, columns)]
