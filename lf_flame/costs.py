@@ -329,7 +329,7 @@ def measure_costs(
         "threads": 1,
         "budget_s": budget_s,
         "wall_s": time.perf_counter() - started,
-        **{table: [_finite(row) for row in rows] for table, rows in found.items()},
+        **{table: [finite(row) for row in rows] for table, rows in found.items()},
         **provenance.environment(),
     }
     write_text(out / "accuracy.csv", accuracy.to_csv(index=False))
@@ -350,7 +350,7 @@ def _described(study: Study) -> dict:
     return {"title": study.title, "camera": to_json(study.camera), "layers": layers}
 
 
-def _finite(row: dict) -> dict:
+def finite(row: dict) -> dict:
     """Make JSON values of a row; a bound may be infinite."""
     return {
         key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -397,7 +397,7 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
             spent = time.perf_counter() - started
             if min(REPETITIONS * next_s, next_s + LONG_S) > budget_s - spent:
                 break
-        seconds, (image,) = _race(partial(method.draw, study, setting))
+        seconds, (image,) = race(partial(method.draw, study, setting))
         error = math.sqrt(np.mean((image - reference) ** 2)) / reference.max()
         if rows and error == rows[-1]["error"]:
             continue  # rounded up to the same rays as before
@@ -413,7 +413,7 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
     return rows
 
 
-def _race(*calls: Callable[[], np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+def race(*calls: Callable[[], np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
     """Run calls in turn a few times: seconds[call, run] in rising order, and the images."""
     rounds, spent = [], 0.0
     while (len(rounds) < REPETITIONS or spent < SHORT_S) and spent < LONG_S:
@@ -433,7 +433,7 @@ def _measure_effect(name: str, trial: Trial) -> dict:
     calls = [partial(_views, trial, {name: on}) for on in (False, True)]
     for call in calls:
         call()  # compiles
-    seconds, images = _race(*calls)
+    seconds, images = race(*calls)
     images = [image.astype(np.float64) for image in images]
     (off, on), runs = seconds[:, 0], seconds.shape[1]
     quarter = min(max(1, runs // 4), runs - 1)

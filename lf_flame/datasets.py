@@ -159,15 +159,16 @@ def encode_input(light_field: LightField, image: tuple[int, int]) -> np.ndarray:
     -------
     ndarray of float32, shape `image`
     """
-    return _average(light_field.photograph, image)
+    return as_targets(light_field.photograph, image)
 
 
-def _average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Area-average the last two axes to `size`."""
+def as_targets(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Area-average the last two axes to `size`, and clip to [0, 1], as a sensor saturates."""
     factors = (1,) * (images.ndim - 2) + tuple(
         n // m for n, m in zip(images.shape[-2:], size, strict=True)
     )
-    return downscale_local_mean(images, factors).astype(np.float32)
+    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
+    return np.clip(averaged, 0, 1).astype(np.float32)
 
 
 def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:
@@ -178,16 +179,19 @@ def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> d
     dict
         ``input`` (h, w) and ``target`` (objects, h, w), float32 in [0, 1], and ``parameters``.
     """
-    scene, parameters = config.template.draw(np.random.default_rng([config.seed, index]))
-    seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
-    light_field = render_plan(scene, config.camera, config.plan, seed=seed)
-    stack = shift_and_sum(light_field, slopes)
+    light_field, parameters = render_sample(config, index)
     return {
-        # Where objects overlap in a view their light adds; the sensor saturates at 1.
-        "input": np.clip(encode_input(light_field, config.image), 0, 1),
-        "target": np.clip(_average(stack, config.image), 0, 1),
+        "input": encode_input(light_field, config.image),
+        "target": as_targets(shift_and_sum(light_field, slopes), config.image),
         "parameters": parameters,
     }
+
+
+def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
+    """Draw and render the light field of one sample; returns it with the scene's parameters."""
+    scene, parameters = config.template.draw(np.random.default_rng([config.seed, index]))
+    seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
+    return render_plan(scene, config.camera, config.plan, seed=seed), parameters
 
 
 def make_dataset(

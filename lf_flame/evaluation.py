@@ -82,6 +82,23 @@ def load_run(folder: str | Path) -> dict:
     return read_json(folder / "run.json")
 
 
+def open_run(folder: str | Path) -> tuple[dict, Dataset]:
+    """Read the record of a finished run, and open the data set that it was trained on.
+
+    Raises
+    ------
+    InputError
+        If the run is missing or not finished, or the data set is no longer the same.
+    """
+    run = load_run(folder)
+    dataset = Dataset(run["data"])
+    if dataset.attrs["sha256"] != run["data_sha256"]:
+        raise InputError(
+            f"{run['data']} is not the data set that {folder} was trained on; train it again."
+        )
+    return run, dataset
+
+
 def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
     """Run the whole trained network, backbone included, over the test split of its data set.
 
@@ -94,12 +111,7 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
     """
     import keras  # here, so that tables can be printed without loading it
 
-    run = load_run(folder)
-    dataset = Dataset(run["data"])
-    if dataset.attrs["sha256"] != run["data_sha256"]:
-        raise InputError(
-            f"{run['data']} is not the data set that {folder} was trained on; train it again."
-        )
+    run, dataset = open_run(folder)
     indices = np.array(run["test_indices"])
     model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
     stack = model.predict(dataset.inputs[indices][..., None], batch_size=8, verbose=0)

@@ -20,7 +20,7 @@ class LightField:
     Parameters
     ----------
     views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Finite radiance values. Stored as float32, without a copy where that is possible.
+        Finite radiance values. Stored as contiguous float32, not copied where they are that.
     plan : lf_flame.plan.EffectPlan, optional
         Of a rendered light field: which effects were simulated, and why.
 
@@ -40,7 +40,7 @@ class LightField:
                 f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
                 f"got an array of shape {views.shape} and type {views.dtype}."
             )
-        views = views.astype(np.float32, copy=False)
+        views = np.ascontiguousarray(views, np.float32)
         if not np.all(np.isfinite(views)):
             bad = np.count_nonzero(~np.isfinite(views))
             raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")

@@ -22,6 +22,7 @@ LAYERS = [
     {"backbone", "models", "optimizers", "warmstart"},
     {"training", "evaluation"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
+    {"refocus_costs", "refocus_costs_report"},
     {"cli"},
 ]
 """A module imports only from its own layer and from those above it in this list."""

@@ -11,6 +11,7 @@ from skimage.io import imread
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, cli, render
 from lf_flame.formats import (
     read_focal_stack,
+    read_light_field,
     write_lenslet_image,
     write_movie,
     write_view_folder,
@@ -39,9 +40,9 @@ def folder(light_field, tmp_path):
     return tmp_path / "views"
 
 
-def run(*args):
+def run(*args, command="refocus"):
     """Run the command in this process; what users may do wrong raises InputError here."""
-    result = CliRunner().invoke(cli.commands, ["refocus", *map(str, args)])
+    result = CliRunner().invoke(cli.commands, [command, *map(str, args)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
@@ -110,6 +111,18 @@ def test_lenslet_images_and_raw_images(light_field, tmp_path):
         run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", tmp_path / "out")
         stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
         np.testing.assert_allclose(stack, expected, atol=1e-4)
+
+
+def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path):
+    source, targets = folder, ("lenslets.png", "views.npy", "more", "lenslets.tif")
+    for target in targets:
+        options = ["--views", 5] if source.suffix in (".png", ".tif") else []
+        run(source, tmp_path / target, *options, command="convert")
+        source = tmp_path / target
+    found = read_light_field(source, views=5)
+    np.testing.assert_array_equal(found.views, light_field.views)
+    with pytest.raises(InputError, match=r"folder, .png, .tif or .npy, got .*light.xyz"):
+        run(folder, tmp_path / "light.xyz", command="convert")
 
 
 def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):

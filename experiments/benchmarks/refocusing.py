@@ -26,11 +26,11 @@ import numpy as np
 import pandas as pd
 from numba import njit, prange
 from scipy import ndimage
-from timing import best_times, seconds, write_table
+from timing import best_of, best_times, seconds, write_table
 
 from lf_flame.footprint import centred
 from lf_flame.provenance import environment
-from lf_flame.refocus import fourier_refocus, shift_and_sum
+from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
 
 ALIKE = 1e-6
 """Largest difference, relative to the brightest pixel, of outputs that should be the same."""
@@ -102,6 +102,30 @@ def sum_by_lerps(lines, shifts):
     return total
 
 
+def gather_and_lerp(lines, shift):
+    """Shift lines [..., line, s] along s as one would write it down, in float64."""
+    position = np.clip(np.arange(lines.shape[-1]) + shift, 0, lines.shape[-1] - 1)
+    near = np.minimum(position.astype(int), max(lines.shape[-1] - 2, 0))
+    rest = position - near
+    return (1 - rest) * lines[..., near] + rest * lines[
+        ..., np.minimum(near + 1, lines.shape[-1] - 1)
+    ]
+
+
+def separable_plain(views, slopes):
+    """Sum over u, then over v: the separable sum without further thought, in float64."""
+    if views.ndim == 5:
+        channels = [separable_plain(views[..., c], slopes) for c in range(views.shape[4])]
+        return np.stack(channels, axis=-1)
+    images = np.zeros((len(slopes), *views.shape[2:]))
+    for image, slope in zip(images, slopes, strict=True):
+        down, right = (slope * centred(n) for n in views.shape[:2])
+        for v, row in enumerate(views):
+            row_sum = sum(gather_and_lerp(view, right[u]) for u, view in enumerate(row))
+            image += gather_and_lerp(row_sum.T, down[v]).T
+    return images / (views.shape[0] * views.shape[1])
+
+
 def sum_by_product(lines, shifts):
     """Gather lines[k, line] for all k, then weigh and sum them in one matrix product."""
     places, rest = whole_shifts(lines, shifts)
@@ -135,7 +159,8 @@ class Opponent:
 
 READ = Opponent("reading the light field once", "Numba, float32 sum; the floor", read_once,
                 threaded=True, same_output=False)  # fmt: skip
-LERPS = Opponent("NumPy, separable", "float32, gathers and lerps; one thread",
+PLAIN = Opponent("NumPy, separable", "float64, as one would write it; one thread", separable_plain)
+LERPS = Opponent("NumPy, separable, tuned", "float32, contiguous gathers; one thread",
                  partial(separable, shifted_sum=sum_by_lerps))  # fmt: skip
 PRODUCT = Opponent("NumPy, separable, matrix product", "float32, gathers; threads of its BLAS",
                    partial(separable, shifted_sum=sum_by_product))  # fmt: skip
@@ -168,7 +193,7 @@ class Case:
 
 
 FOUR_SLOPES = (2.1, 1.15, 0.35, -1.25)
-HERE = (READ, LERPS, PRODUCT, SHIFT)
+HERE = (READ, PLAIN, LERPS, PRODUCT, SHIFT)
 
 
 def cases(small: bool) -> list[Case]:
@@ -178,7 +203,9 @@ def cases(small: bool) -> list[Case]:
     stack = tuple(np.linspace(-2.05, 2.15, 15).tolist())
     return [
         Case("one plane", usual, (1.15,), (*HERE, FOURIER, PLENPY, PLENOPTOMOS)),
-        Case("four planes", usual, FOUR_SLOPES, (*HERE, PLENPY), {READ: 1 / 4, LERPS: 15}),
+        Case(
+            "four planes", usual, FOUR_SLOPES, (*HERE, PLENPY), {READ: 1 / 4, PLAIN: 15, LERPS: 15}
+        ),
         Case("one plane, cubic", usual, (1.15,), (READ, SPLINE), interpolation="cubic"),
         Case("one plane, whole slope", usual, (1.0,), (*HERE, PLENPY)),
         Case("one plane, whole slope, RGB", (*usual, 3), (1.0,), (*HERE, PLENPY, PLENOPTICAM)),
@@ -302,6 +329,49 @@ def rows_of(case: Case, threads: int, ms: dict, differences: dict) -> list[tuple
     return rows
 
 
+WAYS = {
+    "linear, space": ("linear", "space"),
+    "linear, Fourier": ("linear", "fourier"),
+    "cubic, space": ("cubic", "space"),
+    "cubic, Fourier": ("cubic", "fourier"),
+    "sinc, Fourier": ("sinc", "fourier"),
+    "sinc, slice": ("sinc", "slice"),
+}
+"""Ways to the same picture, by interpolation and method."""
+
+CROSSINGS = (("linear, space", "linear, Fourier"), ("cubic, space", "cubic, Fourier"),
+             ("sinc, Fourier", "sinc, slice"))  # fmt: skip
+
+
+def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
+    """Time stacks of few and of many planes by each method; say from how many on each wins."""
+    shape, few, many = ((5, 5, 12, 18), 1, 4) if small else ((15, 15, 90, 180), 4, 64)
+    views = np.random.default_rng(0).random(shape, np.float32)
+    numba.set_num_threads(THREADS[-1])
+    calls = [
+        partial(refocus, views, np.linspace(-2, 2, planes), *way)
+        for way in WAYS.values()
+        for planes in (few, many)
+    ]
+    times = np.reshape(best_of(1 if small else 3, *calls), (-1, 2)) * 1e3
+    each = (times[:, 1] - times[:, 0]) / (many - few)
+    table = pd.DataFrame({
+        "method": list(WAYS), f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
+        "fixed (ms)": times[:, 0] - few * each, "each plane (ms)": each,
+    })  # fmt: skip
+    table = table.set_index("method", drop=False)
+    return table, " ".join(f"{_crossing(table, *pair)}." for pair in CROSSINGS)
+
+
+def _crossing(table: pd.DataFrame, usual: str, other: str) -> str:
+    """Tell from how many planes on the other method takes less time."""
+    fixed = table.loc[other, "fixed (ms)"] - table.loc[usual, "fixed (ms)"]
+    each = table.loc[usual, "each plane (ms)"] - table.loc[other, "each plane (ms)"]
+    if each <= 0:
+        return f"{usual}, takes least for any number of planes"
+    return f"{other}, takes less than {usual}, from {max(int(np.ceil(fixed / each)), 1)} planes on"
+
+
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -326,6 +396,9 @@ def main() -> None:
         for case in cases(asked.small):
             sys.stderr.write(f"measuring: {case.what}\n")
             rows += measure(case, asked.small, other)
+        sys.stderr.write("measuring: methods\n")
+        methods, crossings = measure_methods(asked.small)
+    record["methods"] = methods.to_dict("records")
     theirs = ", ".join(map(" ".join, record["opponents"].items())) or "none installed"
     write_table(
         asked.out / "refocusing",
@@ -335,7 +408,9 @@ def main() -> None:
         record,
         missing="missing",
         notes="Threads are ours. Ratio: the opponent's time over ours. Difference: of any pixel, "
-        f"relative to the brightest. Opponents in a Python of their own: {theirs}.\n\n",
+        f"relative to the brightest. Opponents in a Python of their own: {theirs}.\n\n"
+        f"{methods.to_markdown(index=False, floatfmt='.3g')}\n\n{crossings} "
+        f"All of them at {THREADS[-1]} threads, edges clamped.\n\n",
     )
 
 

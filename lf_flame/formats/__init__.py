@@ -14,6 +14,7 @@ from lf_flame.formats.view_folder import (
     write_view_folder,
 )
 from lf_flame.formats.white_image import estimate_grid
+from lf_flame.formats.writing import write_light_field
 
 __all__ = [
     "LensletGrid",
@@ -31,6 +32,7 @@ __all__ = [
     "scan_view_folder",
     "write_focal_stack",
     "write_lenslet_image",
+    "write_light_field",
     "write_movie",
     "write_view_folder",
 ]

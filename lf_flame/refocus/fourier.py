@@ -3,6 +3,7 @@
 from functools import partial
 
 import numpy as np
+from numba import get_num_threads
 from scipy.fft import ifft2, irfft2, next_fast_len, rfft2
 from scipy.special import i0
 
@@ -66,8 +67,8 @@ def fourier_refocus(
     check_interpolation(interpolation, ("sinc", *INTERPOLATIONS))
     _check_edges(edges)
     weights = as_weights(weights, views.shape[:2])
-    return by_channel(partial(_by_phases, interpolation=interpolation, edges=edges),
-                      views, slopes, weights)  # fmt: skip
+    refocus = partial(_by_phases, interpolation=interpolation, edges=edges)
+    return by_channel(refocus, views, slopes, weights)
 
 
 def _check_edges(edges: str) -> None:
@@ -82,11 +83,12 @@ def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.nda
     if edges == "clamp":
         shifts = [np.clip(x, -n, n) for x, n in zip(shifts, (height, width), strict=True)]
         views, (t, s) = _pad(views, shifts)
-    spectra = rfft2(views.astype(np.float64, copy=False))
+    spectra = rfft2(views.astype(np.float64, copy=False), workers=get_num_threads())
     with np.errstate(invalid="ignore"):  # infinite pixels are refused below
         spectra *= (weights / weights.mean())[..., None, None]
         stack = _shifted_means(spectra, *shifts, views.shape[3], interpolation)
-    images = irfft2(stack, views.shape[2:])[:, t : t + height, s : s + width].astype(np.float32)
+    images = irfft2(stack, views.shape[2:], workers=get_num_threads())
+    images = images[:, t : t + height, s : s + width].astype(np.float32)
     if not np.all(np.isfinite(images)):
         refuse_not_finite(views)
     return images
@@ -100,25 +102,6 @@ def _pad(views: np.ndarray, shifts):
         pads.append((reach, next_fast_len(length + 2 * reach, real=True) - length - reach))
         starts.append(reach)
     return np.pad(views, pads, mode="edge"), starts
-
-
-def refocused_spectra(spectra: np.ndarray, slopes: np.ndarray, width: int) -> np.ndarray:
-    """Mean of the views' spectra, each turned by the phase of its shift, for several slopes.
-
-    Parameters
-    ----------
-    spectra : ndarray of complex, shape (v, u, t, s // 2 + 1)
-        ``rfft2`` of the views.
-    slopes : ndarray of float, shape (n,)
-    width : int
-        Columns of the views, which `spectra` alone does not tell.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, t, s // 2 + 1), of the type of `spectra`
-    """
-    shifts = [centred(count) * slopes[:, None] for count in spectra.shape[:2]]
-    return _shifted_means(spectra, *shifts, width, "sinc")
 
 
 def _shifted_means(spectra, down, right, width: int, interpolation: str) -> np.ndarray:
@@ -211,14 +194,15 @@ def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
             )
         views, (t, s) = _pad(views, shifts)
     rows, columns, height, breadth = views.shape
-    spectra = rfft2(views.astype(np.float32, copy=False))
+    spectra = rfft2(views.astype(np.float32, copy=False), workers=get_num_threads())
     spectra *= (weights / weights.mean()).astype(np.float32)[..., None, None]
     out = np.empty((len(slopes), *spectra.shape[2:]), np.complex64)
     down = _slice_taps(np.fft.fftfreq(height), rows, slopes, width)
     right = _slice_taps(np.fft.rfftfreq(breadth), columns, slopes, width)
     _kernels.slice_spectrum(_angular_spectrum(spectra, width), *down, *right, out)
     _mend_nyquist(spectra, slopes, breadth, out)
-    images = irfft2(out, views.shape[2:])[:, t : t + shape[0], s : s + shape[1]]
+    images = irfft2(out, views.shape[2:], workers=get_num_threads())
+    images = images[:, t : t + shape[0], s : s + shape[1]]
     if not np.all(np.isfinite(images)):
         refuse_not_finite(views)
     return np.ascontiguousarray(images)
@@ -234,7 +218,7 @@ def _angular_spectrum(spectra: np.ndarray, width: int) -> np.ndarray:
     ]
     divisor = (np.outer(*roll_off) * counts[0] * counts[1]).astype(np.float32)
     by_frequency = np.ascontiguousarray((spectra / divisor[..., None, None]).transpose(2, 3, 0, 1))
-    return ifft2(by_frequency, samples, norm="forward", overwrite_x=True)
+    return ifft2(by_frequency, samples, norm="forward", overwrite_x=True, workers=get_num_threads())
 
 
 def _slice_taps(frequencies, views: int, slopes: np.ndarray, width: int):

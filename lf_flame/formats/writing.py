@@ -1,0 +1,42 @@
+"""One door for writing a light field."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.files import written_aside
+from lf_flame.formats.lenslet_image import write_lenslet_image
+from lf_flame.formats.view_folder import write_view_folder
+from lf_flame.lightfield import LightField
+
+
+def write_light_field(light_field: LightField, path: str | Path, bits: int = 16) -> None:
+    """Write a light field in the form that the ending of the path asks for.
+
+    Parameters
+    ----------
+    light_field : LightField
+        For images, values from 0 to 1.
+    path : str or Path
+        Without an ending, a new folder with a PNG for each view; .png or .tif, a lenslet image;
+        .npy, the array ``views``.
+    bits : int, optional
+        8 or 16, of images.
+
+    Raises
+    ------
+    InputError
+        If the ending is another, or values or channels do not fit.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if not suffix:
+        write_view_folder(light_field, path, bits)
+    elif suffix in (".png", ".tif", ".tiff"):
+        write_lenslet_image(light_field, path, bits)
+    elif suffix == ".npy":
+        with written_aside(path) as aside:
+            np.save(aside, light_field.views, allow_pickle=False)
+    else:
+        raise InputError(f"A light field is written to a folder, .png, .tif or .npy, got {path}.")
