@@ -5,7 +5,6 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.refocus import fourier_refocus, fourier_slice, refocus, shift_and_sum
-from lf_flame.refocus.methods import SLICE_FROM, cheapest_method
 
 SLOPES = [0.7, -2.2, 1.0, 0.0, 1e-300]
 
@@ -66,12 +65,6 @@ def test_refocus_gives_the_same_picture_by_every_method(rng):
         np.testing.assert_allclose(other, plain, atol=1e-6)
     exact = refocus(views, SLOPES, "sinc")
     np.testing.assert_allclose(refocus(views, SLOPES, "sinc", "slice"), exact, atol=1e-6)
-
-
-def test_auto_takes_slices_for_large_stacks():
-    assert cheapest_method("sinc", SLICE_FROM - 1) == "fourier"
-    assert cheapest_method("sinc", SLICE_FROM) == "slice"
-    assert cheapest_method("linear", 10_000) == "space"
 
 
 def test_sinc_is_sharper_than_linear(rng):

@@ -27,24 +27,20 @@ def _fused(_context, a, _b, _c):
 fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
 
 
-def _cut_line(line, start, reach, channels, lines, base, size):
-    """Copy a line from start - reach on, edges repeated."""
+def _cut_line(line, start, reach, channels, lines, base, size, probe):
+    """Copy a line from start - reach on, edges repeated.
+
+    Where a pixel is not finite, probe[s] becomes NaN, as 0 times infinity is.
+    """
     low, high = max(start - reach, 0), min(start - reach + size, line.size)
     left, right = base + low - (start - reach), base + high - (start - reach)
-    source, target = np.uint64(low), np.uint64(left)
+    source, target, zero = np.uint64(low), np.uint64(left), probe.dtype.type(0)
     for s in range(np.uint64(high - low)):
         lines[target + s] = line[source + s]
+        probe[s] = fma(lines[target + s], zero, probe[s])
     for c in range(channels):
         fill(lines, base + c, left, channels, line[c])
         fill(lines, right + c, base + size, channels, line[line.size - channels + c])
-
-
-def _largest_bits(bits, unsigned, start, size):
-    """Largest pixel by its bits without the sign: NaN and infinity lie above all numbers."""
-    largest = bits.dtype.type(0)
-    for s in range(np.uint64(start), np.uint64(start + size)):
-        largest = max(largest, bits[s] & unsigned)
-    return largest
 
 
 def _fill(line, start, stop, step, value):
@@ -120,9 +116,7 @@ def _add_row(total, row, offset, weight, sums, n):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
-def _shift_and_sum(
-    views, bits, unsigned, reach, channels, used, at, weights, down, down_weights, sums, worst
-):
+def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights, sums, bad):
     """Weighted sums of shifted views, for several slopes and groups of rows: sums[g, n, t, s].
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
@@ -131,41 +125,35 @@ def _shift_and_sum(
     at[v, n, i, k], weights[j][v, n, i, k]: where tap 0 of view (i, k) reads in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
-    bits, unsigned: the views' own bits as integers, or None where there are no floats, and the
-    mask of all but their sign.
-    worst[k]: gains the bits of the largest pixel, for each of the blocks and groups.
+    bad[k]: whether a pixel is not finite, for each of the blocks and groups.
     """
     rows, columns, height, width = views.shape
     groups, slopes = sums.shape[:2]
-    breadth = -(-width * groups // (worst.size * channels)) * channels
+    breadth = -(-width * groups // (bad.size * channels)) * channels
     taps = len(weights)
     wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
     padded = wide + 2 * reach
-    for k in prange(worst.size):
+    for k in prange(bad.size):
         group, start = k % groups, k // groups * breadth
         size = min(breadth, width - start)
         block = np.zeros((slopes, height, size))
         lines = np.zeros(columns * padded, weights[0].dtype)
         parts = np.empty(wide, weights[0].dtype), np.empty(wide, weights[0].dtype)
-        total, largest = np.empty(size), worst[k]
+        total, probe = np.empty(size), np.zeros(padded, weights[0].dtype)
         for v in range(group * rows // groups, (group + 1) * rows // groups):
             if not np.any(used[v]):
                 continue
             for t in range(height):
                 for u in range(columns):
                     if used[v, u]:
-                        line = views[v, u, t]
-                        cut_line(line, start, reach, channels, lines, u * padded, padded)
-                        if bits is not None:
-                            largest = max(
-                                largest, largest_bits(bits[v, u, t], unsigned, start, size)
-                            )
+                        line, base = views[v, u, t], u * padded
+                        cut_line(line, start, reach, channels, lines, base, padded, probe)
                 for n in range(slopes):
                     sum_row(lines, at, weights, v, n, channels, parts, total)
-                    for j in range(taps):
+                    for j in range(down_weights.shape[2]):
                         add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
         sums[group, :, :, start : start + size] = block
-        worst[k] = largest
+        bad[k] = np.any(np.isnan(probe))
 
 
 def _merge(sums, out):
@@ -200,7 +188,6 @@ def _slice_spectrum(spectrum, rows, row_shares, columns, column_shares, out):
 
 fill = njit(_fill)
 cut_line = njit(_cut_line)
-largest_bits = njit(_largest_bits)
 link = njit(_link)
 sum_views = njit(_sum_views)
 sum_views_twice = njit(_sum_views_twice)

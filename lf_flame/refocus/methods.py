@@ -3,15 +3,11 @@
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import as_slopes
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.refocus.shift import shift_and_sum
 
 METHODS = ("auto", "space", "fourier", "slice")
-
-SLICE_FROM = 64
-"""Planes from which slices are cheaper than exact phases, for 15 x 15 views."""
 
 FINEST_SLICE = 8
 """Width at which a slice equals exact phases to the rounding of float32."""
@@ -32,10 +28,11 @@ def refocus(
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
         "sinc" shifts band-limited views exactly.
     method : {"auto", "space", "fourier", "slice"}, optional
-        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the cheapest.
-        For neighbours in space that is always `shift_and_sum`: one plane of it takes less than the
-        transform of the views alone, and less than a plane of phases (`make benchmarks`). For
-        "sinc" it is exact phases for few planes, slices from `SLICE_FROM` on.
+        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the one that takes
+        least. With 15 x 15 views there is no cross-over, as `make benchmarks` measures: a plane of
+        `shift_and_sum` takes less than a plane of phases, and that less than a slice, which has to
+        be read from all over a spectrum far larger than the cache, for any number of planes. So
+        "auto" is "space" for neighbours in space, and "fourier" for "sinc".
     weights : array_like, shape (v, u), optional
         Share of each view, 0 or above; divided by their sum. Default: all alike.
 
@@ -52,7 +49,7 @@ def refocus(
         raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
     check_interpolation(interpolation, (*INTERPOLATIONS, "sinc"))
     if method == "auto":
-        method = cheapest_method(interpolation, len(as_slopes(slopes)))
+        method = "fourier" if interpolation == "sinc" else "space"
     if (method == "space") == (interpolation == "sinc") and method != "fourier":
         raise InputError(f"The method {method!r} does not know {interpolation!r} interpolation.")
     if method == "space":
@@ -60,10 +57,3 @@ def refocus(
     if method == "fourier":
         return fourier_refocus(views, slopes, interpolation, "clamp", weights)
     return fourier_slice(views, slopes, FINEST_SLICE, "clamp", weights)
-
-
-def cheapest_method(interpolation: str, planes: int) -> str:
-    """Name the method that takes least time for a number of planes."""
-    if interpolation != "sinc":
-        return "space"
-    return "slice" if planes >= SLICE_FROM else "fourier"

@@ -67,6 +67,8 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     rows, columns, height, width = views.shape
     down, down_shares = shift_taps(_shifts(slopes, rows, height), interpolation)
     right, right_shares = shift_taps(_shifts(slopes, columns, width // channels), interpolation)
+    if not right_shares[1:].any():  # whole slopes
+        right_shares = right_shares[:1]
     taps = len(right_shares)
     blocks = -(-width // BLOCK)
     breadth = -(-width // (blocks * channels)) * channels
@@ -81,24 +83,11 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     down_shares = np.moveaxis(down_shares * (scale / weights.sum())[:, None], 0, 2).copy()
     groups = min(rows, max(4 // blocks, 1))
     sums = np.empty((groups, len(slopes), height, width))
-    integer = np.dtype(f"i{views.itemsize}")
-    bits = views.view(integer) if views.dtype.kind == "f" else None
-    unsigned = integer.type(np.iinfo(integer).max)
-    largest = np.zeros(groups * blocks, integer)
+    bad = np.zeros(groups * blocks, bool)
     _kernels.shift_and_sum(
-        views,
-        bits,
-        unsigned,
-        reach,
-        channels,
-        weights > 0,
-        *chains,
-        down,
-        down_shares,
-        sums,
-        largest,
+        views, reach, channels, weights > 0, *chains, down, down_shares, sums, bad
     )
-    if bits is not None and not np.isfinite(largest.view(views.dtype)).all():
+    if bad.any():
         refuse_not_finite(views)
     _kernels.merge(sums, out)
 
