@@ -28,7 +28,6 @@ OPPONENTS := .venv-opponents
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
-.SECONDARY:
 
 help:  ## show this list
 	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [RUN=...]'

@@ -22,7 +22,9 @@ def main() -> None:
     try:
         status = commands.main(standalone_mode=False)
     except click.exceptions.Abort:
-        _fail("Stopped. What was finished is kept; the same command goes on from there.", 130)
+        _fail(
+            "Stopped. Files that were finished are kept; dataset and train go on from there.", 130
+        )
     except click.ClickException as error:
         error.show()
         sys.exit(2)
@@ -165,6 +167,11 @@ def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator
     )
 
 
+SLOPE_CONVENTIONS = (
+    "motion", "hci", "lftoolbox", "liff", "plenopticam", "plenopticam-refined", "plenpy", "fdl"
+)  # fmt: skip
+"""Names in `lf_flame.conventions`, which would take long to import for ``--help`` alone."""
+
 READING = (
     click.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
     click.option("--order", help="What the names of views count, as row,col (default: found)."),
@@ -184,10 +191,10 @@ REFOCUSING = (
     ),
     click.option(
         "--slope-of",
-        metavar="PROGRAM",
+        type=click.Choice(SLOPE_CONVENTIONS, case_sensitive=False),
         default="motion",
         show_default=True,
-        help="Whose number a slope is: hci, lftoolbox, plenopticam, plenpy ...",
+        help="Whose number --slope is; all that is printed and written is ours, motion.",
     ),
     click.option(
         "--depth-mm",
@@ -196,10 +203,25 @@ REFOCUSING = (
         type=float,
         help="Depth to refocus at; may be repeated; needs --camera.",
     ),
-    click.option("--search", is_flag=True, help="Refocus at the sharpest slope (the default)."),
-    click.option("--sweep", nargs=2, type=float, help="Movie between two slopes."),
     click.option(
-        "--map", "slope_map", nargs=2, type=float, help="Slope of each pixel, between two slopes."
+        "--search",
+        is_flag=True,
+        help="Refocus at the sharpest slope; what is done if none is asked.",
+    ),
+    click.option(
+        "--sweep",
+        nargs=2,
+        type=float,
+        metavar="FROM TO",
+        help="Movie from one slope to another and back, 41 steps.",
+    ),
+    click.option(
+        "--map",
+        "slope_map",
+        nargs=2,
+        type=float,
+        metavar="FROM TO",
+        help="Slope of each pixel, and all in focus; the slopes should reach beyond the scene's.",
     ),
     click.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
@@ -238,6 +260,12 @@ def _with_options(*groups):
     return decorate
 
 
+def _refuse_options(what: str, **options) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"--{name} does not apply to {what}.")
+
+
 def _read_light_field(source: Path, views, order, white, pitch, layout):
     """Read a light field of any kind, and tell what was found."""
     from tqdm import tqdm
@@ -245,13 +273,16 @@ def _read_light_field(source: Path, views, order, white, pitch, layout):
     from lf_flame import formats
 
     if white or pitch:
+        _refuse_options(f"the raw image {source}", order=order)
         light_field, grid = formats.read_raw(source, white, pitch, layout, views)
         click.echo(f"{source}: {grid.describe()}", err=True)
     elif source.is_dir():
+        _refuse_options(f"the folder {source}", views=views, layout=layout)
         folder = formats.scan_view_folder(source, order)
         click.echo(folder.describe(), err=True)
         light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
     else:
+        _refuse_options(f"{source} without --white or --pitch", layout=layout)
         light_field = formats.read_light_field(source, views, order)
     v, u, t, s = light_field.views.shape[:4]
     click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
@@ -289,6 +320,9 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     movie = f"sweep.{options['movie']}"
     check_movie(movie)
     reading = ("views", "order", "white", "pitch", "layout")
+    out = out or Path("refocused") / (source.resolve().name if source.is_dir() else source.stem)
+    if out.resolve() == source.resolve():
+        raise InputError(f"The pictures cannot go into the light field's own folder, {source}.")
     light_field = _read_light_field(source, **{name: options[name] for name in reading})
     views = light_field.views.shape[:2]
     aperture = (options[name] for name in ("aperture", "ring", "f_number"))
@@ -296,8 +330,9 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     how["weights"] = aperture_weights(views, *aperture, lens)
     asked = [to_slope(slope, slope_of, views[1]) for slope in slopes]
     asked += [lens.depth_to_slope(depth) for depth in depths]
-    out = out or Path("refocused") / (source.resolve().name if source.is_dir() else source.stem)
-    job = Refocusing(light_field, out, how, {"source": str(source), "depths_mm": depths})
+    asked_for = {"source": str(source), "depths_mm": depths}
+    job = Refocusing(light_field, out, how, asked_for)
+    job.check_slopes([*asked, *(sweep or ()), *(slope_map or ())])
     if search or not (asked or sweep or slope_map):
         found = job.search()
         click.echo(f"sharpest at slope {found.slope:+.3f}, confidence {found.confidence:.2f}")
@@ -305,9 +340,10 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     if asked:
         job.refocus_at(asked)
     if sweep:
-        job.sweep(*sweep, movie, lambda steps: tqdm(steps, "sweeping", unit="frame"))
+        job.sweep(*sweep, movie, lambda steps: tqdm(steps, "sweeping", unit="stack"))
     if slope_map:
-        job.map_slopes(*slope_map)
+        share = job.map_slopes(*slope_map)
+        click.echo(f"slope map: {share:.0%} of the pixels are certain")
     job.write_record()
     click.echo(f"{', '.join(job.written)} are in {out}")
 

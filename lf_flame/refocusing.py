@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.errors import InputError
-from lf_flame.files import write_json
+from lf_flame.files import read_json, write_json
 from lf_flame.formats.images import to_levels, write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
@@ -19,6 +19,7 @@ from lf_flame.refocus import (
     all_in_focus,
     annular_aperture,
     f_number_aperture,
+    farthest_slope,
     find_sharpest_slope,
     refocus,
     round_aperture,
@@ -26,6 +27,9 @@ from lf_flame.refocus import (
 
 SWEEP_FRAMES = 41
 """Frames from one end of a sweep to the other; the movie goes there and back."""
+
+CERTAIN = 0.2
+"""Confidence from which a pixel's slope is called certain."""
 
 SLOPE_MAP_STEPS = 33
 """Slopes of the stack from which a slope map is made."""
@@ -98,6 +102,16 @@ class Refocusing:
         brightest = float(self.light_field.views.max())
         return max(brightest, 1.0) if brightest > 0.1 else max(brightest, 1e-30)
 
+    def check_slopes(self, slopes: Sequence[float]) -> None:
+        """Refuse slopes that shift views by more than the image, before any work is done."""
+        limit = farthest_slope(self.light_field.views)
+        wrong = [slope for slope in slopes if not abs(slope) <= limit]
+        if wrong:
+            raise InputError(
+                f"Slopes must be finite and from {-limit:g} to {limit:g}, beyond which views are "
+                f"shifted by more than the image, got {wrong[0]:g}."
+            )
+
     def refocus_at(self, slopes: Sequence[float]) -> None:
         """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes."""
         stack = refocus(self.light_field, slopes, **self.options)
@@ -125,39 +139,56 @@ class Refocusing:
         movie : str
             Name of the file, which ends in .gif or .mp4.
         progress : callable, optional
-            Wraps the list of slopes.
+            Wraps the list of the slopes that are refocused together.
         """
+        if first == last:
+            raise InputError(f"A sweep needs two slopes, got {first} twice.")
         slopes = np.linspace(first, last, SWEEP_FRAMES)
+        # Slopes that are asked for together share one reading, or one transform, of the views.
+        count = 1 if self.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
         frames = [
-            self._levels(refocus(self.light_field, slope, **self.options)[0])
-            for slope in progress(list(slopes))
+            self._levels(image)
+            for some in progress(np.array_split(slopes, count))
+            for image in refocus(self.light_field, some, **self.options)
         ]
         write_movie(self._path(movie), np.stack(frames + frames[-2:0:-1]))
         self.record["sweep"] = [first, last]
 
-    def map_slopes(self, first: float, last: float) -> None:
-        """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``."""
+    def map_slopes(self, first: float, last: float) -> float:
+        """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
+
+        Returns
+        -------
+        float
+            Share of the pixels whose slope is certain.
+        """
         if not first < last:
             raise InputError(f"A slope map needs the lower slope first, got {first} and {last}.")
         slopes = np.linspace(first, last, SLOPE_MAP_STEPS)
-        weights = self.options.get("weights")
-        found = all_in_focus(self.light_field, slopes, weights=weights)
+        chosen = {k: self.options[k] for k in ("interpolation", "weights") if k in self.options}
+        found = all_in_focus(self.light_field, slopes, **chosen)
         write_image(self._path("all_in_focus.png"), self._levels(found.all_in_focus))
         write_image(self._path("slope_map.tif"), found.slope.astype(np.float32))
         figures.save(figures.slope_map_figure(found), self._path("slope_map.png"))
         self.record["slope_map"] = [first, last]
+        return float(np.mean(found.confidence >= CERTAIN))
 
     def write_record(self) -> dict:
         """Write ``refocus.json``; returns the record."""
+        path = self._path("refocus.json")
+        before = read_json(path).get("files", []) if path.exists() else []
         v, u, t, s = self.light_field.views.shape[:4]
         record = {
             "views": [v, u],
             "lenslets": [t, s],
             **{k: value for k, value in self.options.items() if k != "weights"},
             **self.record,
+            "files": self.written,
             **provenance.environment(),
         }
-        write_json(self._path("refocus.json"), record)
+        write_json(path, record)
+        for name in set(before) - set(self.written):  # pictures of an earlier call
+            (self.out / name).unlink(missing_ok=True)
         return record
 
     def _path(self, name: str) -> Path:

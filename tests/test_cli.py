@@ -158,7 +158,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main()
     assert caught.value.code == 130
-    assert "the same command goes on from there" in capsys.readouterr().err
+    assert "dataset and train go on from there" in capsys.readouterr().err
 
 
 def test_missing_files_and_runs_are_one_sentence(tmp_path):

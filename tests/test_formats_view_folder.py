@@ -374,7 +374,7 @@ def test_parallel_cameras_counted_from_the_bottom_right_are_turned():
     plain = scan_view_folder(example("shop_mossberg"))
     assert plain.found.order == "row,col"
     assert 0.5 < plain.found.slopes[0] < plain.found.slopes[1] < 6.5
-    assert "put a minus before each" in plain.describe()
+    assert "the order is -row,-col" in plain.describe()
     turned = scan_view_folder(example("shop_mossberg"), "-row,-col")
     views = replace(turned, files=turned.files[1:6, 1:6]).read().views[..., 1]
     views = np.ascontiguousarray(views[:, :, ::2, ::2])  # halves the slopes

@@ -1,6 +1,7 @@
 """The README's example and the commands it names."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,6 +30,21 @@ def test_files_and_targets_it_names_exist():
     shown = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
     for target in set(re.findall(r"`?make ([a-z-]+)", README)):
         assert f"  {target} " in shown.stdout, target
+
+
+def test_tables_are_made_in_a_fresh_clone(tmp_path):
+    """Results that came with the clone do not stand for runs that are not there."""
+    for name in ("Makefile", "setup.cfg", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    for folder in ("data_gen", "experiments"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    for table in ("table1.csv", "table2.csv"):
+        (tmp_path / "experiments" / "results" / "quick" / table).touch()
+    command = ["make", "-n", "tables", "PRESET=quick", "RUN=quick"]
+    asked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    for step in ("dataset", "train", "evaluate"):
+        for kind in ("shapes", "flames"):
+            assert re.search(rf"lf-flame {step} \S*{kind}", asked), (step, kind)
 
 
 def test_every_deviation_the_code_cites_is_listed():

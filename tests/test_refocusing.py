@@ -9,6 +9,7 @@ from PIL import Image
 from skimage.io import imread
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, cli, render
+from lf_flame.conventions import CONVENTIONS
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
@@ -141,7 +142,13 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         (["--depth-mm", 3], "need the camera"),
         (["--f-number", 8], "need the camera"),
         (["--slope", "nan"], "finite"),
-        (["--slope", 1, "--slope-of", "nobody"], "convention must be one of motion"),
+        (["--slope", 1e9], "from -20 to 20, beyond which views .* got 1e[+]09"),
+        (["--sweep", "nan", 1], "finite .* got nan"),
+        (["--sweep", 1, 1], "two slopes, got 1.0 twice"),
+        (["--map", -1, 1, "--interpolation", "sinc"], "linear, nearest, cubic, got 'sinc'"),
+        (["--views", 5], "--views does not apply to the folder"),
+        (["--layout", "hexagonal"], "--layout does not apply"),
+        (["--pitch", 9], "is a folder of views"),
         (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
         (["--slope", 1, "--aperture", -1], "diameter above 0"),
         (["--order", "up,down"], "order"),
@@ -152,6 +159,23 @@ def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
     with pytest.raises(InputError, match=message) as caught:
         run(folder, *args, "--out", tmp_path / "out")
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_pictures_of_an_earlier_call_go(folder, tmp_path):
+    """Only those that the record names: what else lies there stays."""
+    run(folder, "--slope", -0.4, "--out", tmp_path / "out")
+    (tmp_path / "out" / "mine.png").touch()
+    run(folder, "--slope", 0.5, "--sweep", 0, 1, "--out", tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"mine.png", "focal_stack.tif", "refocused_1_slope+0.500.png", "sweep.gif",
+                     "refocus.json"}  # fmt: skip
+    with pytest.raises(InputError, match="own folder"):
+        run(folder, "--out", folder)
+
+
+def test_the_program_knows_all_conventions():
+    assert set(cli.SLOPE_CONVENTIONS) == set(CONVENTIONS)
+    assert run("views", "--slope-of", "nobody").exit_code == 2
 
 
 def test_a_missing_view_is_named(folder, tmp_path):

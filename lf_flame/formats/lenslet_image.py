@@ -46,12 +46,18 @@ def read_lenslet_image(
 def cut_views(raw: np.ndarray, views: int | None, source, keep: int | None = None) -> np.ndarray:
     """Cut a raw lenslet array into views, and say what would fit where `views` does not."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
-        got = "they are not stated" if views is None else f"got {views}"
         common = math.gcd(*raw.shape[:2])
         fit = [str(n) for n in range(2, min(common, MOST_VIEWS) + 1) if common % n == 0]
+        size = f"the {raw.shape[0]} x {raw.shape[1]} pixels of {source}"
+        if views is None:
+            raise InputError(
+                f"To read {source} as a lenslet image, state the pixels under a lenslet (views), "
+                f"which divide {size} ({', '.join(fit) or 'only 1 does'}); to decode a raw image, "
+                f"give a white image or the pitch."
+            )
         raise InputError(
-            f"The pixels under a lenslet (views) must divide the {raw.shape[0]} x {raw.shape[1]} "
-            f"pixels of {source}, {got}; {', '.join(fit) or 'only 1'} would."
+            f"The pixels under a lenslet (views) must divide {size}, got {views}; "
+            f"{', '.join(fit) or 'only 1'} would."
         )
     if keep is None:
         keep = views

@@ -105,6 +105,10 @@ def read_raw(
     InputError
         If a file cannot be read, no grid is found, or neither white image nor pitch is given.
     """
+    if Path(path).is_dir():
+        raise InputError(
+            f"A white image and a pitch decode a raw image, but {path} is a folder of views."
+        )
     image = read_image(path)
     if white is not None:
         white = read_image(white)

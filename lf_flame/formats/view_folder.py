@@ -45,11 +45,13 @@ class ViewFolder:
             f"order {self.found.order}, {self.found.reason}",
         ]
         if self.found.slopes:
-            low, high = (round(slope, 1) + 0.0 for slope in self.found.slopes)
-            lines.append(
-                f"sharp at slopes from about {low:.1f} to {high:.1f}; should the nearer things "
-                f"have the higher ones, both axes run the other way: put a minus before each"
-            )
+            low, high = self.found.slopes
+            lines.append(f"mostly sharp at slopes from about {low:.1f} to {high:.1f}")
+            if low > 0 and self.found.order == "row,col":
+                lines[-1] += (
+                    "; parallel cameras have slopes below 0: if the nearer things have the higher "
+                    "ones here, the order is -row,-col"
+                )
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)

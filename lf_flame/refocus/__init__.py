@@ -6,6 +6,7 @@ with vc, uc the middle of the views (Ng et al. 2005; paper, equation 2). It is a
 constant light field keeps its value.
 """
 
+from lf_flame.refocus._arguments import farthest_slope
 from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
 from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
@@ -26,6 +27,7 @@ __all__ = [
     "annular_aperture",
     "depth_from_focus",
     "f_number_aperture",
+    "farthest_slope",
     "find_sharpest_slope",
     "find_sharpest_slopes",
     "fourier_refocus",

@@ -29,10 +29,20 @@ def as_readable(views: np.ndarray) -> np.ndarray:
 
 
 def as_slopes(slopes) -> np.ndarray:
-    slopes = np.atleast_1d(np.asarray(slopes, float))
+    try:
+        slopes = np.atleast_1d(np.asarray(slopes, float))
+    except (TypeError, ValueError):
+        raise InputError(f"slopes must be numbers, got {slopes!r}.") from None
     if slopes.ndim != 1 or slopes.size == 0 or not np.all(np.isfinite(slopes)):
         raise InputError(f"slopes must be one or more finite numbers, got {shown(slopes)}.")
     return slopes
+
+
+def farthest_slope(views: np.ndarray) -> float:
+    """Slope at which the outermost views are shifted by the whole image."""
+    sizes = zip(views.shape[:2], views.shape[2:4], strict=True)
+    limits = [2 * length / (count - 1) for count, length in sizes if count > 1]
+    return min(limits, default=2 * max(views.shape[2:4]))
 
 
 def as_steps(slopes) -> np.ndarray:

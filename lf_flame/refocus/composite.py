@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter
 from lf_flame.errors import InputError
 from lf_flame.footprint import centred
 from lf_flame.refocus._arguments import as_steps, as_views, refuse_not_finite
+from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.methods import refocus
 from lf_flame.refocus.surface import refocus_surface
 
@@ -113,6 +114,7 @@ def all_in_focus(
         If an argument cannot be used, or a pixel is NaN or infinite.
     """
     views, slopes = as_views(views), as_steps(slopes)
+    check_interpolation(interpolation)
     refuse_not_finite(views)
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     slope, peak, confidence = _peak(refocus(grey, slopes, "sinc"), slopes, window)

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import find_peaks
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import as_slopes, as_views
+from lf_flame.refocus._arguments import as_slopes, as_views, farthest_slope
 from lf_flame.refocus.semblance import semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
@@ -243,9 +243,7 @@ def _measure(views: np.ndarray, slopes, regions: list, progress=None) -> _Curves
     angular, size = views.shape[:2], views.shape[2:4]
     regions = [_checked(region, size) for region in regions]
     step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
-    # There the outermost views are shifted by the image.
-    limits = [2 * m / (n - 1) for n, m in zip(angular, size, strict=True) if n > 1]
-    limit = min(limits, default=2 * max(size))
+    limit = farthest_slope(views)
 
     def curves(slopes, stride=1):
         measured = semblance(views, slopes, regions, progress)
