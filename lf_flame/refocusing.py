@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json
-from lf_flame.formats.images import to_levels, write_image
+from lf_flame.formats.images import to_preview, white_level, write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.lightfield import LightField
@@ -96,11 +97,10 @@ class Refocusing:
     record: dict = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
-    @property
+    @cached_property
     def white(self) -> float:
-        """Radiance shown as white: 1, or the brightest pixel if above 1 or below 0.1."""
-        brightest = float(self.light_field.views.max())
-        return max(brightest, 1.0) if brightest > 0.1 else max(brightest, 1e-30)
+        """Radiance shown as white."""
+        return white_level(self.light_field.views)
 
     def check_slopes(self, slopes: Sequence[float]) -> None:
         """Refuse slopes that shift views by more than the image, before any work is done."""
@@ -119,7 +119,7 @@ class Refocusing:
         digits = len(str(len(slopes)))
         for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
             name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}.png"
-            write_image(self._path(name), self._levels(image))
+            write_image(self._path(name), self._preview(image))
         self.record["slopes"] = [float(slope) for slope in slopes]
         self.record["radiance_of_white_in_png"] = self.white
 
@@ -147,7 +147,7 @@ class Refocusing:
         # Slopes that are asked for together share one reading, or one transform, of the views.
         count = 1 if self.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
         frames = [
-            self._levels(image)
+            self._preview(image)
             for some in progress(np.array_split(slopes, count))
             for image in refocus(self.light_field, some, **self.options)
         ]
@@ -167,7 +167,7 @@ class Refocusing:
         slopes = np.linspace(first, last, SLOPE_MAP_STEPS)
         chosen = {k: self.options[k] for k in ("interpolation", "weights") if k in self.options}
         found = all_in_focus(self.light_field, slopes, **chosen)
-        write_image(self._path("all_in_focus.png"), self._levels(found.all_in_focus))
+        write_image(self._path("all_in_focus.png"), self._preview(found.all_in_focus))
         write_image(self._path("slope_map.tif"), found.slope.astype(np.float32))
         figures.save(figures.slope_map_figure(found), self._path("slope_map.png"))
         self.record["slope_map"] = [first, last]
@@ -195,5 +195,5 @@ class Refocusing:
         self.written.append(name)
         return self.out / name
 
-    def _levels(self, image: np.ndarray) -> np.ndarray:
-        return to_levels(np.clip(image / self.white, 0, 1), 8)
+    def _preview(self, image: np.ndarray) -> np.ndarray:
+        return to_preview(image, self.white)

@@ -9,7 +9,7 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.config import to_json
 from lf_flame.files import write_json, write_text, written_aside
 from lf_flame.formats import write_focal_stack
-from lf_flame.formats.images import to_levels, write_image
+from lf_flame.formats.images import to_preview, white_level, write_image
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.render import render
@@ -40,8 +40,7 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     depths = np.array(scene.depths_mm)
     slopes = camera.depth_to_slope(depths)
     stack = shift_and_sum(light_field, slopes)
-    white = max(float(light_field.views.max()), float(np.finfo(np.float32).tiny))
-    white = max(white, 1.0) if white > 0.1 else white  # dim scenes are shown at full contrast
+    white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
     arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
     with written_aside(out / "light_field.npz") as aside:
@@ -63,12 +62,8 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
 def _write_images(light_field: LightField, stack, slopes, depths, white: float, out: Path) -> None:
     raw = light_field.to_raw()
     write_image(out / "raw.tif", raw)
-    write_image(out / "raw.png", _levels(raw / white))
+    write_image(out / "raw.png", to_preview(raw, white))
     write_focal_stack(stack, slopes, out / "refocused.tif")
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
-        write_image(out / f"refocused_{number}_{depth:+g}mm.png", _levels(image / white))
+        write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, white))
     figures.save(figures.view_sheet(light_field.views), out / "views.png")
-
-
-def _levels(image: np.ndarray) -> np.ndarray:
-    return to_levels(np.clip(image, 0, 1), 8)

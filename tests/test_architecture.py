@@ -23,6 +23,7 @@ LAYERS = [
     {"training", "evaluation"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
     {"refocus_costs", "refocus_costs_report"},
+    {"light_field_commands"},
     {"cli"},
 ]
 """A module imports only from its own layer and from those above it in this list."""

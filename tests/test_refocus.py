@@ -79,6 +79,19 @@ def test_views_of_weight_0_are_not_read(rng):
         shift_and_sum(views, 0.7)
 
 
+@pytest.mark.jit  # 0 times infinity, which shows it, is a warning in plain Python
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", [(0, 0, 0, 0), (2, 3, 7, 8), (1, 0, 4, 0)])
+def test_a_single_pixel_that_is_not_finite_is_found(place, value, dtype):
+    """Even one that no shift brings into the image."""
+    views = np.ones((3, 4, 8, 9), dtype)
+    views[place] = value
+    for slope in (-2.0, 0.0, 2.5):
+        with pytest.raises(InputError, match="must be finite, got 1 NaN or infinite"):
+            shift_and_sum(views, slope)
+
+
 def test_one_weight_picks_one_view(rng):
     views = rng.uniform(size=(3, 4, 8, 9)).astype(np.float32)
     weights = np.zeros((3, 4))

@@ -18,6 +18,7 @@ from lf_flame.formats import (
     write_view_folder,
 )
 from lf_flame.formats.images import write_image
+from lf_flame.light_field_commands import SLOPE_CONVENTIONS
 from lf_flame.refocus import refocus, round_aperture, shift_and_sum
 
 DEPTH = 3.0
@@ -149,6 +150,7 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         (["--views", 5], "--views does not apply to the folder"),
         (["--layout", "hexagonal"], "--layout does not apply"),
         (["--pitch", 9], "is a folder of views"),
+        (["--pitch", 0], "is a folder of views"),
         (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
         (["--slope", 1, "--aperture", -1], "diameter above 0"),
         (["--order", "up,down"], "order"),
@@ -174,7 +176,7 @@ def test_pictures_of_an_earlier_call_go(folder, tmp_path):
 
 
 def test_the_program_knows_all_conventions():
-    assert set(cli.SLOPE_CONVENTIONS) == set(CONVENTIONS)
+    assert set(SLOPE_CONVENTIONS) == set(CONVENTIONS)
     assert run("views", "--slope-of", "nobody").exit_code == 2
 
 

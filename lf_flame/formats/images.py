@@ -121,6 +121,17 @@ def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
     return levels.astype(f"uint{bits}")
 
 
+def white_level(pixels: np.ndarray) -> float:
+    """Radiance to show as white: 1, or the brightest pixel where it is above 1 or below 0.1."""
+    brightest = max(float(pixels.max()), float(np.finfo(np.float32).tiny))
+    return max(brightest, 1.0) if brightest > 0.1 else brightest
+
+
+def to_preview(image: np.ndarray, white: float) -> np.ndarray:
+    """Levels of 8 bits to look at: what is brighter than white is white."""
+    return to_levels(np.clip(image / np.float32(white), 0, 1), 8)
+
+
 def write_image(path: str | Path, levels: np.ndarray) -> None:
     """Write an image, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending.
 
