@@ -3,11 +3,13 @@
 #   PRESET            smoke (CI), quick (default, some minutes), paper (the paper's sizes); see README
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
 #   BACKBONE_DEPTH    conv5 (default, all of ResNet-50) or conv4
-#   RUN               name of the folders for runs and results (default: PRESET). Use another name
-#                     to keep results of other weights beside these, e.g. RUN=quick-imagenet
+#   SEED              of training, instead of the configuration's (split, weights, batches, dropout)
+#   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED).
+#                     Use another name to keep results of other weights beside these, e.g.
+#                     RUN=quick-imagenet
 
 PRESET ?= quick
-RUN ?= $(PRESET)
+RUN ?= $(PRESET)$(if $(SEED),-seed$(SEED))
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 0
@@ -17,20 +19,23 @@ LF := $(BIN)/lf-flame
 DATA := data/$(PRESET)
 RUNS := runs/$(RUN)
 RESULTS := experiments/results/$(RUN)
-BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
-            $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+# Set beside RESULTS by `make tables`, where they exist.
+OTHERS := $(filter-out $(RESULTS),$(wildcard $(addprefix experiments/results/,quick paper paper-seed*)))
+TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
+            $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
+            $(if $(SEED),--seed $(SEED))
 INSTALLED := $(VENV)/installed
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
 OPPONENTS := .venv-opponents
 
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: test test-jit-off lint clean
+.PHONY: variation ablations learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
@@ -52,10 +57,10 @@ $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
 $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(INSTALLED)
-	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(BACKBONE)
+	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 tables: $(RESULTS)/table1.csv $(RESULTS)/table2.csv $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8
-	@$(LF) tables $(RESULTS)
+	@$(LF) tables $(RESULTS) $(OTHERS)
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
@@ -64,10 +69,18 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 costs: | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (10 minutes)
 	$(LF) costs --out experiments/results/costs
 
+# Each study goes on where it was cut off; what is done is not done again.
+variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
+ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
+learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
+%.study: | $(INSTALLED)
+	$(LF) study experiments/studies/$*.toml --out experiments/results/studies --work runs/studies
+
 benchmarks: | $(INSTALLED)  ## measure speed against opponents, on an idle machine (see opponents)
 	$(BIN)/python experiments/benchmarks/speed.py --out experiments/results/benchmarks
 	$(BIN)/python experiments/benchmarks/refocusing.py --out experiments/results/benchmarks \
 	  $(if $(wildcard $(OPPONENTS)/installed),--opponents $(OPPONENTS)/bin/python)
+	$(BIN)/python experiments/benchmarks/training.py --out experiments/results/benchmarks
 
 opponents: $(OPPONENTS)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
 $(OPPONENTS)/installed: experiments/benchmarks/opponents.txt

@@ -3,17 +3,20 @@
 Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
 
-import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from lf_flame import __version__
 from lf_flame.errors import InputError
+from lf_flame.keras_loading import load_keras
 from lf_flame.light_field_commands import FILE, FOLDER, convert, refocus
+from lf_flame.model_commands import export, predict
+from lf_flame.study_commands import study
 
-PAPER = click.Path(dir_okay=False, path_type=Path)
+PAPER = NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 def main() -> None:
@@ -40,22 +43,6 @@ def main() -> None:
 def _fail(message: str, status: int) -> None:
     click.echo(f"lf-flame: {message}", err=True)
     sys.exit(status)
-
-
-def _load_keras() -> None:
-    """Load Keras and its backend without the pages that TensorFlow writes as it starts."""
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with Path(os.devnull).open("w") as nowhere:  # below Python: the library writes there directly
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            import keras
-
-            keras.ops.zeros(1)  # starts the backend's devices
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -218,13 +205,17 @@ def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
 @click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
 @click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
-def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
+@click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
+def train(config, preset, data, out, backbone_weights, backbone_depth, seed) -> None:
     """Train the network that CONFIG describes; goes on where a run was cut off."""
-    _load_keras()
+    load_keras()
     from lf_flame.training import read_training_config, train
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
-    train(read_training_config(config, **options), preset, data, out)
+    settings = read_training_config(config, **options)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    train(settings, preset, data, out)
 
 
 @commands.command()
@@ -235,7 +226,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth) -> None:
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
     """Score the test split of a finished RUN and write its table and figure."""
-    _load_keras()
+    load_keras()
     from lf_flame.report import evaluate_run
 
     evaluate_run(run, table, figure, paper, out)
@@ -282,7 +273,7 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
         measure_costs(out, step_bar, budget_s)
         click.echo((out / "costs.md").read_text(encoding="utf-8"))
     if chapter != "simulation":
-        _load_keras()
+        load_keras()
         from lf_flame.refocus_costs import measure_refocusing
 
         measure_refocusing(out, run, step_bar)
@@ -290,17 +281,27 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 
 
 @commands.command()
-@click.argument("results", type=FOLDER)
+@click.argument("results", type=FOLDER, nargs=-1, required=True)
 @click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
-def tables(results: Path, paper: Path) -> None:
-    """Print Tables I and II of a RESULTS folder; a run that is missing shows as missing."""
-    from lf_flame.evaluation import read_tables
+@click.option(
+    "--out", type=NEW_FILE, help="Keep this in an .md file, its numbers in a .csv beside."
+)
+def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
+    """Print Tables I and II of RESULTS folders; a run that is missing shows as missing.
 
-    click.echo(read_tables(results, paper))
+    Several folders are set side by side; runs of one recipe that differ in their seed alone are
+    pooled into mean and standard deviation over the seeds.
+    """
+    from lf_flame.comparison import report_tables
+
+    click.echo(report_tables(results, paper, out))
 
 
 commands.add_command(refocus)
 commands.add_command(convert)
+commands.add_command(export)
+commands.add_command(predict)
+commands.add_command(study)
 
 
 if __name__ == "__main__":

@@ -42,5 +42,6 @@ def read_json(path: str | Path) -> dict:
 
 
 def write_json(path: str | Path, record: dict) -> None:
-    """Write a record as JSON."""
-    write_text(path, json.dumps(record, indent=1) + "\n")
+    """Write a record as JSON; which has no infinity and no NaN, so they become null."""
+    valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
+    write_text(path, json.dumps(valid, indent=1) + "\n")

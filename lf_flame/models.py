@@ -12,6 +12,9 @@ from lf_flame.backbone import build_backbone
 from lf_flame.errors import InputError
 
 DROPOUT_PLACES = ("image", "vector", "none")
+NECKS = ("pooled", "positions")
+AVERAGES = 256
+"""Numbers that the decoder draws all its images from."""
 
 
 def build_refocus_resnet50(
@@ -21,6 +24,7 @@ def build_refocus_resnet50(
     backbone_depth: str = "conv5",
     dropout: float = 0.3,
     dropout_place: str = "image",
+    neck: str = "pooled",
     seed: int = 0,
 ) -> keras.Model:
     """Build the Keras functional model that turns one light-field image into refocused images.
@@ -38,6 +42,10 @@ def build_refocus_resnet50(
     dropout_place : {"image", "vector", "none"}
         "image" is the paper's order, before the last convolution; "vector" behind the global
         average pooling (deviation 9).
+    neck : {"pooled", "positions"}
+        How the feature map becomes 256 numbers. "pooled" is the paper's: two convolutions and
+        their averages over all positions. "positions" is one dense layer on the whole map, which
+        tells one place from another (deviation 17).
     seed : int
         Of the initial weights, of random backbone weights and of the dropout.
 
@@ -54,7 +62,9 @@ def build_refocus_resnet50(
         If an argument cannot be used.
     """
     backbone = build_backbone(image, backbone_weights, backbone_depth, seed)
-    decoder = build_decoder(backbone.output_shape[1:], image, planes, dropout, dropout_place, seed)
+    decoder = build_decoder(
+        backbone.output_shape[1:], image, planes, dropout, dropout_place, neck, seed
+    )
     grey = keras.Input((*image, 1), name="light_field_image")
     outputs = decoder(backbone(grey, training=False))
     return keras.Model(grey, outputs, name="refocus_resnet50")
@@ -66,6 +76,7 @@ def build_decoder(
     planes: int,
     dropout: float = 0.3,
     dropout_place: str = "image",
+    neck: str = "pooled",
     seed: int = 0,
 ) -> keras.Model:
     """Build the trainable part, layer by layer as in the paper's section II.C.
@@ -83,6 +94,8 @@ def build_decoder(
             f"dropout must be in [0, 1) and dropout_place one of {', '.join(DROPOUT_PLACES)}, "
             f"got {dropout} and {dropout_place!r}."
         )
+    if neck not in NECKS:
+        raise InputError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}.")
 
     def initial(layer: int) -> keras.initializers.Initializer:
         return keras.initializers.GlorotUniform(seed=1000 * seed + layer)
@@ -91,9 +104,13 @@ def build_decoder(
         return layers.Dropout(dropout, seed=seed)(x) if dropout_place == place else x
 
     feature_map = keras.Input(features, name="features")
-    x = _conv_block(feature_map, 512, initial(1))
-    x = _conv_block(x, 256, initial(2))
-    x = layers.GlobalAveragePooling2D()(x)
+    if neck == "pooled":
+        x = _conv_block(feature_map, 512, initial(1))
+        x = _conv_block(x, AVERAGES, initial(2))
+        x = layers.GlobalAveragePooling2D()(x)
+    else:
+        x = layers.Flatten()(feature_map)
+        x = layers.Dense(AVERAGES, kernel_initializer=initial(1), name="neck")(x)
     x = drop(x, "vector")
     x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3), name="basis")(x)
     x = layers.Reshape((*image, planes))(x)
@@ -140,11 +157,32 @@ class MatrixConvolution(layers.Layer):
         return self.convolution.compute_output_shape(input_shape)
 
 
+class OffsetDense(layers.Layer):
+    """A dense layer, on its own weights, with an offset of its outputs for each sample.
+
+    The gradient of the offset is what comes back to the outputs; together with the inputs it gives
+    the gradient of the kernel, which need not be written down (`lf_flame.trainers`).
+    """
+
+    def __init__(self, dense: layers.Dense):
+        super().__init__(name=f"{dense.name}_with_offset")
+        self.dense = dense
+
+    def call(self, inputs):
+        """Take [n, inputs] and an offset [n, outputs]."""
+        x, offset = inputs
+        return ops.matmul(x, self.dense.kernel) + (offset + self.dense.bias)
+
+    def compute_output_shape(self, input_shapes):
+        """Shape of the result: that of the offset."""
+        return input_shapes[1]
+
+
 def training_view(decoder: keras.Model) -> keras.Model:
     """Give the same decoder, on the same variables, in the form that trains fastest on a CPU.
 
-    The convolutions on the feature map become matrix products; all else is shared. Training this
-    trains `decoder`.
+    The convolutions on the feature map become matrix products, and the dense layer shows what goes
+    in and takes an offset; all else is shared. Training this trains `decoder`.
 
     Parameters
     ----------
@@ -154,9 +192,16 @@ def training_view(decoder: keras.Model) -> keras.Model:
     Returns
     -------
     keras.Model
+        Inputs: features, and the offset [n, outputs of the dense layer]. Outputs: inputs of the
+        dense layer [n, 256], and the decoder's stack.
     """
     x = decoder.input
+    offset = keras.Input((decoder.get_layer("basis").units,), name="offset")
     for layer in decoder.layers[1:]:
-        on_features = isinstance(layer, layers.Conv2D) and layer.name != "planes"
-        x = MatrixConvolution(layer)(x) if on_features else layer(x)
-    return keras.Model(decoder.input, x, name="decoder_in_training")
+        if layer.name == "basis":
+            vectors, x = x, OffsetDense(layer)([x, offset])
+        elif isinstance(layer, layers.Conv2D) and layer.name != "planes":
+            x = MatrixConvolution(layer)(x)
+        else:
+            x = layer(x)
+    return keras.Model([decoder.input, offset], [vectors, x], name="decoder_in_training")

@@ -18,7 +18,7 @@ def environment() -> dict:
     -------
     dict
         JSON values; `git_revision` is None outside a git checkout, with "+" behind it where
-        tracked files differ from the revision.
+        tracked files other than results differ from the revision.
     """
     return {
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -52,7 +52,9 @@ def _git_revision() -> str | None:
         ).stdout.strip()
 
     try:
-        changed = git("status", "--porcelain", "--untracked-files=no")
+        # Results are what is being made anew, not what they are made by.
+        paths = (":/", ":(top,exclude)experiments/results")
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", *paths)
         return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return None

@@ -5,28 +5,28 @@ state), ``history.csv``, and at the end ``model.keras`` (the best weights by val
 whole network) and ``run.json`` (the record).
 """
 
-import shutil
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
-from zipfile import BadZipFile
 
 import keras
 import numpy as np
-import pandas as pd
 from tqdm import tqdm
 
 from lf_flame import provenance
 from lf_flame.backbone import ImagenetUnavailable, describe_weights
+from lf_flame.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from lf_flame.config import build, read_toml
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
-from lf_flame.files import read_json, write_json, write_text, written_aside
-from lf_flame.models import build_refocus_resnet50, training_view
-from lf_flame.optimizers import FusedAdam
+from lf_flame.files import read_json, write_json, written_aside
+from lf_flame.models import build_refocus_resnet50
+from lf_flame.trainers import decoder_variables, make_trainer
 from lf_flame.warmstart import freeze_normalisations, warm_start
+
+MAX_SEED = 1_000_000
+"""Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,13 @@ class Recipe:
     warm_start : bool
         Start the decoder from the training images and freeze its normalisations, see
         `lf_flame.warmstart`.
-    dropout_place
-        See `lf_flame.models.build_refocus_resnet50`; the default is the paper's.
+    bands : int
+        Of the warm start with neck "positions": vertical bands of the picture, each drawn from
+        what the features say in the same band alone.
+    dropout_place, neck
+        See `lf_flame.models.build_refocus_resnet50`; the defaults are the paper's.
+    backbone_depth : {"conv4", "conv5"}, optional
+        Where this recipe cuts the backbone, instead of where the model's configuration says.
     """
 
     epochs: int
@@ -69,15 +74,18 @@ class Recipe:
     checkpoint_s: float = 0.0
     without_imagenet: Literal["random", "stop"] = "stop"
     warm_start: bool = False
+    bands: int = 1
     dropout_place: Literal["image", "vector", "none"] = "image"
+    neck: Literal["pooled", "positions"] = "pooled"
+    backbone_depth: Literal["conv4", "conv5"] | None = None
 
     __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
-        if min(self.epochs, self.batch_size) < 1 or not self.learning_rate > 0:
+        if min(self.epochs, self.batch_size, self.bands) < 1 or not self.learning_rate > 0:
             raise InputError(
-                f"epochs and batch_size must be at least 1 and learning_rate above 0, got "
-                f"{self.epochs}, {self.batch_size}, {self.learning_rate}."
+                f"epochs, batch_size and bands must be at least 1 and learning_rate above 0, got "
+                f"{self.epochs}, {self.batch_size}, {self.bands}, {self.learning_rate}."
             )
 
 
@@ -107,6 +115,8 @@ class TrainingConfig:
     def __post_init__(self):
         if min(self.split) <= 0 or abs(sum(self.split) - 1) > 1e-9:
             raise InputError(f"split must be three positive shares of 1, got {self.split}.")
+        if not 0 <= self.seed <= MAX_SEED:
+            raise InputError(f"seed must be 0 to {MAX_SEED}, got {self.seed}.")
 
     def recipe(self, preset: str) -> Recipe:
         """Recipe of a preset."""
@@ -114,12 +124,23 @@ class TrainingConfig:
             raise InputError(f"preset must be one of {', '.join(self.presets)}, got {preset!r}.")
         return self.presets[preset]
 
+    def with_recipe(self, preset: str) -> "TrainingConfig":
+        """Let the model follow what the recipe of a preset says of it."""
+        depth = self.recipe(preset).backbone_depth or self.model.backbone_depth
+        return replace(self, model=replace(self.model, backbone_depth=depth))
+
 
 def read_training_config(path: str | Path, **model_options) -> TrainingConfig:
-    """Read a training configuration, with those options of the model that are not None changed."""
+    """Read a training configuration, with those options of the model that are not None changed.
+
+    They come before what recipes say of the model.
+    """
     config = build(TrainingConfig, read_toml(path), path)
     options = {name: value for name, value in model_options.items() if value is not None}
-    return replace(config, model=replace(config.model, **options))
+    presets = config.presets
+    if "backbone_depth" in options:
+        presets = {name: replace(x, backbone_depth=None) for name, x in presets.items()}
+    return replace(config, model=replace(config.model, **options), presets=presets)
 
 
 def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
@@ -133,7 +154,7 @@ def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
     """
     planes, *image = dataset.targets.shape[1:]
     options = {**asdict(config.model), "seed": config.seed}
-    options["dropout_place"] = recipe.dropout_place
+    options |= {"dropout_place": recipe.dropout_place, "neck": recipe.neck}
     try:
         model = build_refocus_resnet50(tuple(image), planes, **options)
     except ImagenetUnavailable as error:
@@ -198,6 +219,7 @@ def train(
         If the run folder holds a run with another configuration, or the loss stops being a number.
     """
     started, out, recipe = time.perf_counter(), Path(out), config.recipe(preset)
+    config = config.with_recipe(preset)
     dataset = Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
     model, weights = build_model(config, recipe, dataset)
@@ -213,30 +235,30 @@ def train(
     }
     out.mkdir(parents=True, exist_ok=True)
     _claim_folder(out, asked)
-    state = TrainingState(model.get_layer("decoder"), recipe, len(parts["train"]), out)
-    if state.history:
-        tqdm.write(f"Going on behind epoch {state.epochs_done} of {recipe.epochs}.")
-    if state.next_epoch <= recipe.epochs:
+    run = load_checkpoint(out)
+    if run.history:
+        tqdm.write(f"Going on behind epoch {run.epochs_done} of {recipe.epochs}.")
+    decoder = model.get_layer("decoder")
+    if run.next_epoch <= recipe.epochs:
         features = compute_features(model, dataset.inputs)
         arrays = {
             name: (features[indices], dataset.targets[indices][..., None])
             for name, indices in parts.items()
         }
-        if recipe.warm_start and not state.history:
-            warm_start(state.decoder, *arrays["train"])
-        _fit(state, arrays, config.seed, show)
-    state.restore_best()
+        _fit(run, _start(decoder, recipe, arrays, run), recipe, config.seed, out, show)
+    for variable, value in zip(decoder_variables(decoder), run.best, strict=True):
+        variable.assign(value)
     record = {
         **asked,
         "epochs": recipe.epochs,
         "backbone_depth": config.model.backbone_depth,
-        "best_epoch": state.best_row["epoch"],
-        "best_validation_loss": state.best_row["val_loss"],
+        "best_epoch": run.best_row["epoch"],
+        "best_validation_loss": run.best_row["val_loss"],
         "parts": {name: len(indices) for name, indices in parts.items()},
         "test_indices": parts["test"].tolist(),
         "data": str(data),
         "keras_backend": keras.backend.backend(),
-        "train_s": round(sum(row["seconds"] for row in state.history), 2),
+        "train_s": round(sum(row["seconds"] for row in run.history), 2),
         "wall_s": round(time.perf_counter() - started, 2),
         **provenance.environment(),
     }
@@ -262,106 +284,17 @@ def _claim_folder(out: Path, asked: dict) -> None:
         )
 
 
-class TrainingState:
-    """Decoder, optimiser and history, and their checkpoints.
-
-    Parameters
-    ----------
-    decoder : keras.Model
-    recipe : Recipe
-    samples : int
-        Number of training samples, for the schedule.
-    folder : Path
-        Run folder; its newest checkpoint is loaded.
-    """
-
-    def __init__(self, decoder: keras.Model, recipe: Recipe, samples: int, folder: Path):
-        self.recipe, self.folder = recipe, folder
-        if recipe.warm_start:
-            freeze_normalisations(decoder)
-        self.decoder, self.model = decoder, training_view(decoder)
-        steps = -(-samples // recipe.batch_size)
-        self.optimizer = FusedAdam(_learning_rate(recipe, steps))
-        # Without XLA: on a CPU it draws the dropout so slowly that it loses more than it fuses.
-        compiled = "auto" if keras.backend.backend() == "jax" else False
-        self.model.compile(optimizer=self.optimizer, loss="mse", jit_compile=compiled)
-        self.optimizer.build(self.model.trainable_variables)
-        self.history: list[dict] = []
-        self.best: list[np.ndarray] = []
-        self._load()
-
-    @property
-    def next_epoch(self) -> int:
-        """Epoch to run next: 1 to the recipe's last, or 0 to measure the start."""
-        return len(self.history)
-
-    @property
-    def epochs_done(self) -> int:
-        """Epochs of training behind us."""
-        return max(len(self.history) - 1, 0)
-
-    @property
-    def best_row(self) -> dict:
-        """Row of the history with the lowest validation loss."""
-        return min(self.history, key=lambda row: row["val_loss"])
-
-    def record_epoch(self, row: dict) -> None:
-        """Add an epoch to the history and keep its weights if they are the best."""
-        self.history.append(row)
-        if self.best_row is row:
-            self.best = self.decoder.get_weights()
-
-    def restore_best(self) -> None:
-        """Put the best weights back into the decoder."""
-        self.decoder.set_weights(self.best)
-
-    def save(self) -> None:
-        """Write a checkpoint beside the last one, then remove that."""
-        name = f"checkpoint-{self.epochs_done:06d}"
-        aside = self.folder / f"{name}.part"
-        shutil.rmtree(aside, ignore_errors=True)
-        aside.mkdir()
-        try:
-            np.savez(aside / "state.npz", *map(keras.ops.convert_to_numpy, self._variables()))
-            np.savez(aside / "best.npz", *self.best)
-            write_json(aside / "history.json", {"epochs": self.history})
-        except BaseException:  # a full disk, Ctrl-C: the last checkpoint stays
-            shutil.rmtree(aside, ignore_errors=True)
-            raise
-        older = self._checkpoints()
-        aside.rename(self.folder / name)
-        write_text(self.folder / "history.csv", pd.DataFrame(self.history).to_csv(index=False))
-        for folder in older:
-            shutil.rmtree(folder, ignore_errors=True)
-
-    def _variables(self) -> list:
-        """Everything that the next epoch depends on, the state of the dropout included."""
-        dropouts = [x for x in self.decoder.layers if isinstance(x, keras.layers.Dropout)]
-        seeds = [layer.seed_generator.state for layer in dropouts]
-        return [*self.decoder.weights, *seeds, *self.optimizer.variables]
-
-    def _checkpoints(self) -> list[Path]:
-        return sorted(self.folder.glob("checkpoint-??????"))
-
-    def _load(self) -> None:
-        if not self._checkpoints():
-            return
-        folder = self._checkpoints()[-1]
-        try:
-            state = _load_arrays(folder / "state.npz")
-            for variable, value in zip(self._variables(), state, strict=True):
-                variable.assign(value)
-            self.best = list(_load_arrays(folder / "best.npz"))
-            self.history = read_json(folder / "history.json")["epochs"]
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
-            raise InputError(
-                f"The checkpoint {folder} is damaged ({error}); remove it to start again."
-            ) from None
-
-
-def _load_arrays(path: Path) -> Iterator[np.ndarray]:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        yield from (arrays[name] for name in arrays.files)
+def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, run: Checkpoint):
+    """Make the trainer, at the start or where the checkpoint left it."""
+    if recipe.warm_start:
+        freeze_normalisations(decoder)
+        if not run.history:
+            warm_start(decoder, arrays["train"], arrays["validation"], recipe.bands)
+    steps = -(-len(arrays["train"][0]) // recipe.batch_size)
+    trainer = make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
+    if run.state:
+        trainer.state = run.state
+    return trainer
 
 
 def _learning_rate(recipe: Recipe, steps_per_epoch: int):
@@ -372,34 +305,35 @@ def _learning_rate(recipe: Recipe, steps_per_epoch: int):
     )
 
 
-def _fit(state: TrainingState, arrays: dict, seed: int, show: bool) -> None:
+def _fit(run: Checkpoint, trainer, recipe: Recipe, seed: int, out: Path, show: bool) -> None:
     """Train until the recipe's last epoch, with a progress bar and checkpoints."""
-    recipe, saved_at = state.recipe, time.perf_counter()
+    saved_at = time.perf_counter()
     bar = tqdm(total=recipe.epochs, desc="training", unit="epoch", disable=not show)
     with bar:
-        bar.update(state.epochs_done)
-        for epoch in range(state.next_epoch, recipe.epochs + 1):
-            state.record_epoch(_run_epoch(state.model, arrays, recipe.batch_size, seed, epoch))
-            best_psnr = state.best_row["val_psnr_db"]
-            bar.set_postfix_str(f"best validation PSNR {best_psnr:.2f} dB")
+        bar.update(run.epochs_done)
+        for epoch in range(run.next_epoch, recipe.epochs + 1):
+            run.record(_run_epoch(trainer, seed, epoch), trainer)
+            bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
             bar.update(epoch > 0)
             now = time.perf_counter()
             if epoch == recipe.epochs or now - saved_at >= recipe.checkpoint_s:
-                state.save()
+                run.state = trainer.state
+                save_checkpoint(run, out)
                 saved_at = now
 
 
-def _run_epoch(model: keras.Model, arrays: dict, batch_size: int, seed: int, epoch: int) -> dict:
+def _run_epoch(trainer, seed: int, epoch: int) -> dict:
     """One pass over the training samples, in an order that depends on seed and epoch alone.
 
     Epoch 0 only measures where training starts.
     """
     started = time.perf_counter()
     if epoch == 0:
-        loss = float(model.evaluate(*arrays["train"], batch_size=batch_size, verbose=0))
+        loss = trainer.evaluate("train")
     else:
-        loss = _train_on_all(model, *arrays["train"], batch_size, [seed, epoch])
-    validation = float(model.evaluate(*arrays["validation"], batch_size=batch_size, verbose=0))
+        samples = len(trainer.arrays["train"][0])
+        loss = trainer.train_epoch(np.random.default_rng([seed, epoch]).permutation(samples))
+    validation = trainer.evaluate("validation")
     if not np.isfinite([loss, validation]).all():
         raise InputError(
             f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
@@ -409,16 +343,6 @@ def _run_epoch(model: keras.Model, arrays: dict, batch_size: int, seed: int, epo
         "epoch": epoch,
         "loss": loss,
         "val_loss": validation,
-        "val_psnr_db": -10 * np.log10(validation),
+        "val_psnr_db": float(-10 * np.log10(validation)),
         "seconds": round(time.perf_counter() - started, 4),
     }
-
-
-def _train_on_all(model: keras.Model, features, targets, batch_size: int, seed) -> float:
-    """Train on every sample once; mean loss of the batches."""
-    order = np.random.default_rng(seed).permutation(len(features))
-    model.reset_metrics()  # train_on_batch returns the mean since then
-    for first in range(0, len(order), batch_size):
-        chosen = order[first : first + batch_size]
-        loss = float(model.train_on_batch(features[chosen], targets[chosen]))
-    return loss

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -63,6 +64,9 @@ def test_help_teaches_every_command():
         "train",
         "evaluate",
         "tables",
+        "export",
+        "predict",
+        "study",
     ):
         assert command in shown
         assert len(run(command, "--help").stdout) > 200
@@ -187,6 +191,40 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
         run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
         "preset must be one of paper, quick, smoke, got 'big'",
     )
+    seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "-1")
+    assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got -1")
+    assert_one_sentence(
+        run("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
+    )
+
+
+def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
+    """The seed goes to the training, and only runs that are there beside this one."""
+    for name in ("Makefile", "setup.cfg", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
+    kept = shutil.ignore_patterns("results", "benchmarks")
+    shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
+    results = tmp_path / "experiments" / "results"
+
+    def asked(*variables):
+        command = ["make", "--no-print-directory", "-n", "tables", *variables]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    alone = asked("PRESET=paper", "SEED=2").stdout
+    assert alone.count("--preset paper --data data/paper/") == 2
+    for kind in ("shapes", "flames"):
+        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2\n", alone)
+    assert re.search(r"tables experiments/results/paper-seed2 *$", alone)
+    for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
+        (results / name).mkdir(parents=True)
+    together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
+    at = together.index("tables")
+    assert together[at + 1] == "experiments/results/paper-seed2"
+    others = {f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed3")}
+    assert set(together[at + 2 :]) == others
+    assert "--seed" not in asked().stdout
+    assert "tables experiments/results/quick " in asked().stdout
 
 
 @pytest.mark.slow
@@ -211,7 +249,7 @@ def test_from_data_set_to_table(tmp_path):
     assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
     training = [
         "train", "experiments/flames.toml", "--preset", "smoke", "--data", "flames.zarr",
-        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4",
+        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4", "--seed", "2",
     ]  # fmt: skip
     result = run(*training, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
@@ -230,15 +268,22 @@ def test_from_data_set_to_table(tmp_path):
     table = pd.read_csv(tmp_path / "results" / "table2.csv")
     assert list(table.columns) == [
         "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd",
-        "paper_ssim", "paper_psnr_db", "n_test",
+        "paper_ssim", "paper_psnr_db", "n_test", "psnr_lit_db", "psnr_lit_sd",
     ]  # fmt: skip
     assert list(table.depth_mm) == [20, 10, 0, -10]
     assert table.psnr_db.between(3, 60).all()
+    assert (table.psnr_lit_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
     shown = run("tables", "results", cwd=tmp_path).stdout
-    assert "random (seed 1), conv4" in shown
+    assert "random (seed 2), conv4" in shown
     assert shown.count("missing") == 8  # Table I was not run
     assert "mean of the training images" in shown
+    beside = run(
+        "tables", "results", ROOT / "experiments" / "results" / "quick", cwd=tmp_path
+    ).stdout
+    assert re.search(r"printed \| +results \| +quick \|", beside)
+    assert "- results: seed 2; preset smoke, 2 epochs, batch 2; data set " in beside
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
+    assert record["seed"] == 2
     copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
     assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)

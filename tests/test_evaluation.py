@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,21 @@ from lf_flame.evaluation import (
     compare_with_paper,
     load_run,
     psnr,
+    psnr_lit,
     read_tables,
     score,
     ssim,
     table_markdown,
+    write_table,
 )
 from lf_flame.paper import read_paper_values
 
 PAPER = Path(__file__).parents[1] / "experiments" / "paper_values.toml"
+
+RUN = {
+    "preset": "smoke", "epochs": 2, "best_epoch": 1, "recipe": {"batch_size": 2}, "model": {},
+    "backbone_weights": "random (seed 1), conv5", "train_s": 3.0, "machine": "a machine",
+}  # fmt: skip
 
 
 def test_psnr_is_the_papers_equation_7(rng):
@@ -33,6 +41,30 @@ def test_ssim_of_flat_images_is_its_luminance_term():
     expected = (2 * 0.4 * 0.5 + 1e-4) / (0.4**2 + 0.5**2 + 1e-4)
     assert ssim(*flat) == pytest.approx(expected, rel=1e-6)
     assert ssim(flat[0], flat[0]) == pytest.approx(1)
+
+
+def test_psnr_over_lit_pixels_does_not_see_the_background(rng):
+    """The same object and error, in a field nine times as large: PSNR alone rises, by 10 lg 9."""
+    truth = rng.uniform(0.02, 1, size=(20, 30))
+    image = truth + rng.normal(scale=0.05, size=truth.shape)
+    wide, wide_image = (np.pad(x, ((20, 20), (30, 30))) for x in (truth, image))
+    assert psnr_lit(wide, wide_image) == pytest.approx(psnr(truth, image))
+    assert psnr(wide, wide_image) == pytest.approx(psnr(truth, image) + 10 * np.log10(9))
+    assert psnr_lit(wide, np.where(wide > 0, wide, 0.5)) == np.inf
+    assert np.isnan(psnr_lit(np.full((5, 5), 0.01), truth[:5, :5]))
+
+
+def test_planes_without_lit_pixels_are_left_out_of_the_mean(rng):
+    targets = rng.uniform(0.1, 1, size=(4, 2, 16, 20))
+    predictions = targets + rng.normal(scale=0.05, size=targets.shape)
+    targets[1, 0] = 0
+    targets[:, 1] = 0
+    table = score(targets, predictions)
+    lit = [psnr_lit(targets[k, 0], predictions[k, 0]) for k in (0, 2, 3)]
+    assert table.psnr_lit_db[0] == pytest.approx(np.mean(lit))
+    assert table.psnr_lit_sd[0] == pytest.approx(np.std(lit, ddof=1))
+    assert table[["psnr_lit_db", "psnr_lit_sd"]].isna().to_numpy()[1].all()
+    assert list(table.n_test) == [4, 4]
 
 
 def test_scores_are_means_and_spreads_over_the_samples(rng):
@@ -61,13 +93,32 @@ def test_table_puts_the_paper_beside_ours(rng):
     table = compare_with_paper(score(targets, targets * 0.99), paper)
     assert list(table.columns) == COLUMNS
     assert list(table.object) == ["rectangle", "triangle", "circle", "square"]
-    run = {
-        "preset": "smoke", "epochs": 2, "best_epoch": 1, "recipe": {"batch_size": 2},
-        "backbone_weights": "random (seed 1), conv5", "train_s": 3.0, "machine": "a machine",
-    }  # fmt: skip
-    text = table_markdown(table, paper, run)
+    text = table_markdown(table, paper, RUN)
     assert f"{table.psnr_db[0] - 45.05:+.2f}" in text
+    assert f"{table.psnr_lit_db[3]:.2f} ± {table.psnr_lit_sd[3]:.2f}" in text
     assert "random (seed 1), conv5" in text
+
+
+def test_records_of_equal_images_are_json(rng, tmp_path):
+    """JSON has no infinity: null there, while the CSV keeps it."""
+    paper = read_paper_values(PAPER, "table1")
+    targets = rng.uniform(size=(3, 4, 16, 20))
+    predictions = targets.copy()
+    predictions[:, 1:] *= 0.9
+    scores = score(targets, predictions)
+    baselines = scores.assign(baseline="the same", depth_mm=paper["depth_mm"])
+    write_table(compare_with_paper(scores, paper), baselines, paper, RUN, "table1", tmp_path)
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    record = json.loads((tmp_path / "table1.json").read_text(), parse_constant=refuse)
+    assert record["table"][0]["psnr_db"] is None
+    assert record["table"][1]["psnr_db"] == scores.psnr_db[1]
+    assert record["baselines"][0]["psnr_lit_db"] is None
+    kept = pd.read_csv(tmp_path / "table1.csv")
+    assert list(kept.columns) == COLUMNS
+    assert list(np.isinf(kept.psnr_db)) == [True, False, False, False]
 
 
 def test_a_missing_run_shows_as_missing(tmp_path):

@@ -119,7 +119,9 @@ def test_table_of_equal_images_has_no_nan(rng):
     predictions[:, 2] *= 0.9
     targets[:, 3] = predictions[:, 3] = 0
     table = score(targets, predictions)
-    assert not table.isna().any(axis=None)
+    lit = ["psnr_lit_db", "psnr_lit_sd"]
+    assert not table.drop(columns=lit).isna().any(axis=None)
+    assert list(table[lit].isna().any(axis=1)) == [False, False, False, True]  # black: none is lit
     assert list(np.isinf(table.psnr_db)) == [True, True, False, True]
     assert list(table.psnr_sd[[0, 1, 3]]) == [0, np.inf, 0]
     assert 0 < table.psnr_sd[2] < 1

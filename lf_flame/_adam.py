@@ -1,0 +1,71 @@
+"""Adam's update (Kingma & Ba 2015, section 2, last paragraph) as compiled loops, in place.
+
+One pass over memory: each element of parameter, mean and square is read once and written once.
+Written as element-wise operations the same update reads and writes all of them several times.
+Every element is updated by one thread, so the bits do not depend on the number of threads.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+BLOCK = 1 << 14
+"""Elements that a thread updates at a time; four arrays of them fit its cache."""
+
+SMALL = 1 << 17
+"""Up to here one thread is done before the others are awake."""
+
+
+def _update(parameter, mean, square, gradient, rate, share1, share2, epsilon):
+    """Update one block; rate holds the bias corrections, the shares are 1 - beta."""
+    for k in range(parameter.size):
+        g = gradient[k]
+        mean[k] += (g - mean[k]) * share1
+        square[k] += (g * g - square[k]) * share2
+        parameter[k] -= rate * mean[k] / (np.sqrt(square[k]) + epsilon)
+
+
+def _update_all(parameter, mean, square, gradient, rate, share1, share2, epsilon):
+    """Update a flat parameter from its gradient."""
+    size = parameter.size
+    if size <= SMALL:
+        update(parameter, mean, square, gradient, rate, share1, share2, epsilon)
+        return
+    for block in prange((size + BLOCK - 1) // BLOCK):
+        part = slice(block * BLOCK, min(size, (block + 1) * BLOCK))
+        update(
+            parameter[part], mean[part], square[part], gradient[part],
+            rate, share1, share2, epsilon,
+        )  # fmt: skip
+
+
+def _update_product(parameter, mean, square, left, right, rate, share1, share2, epsilon):
+    """Update a matrix whose gradient is left.T @ right, without writing that gradient down.
+
+    The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and what
+    comes back to its outputs (samples, columns); for a batch of two it is as large as the kernel
+    and holds next to nothing.
+    """
+    rows, columns = parameter.shape
+    blocks = (columns + BLOCK - 1) // BLOCK
+    for job in prange(rows * blocks):
+        row, block = job // blocks, job % blocks
+        part = slice(block * BLOCK, min(columns, (block + 1) * BLOCK))
+        gradient = np.zeros(part.stop - part.start, np.float32)
+        for sample in range(left.shape[0]):
+            add(gradient, left[sample, row], right[sample, part])
+        update(
+            parameter[row, part], mean[row, part], square[row, part], gradient,
+            rate, share1, share2, epsilon,
+        )  # fmt: skip
+
+
+def _add(total, factor, values):
+    for k in range(total.size):
+        total[k] += factor * values[k]
+
+
+# Python's error for a division by zero would keep the loops from being vectorised.
+update = njit(error_model="numpy")(_update)
+add = njit(error_model="numpy")(_add)
+update_all = njit(parallel=True, cache=True, error_model="numpy")(_update_all)
+update_product = njit(parallel=True, cache=True, error_model="numpy")(_update_product)

@@ -1,0 +1,205 @@
+"""Results folders side by side, the seeds of one recipe pooled."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from lf_flame.config import read_record
+from lf_flame.errors import InputError
+from lf_flame.evaluation import TABLES, read_tables, spread
+from lf_flame.files import write_text
+from lf_flame.paper import read_paper_values
+
+SCORES = ["ssim", "psnr_db"]
+COLUMNS = [
+    "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
+    "paper_ssim", "paper_psnr_db",
+]  # fmt: skip
+ASKED = (
+    "seed", "preset", "split", "model", "recipe", "epochs", "backbone_weights", "data_sha256"
+)  # fmt: skip
+"""What was asked of a run: runs that agree in all but the seed are pooled."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A table of a results folder.
+
+    Parameters
+    ----------
+    run : str
+        Name of the folder.
+    scores : DataFrame
+        Index ``depth_mm``, columns `SCORES`: means over the test split; NaN where it is missing.
+    asked : dict
+        `ASKED` of its record; empty where it is missing.
+    """
+
+    run: str
+    scores: pd.DataFrame
+    asked: dict
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of the run."""
+        return self.asked.get("seed")
+
+    @property
+    def weights(self) -> str:
+        """Backbone weights; random ones without their seed, which is the run's."""
+        return re.sub(r" \(seed \d+\)", "", self.asked.get("backbone_weights", ""))
+
+    @property
+    def recipe(self) -> dict:
+        """What was asked, but for the seed."""
+        return {**self.asked, "seed": None, "backbone_weights": self.weights}
+
+
+def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
+    """Read a table of a results folder.
+
+    Raises
+    ------
+    InputError
+        If the table is there, but is not what `lf_flame.evaluation.write_table` writes.
+    """
+    path = folder / f"{name}.csv"
+    if not path.exists():
+        index = pd.Index(depths_mm, name="depth_mm")
+        return Result(run, pd.DataFrame(math.nan, index, SCORES), {})
+    record = read_record(path.with_suffix(".json"))
+    try:
+        scores = pd.read_csv(path).set_index("depth_mm").loc[list(depths_mm), SCORES].astype(float)
+        return Result(run, scores, {name: record[name] for name in ASKED})
+    except (KeyError, ValueError):
+        raise InputError(
+            f"{path}, or the record beside it, is damaged; make it anew by `lf-flame evaluate`."
+        ) from None
+
+
+def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
+    """Put the results of one recipe together, none of them with a seed that is there already.
+
+    Missing results all have the same seed, none, and so stay apart.
+    """
+    pools = []
+    for result in results:
+        for pool in pools:
+            if pool[0].recipe == result.recipe and result.seed not in [r.seed for r in pool]:
+                pool.append(result)
+                break
+        else:
+            pools.append([result])
+    return pools
+
+
+def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
+    """Put pools of results beside the paper's values.
+
+    Returns
+    -------
+    DataFrame
+        `COLUMNS`, one row a pool and plane: the pool's first run, how many seeds it holds (0 where
+        it is missing), mean and standard deviation (n - 1) over the seeds, the paper's values.
+    """
+    blocks = []
+    for pool in pools:
+        seeds = pd.concat([result.scores for result in pool]).groupby("depth_mm", sort=False)
+        spreads = seeds.agg(spread).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
+        block = seeds.mean().join(spreads).reset_index()
+        blocks.append(
+            block.assign(
+                run=pool[0].run,
+                n_seeds=sum(bool(result.asked) for result in pool),
+                object=paper["object"],
+                paper_ssim=paper["ssim"],
+                paper_psnr_db=paper["psnr_db"],
+            )
+        )
+    return pd.concat(blocks)[COLUMNS]
+
+
+def comparison_markdown(table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict) -> str:
+    """Write a comparison as Markdown: one column a pool, and what each pool is."""
+    printed = [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)]
+    shown = {"depth (mm)": paper["depth_mm"], "object": paper["object"], "printed": printed}
+    for pool in pools:
+        rows = table[table["run"] == pool[0].run]
+        shown[_title(pool)] = [_cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()]
+    lines = pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True, stralign="right")
+    notes = "\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools)
+    caption = "SSIM / PSNR (dB), means over the test split; printed: the paper's values."
+    return f"### {paper['title']}\n\n{lines}\n\n{caption}\n\n{notes}\n"
+
+
+def _title(pool: list[Result]) -> str:
+    return pool[0].run if len(pool) == 1 else f"{pool[0].run}, {len(pool)} seeds"
+
+
+def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
+    if math.isnan(ssim):
+        return "missing"
+    if math.isnan(ssim_sd):
+        return f"{ssim:.3f} / {psnr:.2f}"
+    return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
+
+
+def _describe(pool: list[Result]) -> str:
+    asked = pool[0].asked
+    if not asked:
+        return "no finished run"
+    seeds = f"seed {pool[0].seed}"
+    if len(pool) > 1:
+        listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))
+        seeds = f"mean ± standard deviation over the seeds {listed}"
+    return (
+        f"{seeds}; preset {asked['preset']}, {asked['epochs']} epochs, batch "
+        f"{asked['recipe']['batch_size']}; data set {asked['data_sha256'][:8]}; "
+        f"backbone weights: {pool[0].weights}"
+    )
+
+
+def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None = None) -> str:
+    """Both tables of one results folder, or of several side by side, as Markdown.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+    paper_values : Path
+    out : Path, optional
+        Markdown file to keep the text in; the numbers go into a CSV file beside it.
+
+    Raises
+    ------
+    InputError
+        If a folder is not there, or holds something else than results.
+    """
+    if out is not None and out.suffix != ".md":
+        raise InputError(f"The file for the tables must end in .md, got {out}.")
+    folders = list(dict.fromkeys(folders))
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
+    texts, tables = [], []
+    for name in TABLES:
+        paper = read_paper_values(paper_values, name)
+        runs = zip(folders, _short_names(folders), strict=True)
+        pools = pool_seeds([read_result(f, name, run, paper["depth_mm"]) for f, run in runs])
+        table = compare_table(pools, paper)
+        texts.append(comparison_markdown(table, pools, paper))
+        tables.append(table.assign(table=name))
+    text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
+    if out is not None:
+        numbers = pd.concat(tables).set_index("table").round(6)
+        write_text(out, text)
+        write_text(out.with_suffix(".csv"), numbers.to_csv())
+    return text
+
+
+def _short_names(folders: Sequence[Path]) -> list[str]:
+    names = [folder.resolve().name for folder in folders]
+    return names if len(set(names)) == len(names) else [str(folder) for folder in folders]

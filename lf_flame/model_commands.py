@@ -1,0 +1,99 @@
+"""The commands of `lf-flame` that use a trained network: export and predict.
+
+As in `lf_flame.cli`, heavy modules are imported inside the commands.
+"""
+
+from pathlib import Path
+
+import click
+
+from lf_flame.errors import InputError
+from lf_flame.keras_loading import load_keras
+from lf_flame.light_field_commands import FOLDER
+
+
+@click.command()
+@click.argument("run", type=FOLDER)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="The .keras file to write.",
+)
+def export(run: Path, out: Path) -> None:
+    """Write the network of a finished RUN so that others can use it.
+
+    FILE.keras holds the whole network, backbone included, in layers of Keras's own: no pickled
+    code, and none of this package is needed to load it. FILE.json beside it, its card, says what
+    the network takes and makes, and how it was trained.
+
+    \b
+      lf-flame export runs/quick/flames --out flames.keras
+      python -c 'import keras; keras.saving.load_model("flames.keras").summary()'
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    from lf_flame.network import export_network
+
+    export_network(run, out)
+    size = out.stat().st_size / 1e6
+    click.echo(f"{out} ({size:.0f} MB) and {out.with_suffix('.json')} are written")
+
+
+@click.command()
+@click.argument("images", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Run folder, or a .keras file that `lf-flame export` wrote.",
+)
+@click.option("--out", type=FOLDER, default="predicted", show_default=True, help="Results folder.")
+def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
+    """Let a trained network refocus IMAGES.
+
+    The network has learnt by heart which object stands at which depth, from the pictures of one
+    camera and one kind of scene: the image that it sees holds no parallax. Of any other scene it
+    makes something up, which looks like what it has learnt. To refocus a light field as it is,
+    use `lf-flame refocus`.
+
+    An image is a picture of 8 or 16 bits (.png, .jpg, .tif, ...; raw lenslet images too, colours
+    become luminance), or a light field in views (folder, .npy, .npz, .tif of many pages). It is
+    averaged over blocks of pixels to the network's size; where that does not divide its size, it
+    is interpolated. Levels are taken as linear in radiance.
+
+    Into OUT/IMAGE go refocused_N_DEPTHmm.png, refocused.tif (float32), prediction.png (input and
+    planes side by side) and prediction.json, the record.
+
+    \b
+      lf-flame predict photograph.png --model runs/quick/flames
+      lf-flame predict raw.png light_field.npz --model flames.keras
+    """  # noqa: D301 - click reads the backspace
+    folders = _result_folders(images, out)
+    from lf_flame.network import load_network, read_card
+    from lf_flame.prediction import predict, read_input
+
+    card = read_card(model)
+    inputs = [read_input(image, card.image) for image in images]
+    for seen in inputs:
+        for note in seen.notes:
+            click.echo(f"{seen.source}: {note}", err=True)
+    load_keras()
+    network = load_network(model, card)
+    for prediction, folder in zip(predict(network, inputs), folders, strict=True):
+        prediction.write(card, folder)
+        click.echo(f"{prediction.seen.source}: refocused in {prediction.ms:.0f} ms, in {folder}")
+
+
+def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
+    """Give each image a folder of its own, named like it."""
+    folders = []
+    for image in images:
+        folder = out / (image.resolve().name if image.is_dir() else image.stem)
+        if folder in folders:
+            raise InputError(
+                f"{image} and another image would both go into {folder}; call twice (--out)."
+            )
+        if folder.resolve() == image.resolve():
+            raise InputError(f"The pictures cannot go into the light field's own folder, {image}.")
+        folders.append(folder)
+    return folders
