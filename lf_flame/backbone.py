@@ -29,7 +29,7 @@ class ImagenetUnavailable(InputError):
 
 
 def build_backbone(
-    image: tuple[int, int] = (90, 180),
+    shown: tuple[int, int, int] = (90, 180, 1),
     weights: str | Path = "imagenet",
     depth: str = "conv5",
     seed: int = 0,
@@ -38,8 +38,9 @@ def build_backbone(
 
     Parameters
     ----------
-    image : (int, int)
-        Height and width of the grey input.
+    shown : (int, int, int)
+        Height, width and channels of the input: one, which all three channels of ResNet-50 get, or
+        three, which they get in the order of red, green and blue.
     weights : {"imagenet", "random"} or path
         "imagenet" downloads once into ``~/.keras/models``. A path names a Keras weights file
         (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or an
@@ -53,7 +54,7 @@ def build_backbone(
     Returns
     -------
     keras.Model
-        Named "backbone", not trainable; input (h, w, 1) in [0, 1], output (h', w', channels).
+        Named "backbone", not trainable; input `shown` in [0, 1], output (h', w', channels).
 
     Raises
     ------
@@ -64,14 +65,21 @@ def build_backbone(
     """
     if depth not in STAGES:
         raise InputError(f"backbone_depth must be one of {', '.join(STAGES)}, got {depth!r}.")
-    resnet = _load_resnet50(image, weights, seed, depth)
-    grey = keras.Input((*image, 1), name="light_field_image")
-    channels = keras.layers.Concatenate(name="grey_to_bgr")([grey, grey, grey])
+    resnet = _load_resnet50(shown[:2], weights, seed, depth)
+    seen = keras.Input(shown, name="light_field_image")
+    channels = _to_bgr(seen)
     offset = [-mean for mean in IMAGENET_BGR_MEAN]
     centred = keras.layers.Rescaling(255.0, offset=offset, name="imagenet_preprocessing")(channels)
-    backbone = keras.Model(grey, resnet(centred, training=False), name="backbone")
+    backbone = keras.Model(seen, resnet(centred, training=False), name="backbone")
     backbone.trainable = False
     return backbone
+
+
+def _to_bgr(seen):
+    """Repeat one channel, or turn the order of three."""
+    if seen.shape[-1] == 1:
+        return keras.layers.Concatenate(name="grey_to_bgr")([seen, seen, seen])
+    return keras.ops.flip(seen, axis=-1)
 
 
 def describe_weights(weights: str | Path, depth: str, seed: int) -> str:

@@ -1,11 +1,11 @@
 """Data sets of light-field images and their refocused stacks, as Zarr v3 groups.
 
-A group holds ``input`` (n, h, w), the raw lenslet image resized to the network's grid by area
-averaging; ``target`` (n, objects, h, w), the light field refocused at the slope of each object;
-``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of its own with a
-checksum, seeded by its index, so that workers write side by side, a run that was cut goes on, and
-the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and renamed
-when it is whole.
+A group holds ``input`` (n, h, w, channels), what the network is shown of the light field, see
+`lf_flame.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope of each
+object; ``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of its own
+with a checksum, seeded by its index, so that workers write side by side, a run that was cut goes
+on, and the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and
+renamed when it is whole.
 """
 
 import hashlib
@@ -20,17 +20,18 @@ from typing import Literal
 
 import numpy as np
 import zarr
-from skimage.transform import downscale_local_mean
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame import provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.config import build, read_toml, to_json
+from lf_flame.encodings import InputEncoding, area_average
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.plan import EffectPlan, plan_effects
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.render import render_plan
+from lf_flame.scene import Scene
 from lf_flame.templates import TEMPLATES, Template
 
 
@@ -44,13 +45,18 @@ class DatasetConfig:
     seed : int
         Sample i is drawn from ``numpy.random.default_rng([seed, i])``.
     image : (int, int)
-        Height and width of input and targets; the lenslets are a whole multiple of it.
+        Height and width of the targets; the lenslets are a whole multiple of it.
     samples : dict
         Number of light fields for each preset.
     camera : PlenopticCamera
     template : ShapeTemplate or FlameTemplate
     effects : dict of str to bool, optional
         Effects to force on or off.
+    input : InputEncoding, optional
+        What the network is shown. Default: what the paper's is.
+    shuffled_depths : bool, optional
+        Let the objects of each sample stand at the template's depths in an order drawn at random,
+        as large in the central view as at their own depths.
     """
 
     kind: Literal["shapes", "flames"]
@@ -60,16 +66,19 @@ class DatasetConfig:
     camera: PlenopticCamera
     template: Template
     effects: dict[str, bool] = field(default_factory=dict)
+    input: InputEncoding = InputEncoding()
+    shuffled_depths: bool = False
 
     __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         lenslets = self.camera.lenslets
-        if min(self.image) < 1 or any(n % m for n, m in zip(lenslets, self.image, strict=True)):
-            raise InputError(
-                f"image must divide the camera's lenslets {lenslets} into whole numbers, "
-                f"got {self.image}."
-            )
+        for size in (self.image, self.input.image or self.image):
+            if min(size) < 1 or any(n % m for n, m in zip(lenslets, size, strict=True)):
+                raise InputError(
+                    f"image must divide the camera's lenslets {lenslets} into whole numbers, "
+                    f"got {size}."
+                )
         if self.seed < 0 or min(self.samples.values(), default=0) < 1:
             raise InputError(
                 f"seed must be 0 or above and samples at least 1 for each preset, "
@@ -85,7 +94,7 @@ class DatasetConfig:
     @cached_property
     def plan(self) -> EffectPlan:
         """Effect plan of the mean scene, by which all samples are simulated alike."""
-        scene, _ = self.template.draw(None)
+        scene, _ = self.draw(None)
         return plan_effects(scene, self.camera, effects=self.effects)
 
     @property
@@ -97,6 +106,28 @@ class DatasetConfig:
     def depths_mm(self) -> list[float]:
         """Depths of the objects, in the order of the targets."""
         return [o.depth_mm for o in self.template.objects]
+
+    def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
+        """Draw a scene; without a generator, the mean scene, all objects at their own depths.
+
+        Returns
+        -------
+        Scene
+        dict
+            What was drawn: see the template; with shuffled depths ``depth_mm``, (objects,), too.
+        """
+        scene, parameters = self.template.draw(rng)
+        if not self.shuffled_depths:
+            return scene, parameters
+        depths = np.array(self.depths_mm)
+        if rng is not None:
+            depths = rng.permutation(depths)
+            scene = scene.at_depths(depths, self.camera)
+        return scene, {**parameters, "depth_mm": depths}
+
+    def encode(self, light_field: LightField) -> np.ndarray:
+        """Show a light field to the network: float32 from 0 to 1, (height, width, channels)."""
+        return self.input.encode(light_field, self.image)
 
 
 def read_config(path: str | Path) -> DatasetConfig:
@@ -131,7 +162,7 @@ def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
     list of SlopeSearch
         In the order of the template's objects.
     """
-    scene, _ = config.template.draw(None)
+    scene, _ = config.draw(None)
     light_field = render_plan(scene, config.camera, config.plan, seed=config.seed)
     regions = [_region(layer, config.camera) for layer in scene.layers]
     return [find_sharpest_slope(light_field, region=region) for region in regions]
@@ -149,47 +180,26 @@ def _region(layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
     return tuple(region)
 
 
-def encode_input(light_field: LightField, image: tuple[int, int]) -> np.ndarray:
-    """Resize the raw lenslet image by area averaging: all that the paper's network sees.
-
-    Every output pixel is the mean of whole micro-images, so this is the photograph averaged over
-    blocks of lenslets; no angular information is left (deviation 5).
-
-    Returns
-    -------
-    ndarray of float32, shape `image`
-    """
-    return as_targets(light_field.photograph, image)
-
-
-def as_targets(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Area-average the last two axes to `size`, and clip to [0, 1], as a sensor saturates."""
-    factors = (1,) * (images.ndim - 2) + tuple(
-        n // m for n, m in zip(images.shape[-2:], size, strict=True)
-    )
-    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
-    return np.clip(averaged, 0, 1).astype(np.float32)
-
-
 def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:
     """Draw, render and refocus one sample.
 
     Returns
     -------
     dict
-        ``input`` (h, w) and ``target`` (objects, h, w), float32 in [0, 1], and ``parameters``.
+        ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1], and
+        ``parameters``.
     """
     light_field, parameters = render_sample(config, index)
     return {
-        "input": encode_input(light_field, config.image),
-        "target": as_targets(shift_and_sum(light_field, slopes), config.image),
+        "input": config.encode(light_field),
+        "target": area_average(shift_and_sum(light_field, slopes), config.image),
         "parameters": parameters,
     }
 
 
 def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
-    scene, parameters = config.template.draw(np.random.default_rng([config.seed, index]))
+    scene, parameters = config.draw(np.random.default_rng([config.seed, index]))
     seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
     return render_plan(scene, config.camera, config.plan, seed=seed), parameters
 
@@ -249,7 +259,7 @@ def make_dataset(
 def _create(part: Path, config: DatasetConfig, samples: int) -> None:
     searches = search_slopes(config)  # first: it also shows that the scene can be rendered
     part.mkdir(parents=True, exist_ok=True)
-    _, parameters = config.template.draw(None)
+    _, parameters = config.draw(None)
     group = zarr.open_group(part, mode="w", zarr_format=3)
 
     def add(name: str, shape: tuple[int, ...], dtype, fill) -> None:
@@ -262,7 +272,7 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
         )
 
-    add("input", config.image, "float32", np.nan)
+    add("input", config.input.shape(config.image), "float32", np.nan)
     add("target", (len(searches), *config.image), "float32", np.nan)
     for name, values in parameters.items():
         add(f"parameters/{name}", values.shape, "float64", np.nan)
@@ -404,7 +414,7 @@ class Dataset:
 
     @cached_property
     def inputs(self) -> np.ndarray:
-        """Network inputs, shape (n, h, w), float32 in [0, 1]."""
+        """Network inputs, shape (n, height, width, channels), float32 in [0, 1]."""
         return self._read("input")
 
     @cached_property

@@ -132,7 +132,7 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
     run, dataset = open_run(folder)
     indices = np.array(run["test_indices"])
     model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
-    stack = model.predict(dataset.inputs[indices][..., None], batch_size=8, verbose=0)
+    stack = model.predict(dataset.inputs[indices], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
 
 
@@ -154,6 +154,8 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
     """Score what needs no network: the mean training image, and the input image as it is.
 
+    The latter where the input is one image of the targets' size.
+
     Returns
     -------
     DataFrame
@@ -162,9 +164,12 @@ def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
-    copied = np.broadcast_to(dataset.inputs[test][:, None], targets.shape)
+    baselines = [("mean of the training images", mean)]
+    if dataset.inputs.shape[1:] == (*targets.shape[2:], 1):
+        copied = np.broadcast_to(np.moveaxis(dataset.inputs[test], 3, 1), targets.shape)
+        baselines.append(("the input image", copied))
     tables = []
-    for name, images in (("mean of the training images", mean), ("the input image", copied)):
+    for name, images in baselines:
         scores = score(targets, images)
         tables.append(scores.assign(baseline=name, depth_mm=dataset.config.depths_mm))
     return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_lit_db"]]

@@ -26,7 +26,7 @@ def result_figure(light_field_image, targets, predictions, depths_mm, title: str
 
     Parameters
     ----------
-    light_field_image : ndarray, shape (h, w), values in [0, 1]
+    light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
     targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
     depths_mm : sequence of float
     title : str

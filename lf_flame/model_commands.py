@@ -70,10 +70,11 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     """  # noqa: D301 - click reads the backspace
     folders = _result_folders(images, out)
     from lf_flame.network import load_network, read_card
-    from lf_flame.prediction import predict, read_input
+    from lf_flame.prediction import input_size, predict, read_input
 
     card = read_card(model)
-    inputs = [read_input(image, card.image) for image in images]
+    size = input_size(card)
+    inputs = [read_input(image, size) for image in images]
     for seen in inputs:
         for note in seen.notes:
             click.echo(f"{seen.source}: {note}", err=True)

@@ -1,6 +1,6 @@
 """The paper's network (section II.C, Figure 4): frozen ResNet-50 and a decoder of its own.
 
-Images are [n, h, w, 1] in, [n, planes, h, w, 1] out, float32 in [0, 1].
+Images are [n, h, w, channels] in, [n, planes, h, w, 1] out, float32 in [0, 1].
 """
 
 from pathlib import Path
@@ -26,13 +26,14 @@ def build_refocus_resnet50(
     dropout_place: str = "image",
     neck: str = "pooled",
     seed: int = 0,
+    shown: tuple[int, int, int] | None = None,
 ) -> keras.Model:
     """Build the Keras functional model that turns one light-field image into refocused images.
 
     Parameters
     ----------
     image : (int, int)
-        Height and width of input and outputs.
+        Height and width of the outputs.
     planes : int
         Number of refocused images.
     backbone_weights, backbone_depth
@@ -48,11 +49,13 @@ def build_refocus_resnet50(
         tells one place from another (deviation 17).
     seed : int
         Of the initial weights, of random backbone weights and of the dropout.
+    shown : (int, int, int), optional
+        Height, width and channels of the input, see `lf_flame.encodings`. Default: (h, w, 1).
 
     Returns
     -------
     keras.Model
-        Input (h, w, 1), output (planes, h, w, 1). Its layers "backbone", frozen and in inference
+        Input `shown`, output (planes, h, w, 1). Its layers "backbone", frozen and in inference
         mode, and "decoder" are models themselves; because the first never changes, the second
         can be trained on cached features.
 
@@ -61,13 +64,14 @@ def build_refocus_resnet50(
     InputError
         If an argument cannot be used.
     """
-    backbone = build_backbone(image, backbone_weights, backbone_depth, seed)
+    shown = shown or (*image, 1)
+    backbone = build_backbone(shown, backbone_weights, backbone_depth, seed)
     decoder = build_decoder(
         backbone.output_shape[1:], image, planes, dropout, dropout_place, neck, seed
     )
-    grey = keras.Input((*image, 1), name="light_field_image")
-    outputs = decoder(backbone(grey, training=False))
-    return keras.Model(grey, outputs, name="refocus_resnet50")
+    seen = keras.Input(shown, name="light_field_image")
+    outputs = decoder(backbone(seen, training=False))
+    return keras.Model(seen, outputs, name="refocus_resnet50")
 
 
 def build_decoder(

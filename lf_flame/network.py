@@ -14,6 +14,7 @@ from zipfile import is_zipfile
 from lf_flame import provenance
 from lf_flame.camera import PlenopticCamera
 from lf_flame.config import build, read_record, to_json
+from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run
 from lf_flame.files import write_json, written_aside
@@ -36,7 +37,7 @@ class NetworkCard:
     backbone_weights : str
         Those that were used.
     image : (int, int)
-        Height and width of input and output.
+        Height and width of the output.
     depths_mm, slopes : list of float
         Where each plane of the output is refocused; positive = behind the focal plane of `camera`,
         slopes in its lenslets per view step.
@@ -48,6 +49,8 @@ class NetworkCard:
         Of the network's file.
     training : dict
         The rest of the run's record.
+    input : InputEncoding, optional
+        What the network is shown of a light field.
     exported : dict, optional
         By which program, see `lf_flame.provenance.environment`.
     usage : str, optional
@@ -64,6 +67,7 @@ class NetworkCard:
     camera: PlenopticCamera
     sha256: str
     training: dict[str, Any]
+    input: InputEncoding = InputEncoding()
     exported: dict[str, Any] = field(default_factory=dict)
     usage: str = USAGE
 
@@ -116,6 +120,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
         camera=dataset.config.camera,
         sha256=_sha256(_model_file(folder)),
         training=run,
+        input=dataset.config.input,
     )
 
 
@@ -155,7 +160,7 @@ def load_network(path: str | Path, card: NetworkCard):
             f"is not run ({reason})."
         ) from None
     found = network.input_shape[1:], network.output_shape[1:]
-    stated = (*card.image, 1), (len(card.depths_mm), *card.image, 1)
+    stated = card.input.shape(card.image), (len(card.depths_mm), *card.image, 1)
     if found != stated:
         raise InputError(
             f"{file} turns images of shape {found[0]} into {found[1]}, but by its card it should "

@@ -12,7 +12,7 @@ from skimage.transform import resize
 
 from lf_flame import figures, provenance
 from lf_flame.config import to_json
-from lf_flame.datasets import as_targets
+from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.files import write_json
 from lf_flame.formats import read_light_field, write_focal_stack
@@ -38,6 +38,22 @@ class NetworkInput:
     source: Path
     image: np.ndarray
     notes: list[str]
+
+
+def input_size(card: NetworkCard) -> tuple[int, int]:
+    """Height and width of the pictures that a network is shown.
+
+    Raises
+    ------
+    InputError
+        If it is shown several views, which no picture holds.
+    """
+    if card.input.kind != "raw":
+        raise InputError(
+            f"This network was trained on {card.input.kind!r} of a light field, not on pictures; "
+            f"only networks of input kind 'raw' can refocus a picture."
+        )
+    return card.input.image or card.image
 
 
 def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
@@ -76,7 +92,7 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
     if height % rows or width % columns:
         notes.append(f"{height} x {width} is no multiple of {rows} x {columns}: interpolated")
         picture = resize(picture, size, anti_aliasing=True)
-    return NetworkInput(source, as_targets(picture, size), notes)
+    return NetworkInput(source, area_average(picture, size), notes)
 
 
 def _read_grey(source: Path) -> np.ndarray:

@@ -21,13 +21,8 @@ from skimage.transform import downscale_local_mean
 
 from lf_flame import costs, provenance
 from lf_flame.config import to_json
-from lf_flame.datasets import (
-    DatasetConfig,
-    as_targets,
-    encode_input,
-    read_config,
-    render_sample,
-)
+from lf_flame.datasets import DatasetConfig, read_config, render_sample
+from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, psnr, ssim
 from lf_flame.files import write_json, write_text
@@ -210,10 +205,10 @@ def network_ways(scenes: HeldOut) -> list[Way]:
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:
         with keras.device("cpu:0"):
-            return model.predict_on_batch(image[None, ..., None])[0, ..., 0]
+            return model.predict_on_batch(image[None])[0, ..., 0]
 
     def encode(views: np.ndarray) -> np.ndarray:
-        return encode_input(LightField.trusted(views), scenes.config.image)
+        return scenes.config.encode(LightField.trusted(views))
 
     return [
         Way("network", NETWORK, f"{NETWORK}, with the mean of all views as its input",
@@ -300,7 +295,7 @@ def _measure(scenes: HeldOut, ways: Sequence[Way]) -> Iterator[list[dict]]:
     slopes, size = np.array(scenes.slopes), scenes.config.image
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
-        exact = as_targets(fourier_refocus(views, slopes, "sinc", "clamp"), size)
+        exact = area_average(fourier_refocus(views, slopes, "sinc", "clamp"), size)
         for way in ways:
             call = partial(_images, way, way.store(views), slopes, size)
             images, seconds = _timed(call, often=index == scenes.indices[0])
@@ -329,7 +324,7 @@ def _timed(call: Callable[[], np.ndarray], often: bool) -> tuple[np.ndarray, flo
 
 
 def _images(way: Way, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    return as_targets(way.refocus(stored, slopes), size)
+    return area_average(way.refocus(stored, slopes), size)
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:

@@ -101,7 +101,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     targets = dataset.targets[indices]
     scores = evaluation.compare_with_paper(evaluation.score(targets, predictions), paper)
     picture = figures.result_figure(
-        dataset.inputs[indices[0]],
+        dataset.inputs[indices[0]].squeeze(),
         targets[0],
         predictions[0],
         dataset.config.depths_mm,

@@ -4,11 +4,13 @@ Layer coordinates are those of the upright image: y runs down with the texture's
 right with its columns, both in mm from the optical axis.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from lf_flame.camera import PlenopticCamera
 from lf_flame.errors import InputError
 
 BRIGHTEST = 1e36
@@ -180,6 +182,24 @@ class Scene:
     def depths_mm(self) -> tuple[float, ...]:
         """The depths at which there are layers, each once, farthest first."""
         return tuple(sorted({layer.depth_mm for layer in self.layers}, reverse=True))
+
+    def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> "Scene":
+        """Let each layer stand at another depth, scaled so that the central view stays the same.
+
+        Only parallax and defocus then tell the two scenes apart.
+        """
+        return Scene(
+            [
+                replace(
+                    layer,
+                    depth_mm=float(depth),
+                    size_mm=tuple(length * ratio for length in layer.size_mm),
+                    centre_mm=tuple(length * ratio for length in layer.centre_mm),
+                )
+                for layer, depth in zip(self.layers, depths_mm, strict=True)
+                for ratio in [camera.field_mm(depth)[0] / camera.field_mm(layer.depth_mm)[0]]
+            ]
+        )
 
     @property
     def front_to_back(self) -> tuple[Layer, ...]:

@@ -153,7 +153,7 @@ def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
         The backbone weights that were used, for tables and records.
     """
     planes, *image = dataset.targets.shape[1:]
-    options = {**asdict(config.model), "seed": config.seed}
+    options = {**asdict(config.model), "seed": config.seed, "shown": dataset.inputs.shape[1:]}
     options |= {"dropout_place": recipe.dropout_place, "neck": recipe.neck}
     try:
         model = build_refocus_resnet50(tuple(image), planes, **options)
@@ -180,7 +180,7 @@ def compute_features(model: keras.Model, inputs: np.ndarray, batch_size: int = 1
     ----------
     model : keras.Model
         From `build_refocus_resnet50`.
-    inputs : ndarray, shape (n, h, w)
+    inputs : ndarray, shape (n, h, w, channels)
 
     Returns
     -------
@@ -188,7 +188,7 @@ def compute_features(model: keras.Model, inputs: np.ndarray, batch_size: int = 1
     """
     backbone = model.get_layer("backbone")
     starts = tqdm(range(0, len(inputs), batch_size), "backbone features", unit="batch")
-    batches = [backbone.predict_on_batch(inputs[k : k + batch_size, ..., None]) for k in starts]
+    batches = [backbone.predict_on_batch(inputs[k : k + batch_size]) for k in starts]
     return np.concatenate(batches)
 
 

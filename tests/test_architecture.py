@@ -18,7 +18,7 @@ LAYERS = [
     {"survey", "effects", "plan"},
     {"render", "forward", "closed_form", "refocus"},
     {"config", "provenance", "templates", "scenefile", "paper"},
-    {"datasets"},
+    {"encodings", "datasets"},
     {"backbone", "models", "_adam", "checkpoints", "trainers", "ridge", "warmstart"},
     {"training", "evaluation", "comparison", "bottleneck"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},

@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from lf_flame.config import build
 from lf_flame.datasets import (
     Dataset,
     DatasetConfig,
-    encode_input,
     make_dataset,
     read_config,
+    render_sample,
     search_slopes,
     simulate_sample,
 )
+from lf_flame.encodings import InputEncoding
 from lf_flame.refocus import shift_and_sum
 
 DATA_GEN = Path(__file__).parents[1] / "data_gen"
@@ -77,7 +79,7 @@ def test_input_is_the_raw_image_resized_by_area(tiny):
     raw = light_field.to_raw()
     block = [n // m for n, m in zip(raw.shape, tiny.image, strict=True)]
     expected = raw.reshape(tiny.image[0], block[0], tiny.image[1], block[1]).mean(axis=(1, 3))
-    found = encode_input(light_field, tiny.image)
+    found = tiny.encode(light_field)[..., 0]
     np.testing.assert_allclose(found, expected, atol=1e-6)
     # scikit-image's anti-aliased resize is a smoother cousin of the same thing
     assert np.abs(found - resize(raw, tiny.image, anti_aliasing=True)).mean() < 0.03
@@ -86,7 +88,7 @@ def test_input_is_the_raw_image_resized_by_area(tiny):
 def test_network_input_holds_no_angular_information(tiny):
     """It equals the stack refocused at slope 0: DEVIATIONS.md, entry 5."""
     sample = simulate_sample(tiny, [0.0], 0)
-    np.testing.assert_allclose(sample["input"], sample["target"][0], atol=1e-6)
+    np.testing.assert_allclose(sample["input"][..., 0], sample["target"][0], atol=1e-6)
 
 
 def test_targets_are_the_stack_at_the_recorded_slopes(tiny, tmp_path):
@@ -218,3 +220,34 @@ def test_configuration_survives_its_stored_form(tiny, tmp_path):
     stored = json.loads((tmp_path / "a.zarr" / "zarr.json").read_text())["attributes"]["config"]
     with pytest.raises(InputError, match="views"):
         build(DatasetConfig, {**stored, "camera": {**stored["camera"], "views": 0}}, "here")
+
+
+@pytest.mark.parametrize(("kind", "shape"), [("views", (8, 12, 3)), ("grid", (24, 36, 1))])
+def test_networks_may_be_shown_several_views(tiny, tmp_path, kind, shape):
+    config = replace(tiny, input=InputEncoding(kind))
+    make_dataset(config, 2, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    assert dataset.config == config
+    assert dataset.inputs.shape == (2, *shape)
+    light_field, _ = render_sample(config, 1)
+    np.testing.assert_array_equal(dataset.inputs[1], config.encode(light_field))
+
+
+def test_an_input_size_that_does_not_divide_the_lenslets_is_refused(tiny):
+    with pytest.raises(InputError, match=r"image must divide .* got \(7, 12\)"):
+        replace(tiny, input=InputEncoding(image=(7, 12)))
+
+
+def test_shuffled_objects_stand_at_depths_of_others_but_look_the_same(tiny, tmp_path):
+    config = replace(tiny, shuffled_depths=True)
+    make_dataset(config, 8, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    depths = dataset.parameters("depth_mm")
+    np.testing.assert_array_equal(np.sort(depths), np.tile(np.sort(config.depths_mm), (8, 1)))
+    assert len(np.unique(depths, axis=0)) == 2  # both orders of the two objects
+    for index in range(8):
+        shuffled, fixed = (render_sample(x, index)[0].views[2, 2] for x in (config, tiny))
+        np.testing.assert_allclose(shuffled, fixed, atol=0.02)
+    np.testing.assert_array_equal(  # what was drawn before the depths stays
+        dataset.parameters("size_mm")[1], render_sample(tiny, 1)[1]["size_mm"]
+    )

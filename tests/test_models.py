@@ -7,6 +7,7 @@ from lf_flame.backbone import ImagenetUnavailable, build_backbone
 from lf_flame.models import build_decoder, build_refocus_resnet50, training_view
 
 IMAGE = (40, 64)
+GREY = (*IMAGE, 1)
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,36 @@ def test_backbone_is_frozen_and_in_inference_mode(paper_model, rng):
         np.testing.assert_array_equal(keras.ops.convert_to_numpy(weight), old)
 
 
+def test_three_channels_are_not_repeated(rng):
+    """Grey repeated to three channels and three equal channels are the same input."""
+    grey = rng.uniform(size=(2, *IMAGE, 1)).astype(np.float32)
+    one, three = (build_backbone((*IMAGE, n), "random", "conv4", seed=1) for n in (1, 3))
+    same = np.repeat(grey, 3, axis=-1)
+    np.testing.assert_allclose(np.array(three(same)), np.array(one(grey)), rtol=1e-4, atol=1e-4)
+    other = same * [1.0, 0.5, 0.2]
+    assert np.abs(np.array(three(other)) - np.array(one(grey))).max() > 0.1
+
+
+def test_the_first_channel_is_the_last_of_resnet(rng):
+    """Keras feeds ResNet-50 blue first."""
+    model = build_backbone((*IMAGE, 3), "random", "conv4")
+    resnet = model.get_layer("resnet50")
+    image = rng.uniform(size=(1, *IMAGE, 3)).astype(np.float32)
+    fed = (255 * image - [123.68, 116.779, 103.939])[..., ::-1].astype(np.float32)
+    np.testing.assert_allclose(np.array(model(image)), np.array(resnet(fed)), rtol=1e-4, atol=1e-4)
+
+
+def test_inputs_may_be_larger_than_outputs(tmp_path):
+    model = build_refocus_resnet50(
+        IMAGE, 2, "random", "conv4", neck="positions", shown=(80, 128, 1)
+    )
+    assert model.input_shape == (None, 80, 128, 1)
+    assert model.output_shape == (None, 2, *IMAGE, 1)
+    model.save(tmp_path / "model.keras")
+    again = keras.saving.load_model(tmp_path / "model.keras", compile=False)
+    assert again.input_shape == model.input_shape
+
+
 def test_output_planes_are_not_scrambled(paper_model, rng):
     """Channel k of the last convolution becomes image k."""
     decoder = paper_model.get_layer("decoder")
@@ -66,7 +97,7 @@ def test_output_planes_are_not_scrambled(paper_model, rng):
 
 
 def test_random_weights_depend_on_the_seed_alone():
-    first, again, other = (build_backbone(IMAGE, "random", "conv4", seed) for seed in (1, 1, 2))
+    first, again, other = (build_backbone(GREY, "random", "conv4", seed) for seed in (1, 1, 2))
     kernels = [
         keras.ops.convert_to_numpy(m.get_layer("resnet50").get_layer("conv1_conv").kernel)
         for m in (first, again, other)
@@ -78,7 +109,7 @@ def test_random_weights_depend_on_the_seed_alone():
 
 def test_preprocessing_is_the_backbones_own(rng):
     grey = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
-    model = build_backbone(IMAGE, "random", "conv4")
+    model = build_backbone(GREY, "random", "conv4")
     inner = keras.Model(model.input, model.get_layer("imagenet_preprocessing").output)
     colours = np.repeat(grey, 3, axis=-1) * 255
     expected = keras.applications.resnet.preprocess_input(colours.copy())
@@ -93,34 +124,34 @@ def test_weights_file_reaches_the_features(resnet_arrays, tmp_path, rng):
     resnet.save_weights(tmp_path / "all.weights.h5")
     images = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
     features = [
-        np.array(build_backbone(IMAGE, tmp_path / name)(images))
+        np.array(build_backbone(GREY, tmp_path / name)(images))
         for name in ("all.npz", "all.weights.h5")
     ]
     np.testing.assert_array_equal(*features)
     cut = keras.Model(resnet.input, resnet.get_layer("conv4_block6_out").output)
     colours = np.repeat(images, 3, axis=-1) * 255
     expected = cut(keras.applications.resnet.preprocess_input(colours))
-    found = build_backbone(IMAGE, tmp_path / "all.npz", "conv4")(images)
+    found = build_backbone(GREY, tmp_path / "all.npz", "conv4")(images)
     np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-4, atol=1e-4)
 
 
 def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
     short = {k: v for k, v in resnet_arrays.items() if not k.startswith("conv5")}
     np.savez(tmp_path / "short.npz", **short)
-    build_backbone(IMAGE, tmp_path / "short.npz", "conv4")
+    build_backbone(GREY, tmp_path / "short.npz", "conv4")
     with pytest.raises(InputError, match=r"lacks conv5_block1.*goes with backbone_depth conv4"):
-        build_backbone(IMAGE, tmp_path / "short.npz", "conv5")
+        build_backbone(GREY, tmp_path / "short.npz", "conv5")
     np.savez(tmp_path / "shape.npz", **{**short, "conv1_conv/kernel": np.ones((3, 3, 3, 64))})
     with pytest.raises(InputError, match=r"must have shape \(7, 7, 3, 64\), got \(3, 3, 3, 64\)"):
-        build_backbone(IMAGE, tmp_path / "shape.npz", "conv4")
+        build_backbone(GREY, tmp_path / "shape.npz", "conv4")
     (tmp_path / "text.npz").write_text("no weights")
     with pytest.raises(InputError, match="is not a NumPy .npz file"):
-        build_backbone(IMAGE, tmp_path / "text.npz")
+        build_backbone(GREY, tmp_path / "text.npz")
     (tmp_path / "text.h5").write_text("no weights")
     with pytest.raises(InputError, match="does not hold the weights of"):
-        build_backbone(IMAGE, tmp_path / "text.h5")
+        build_backbone(GREY, tmp_path / "text.h5")
     with pytest.raises(InputError, match="there is no file"):
-        build_backbone(IMAGE, tmp_path / "none.h5")
+        build_backbone(GREY, tmp_path / "none.h5")
 
 
 def test_imagenet_gives_up_in_one_sentence(monkeypatch):
@@ -129,7 +160,7 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch):
 
     monkeypatch.setattr(backbone.keras.applications, "ResNet50", refuse)
     with pytest.raises(ImagenetUnavailable, match="could not be downloaded .*no route"):
-        build_backbone(IMAGE, "imagenet")
+        build_backbone(GREY, "imagenet")
 
 
 @pytest.mark.parametrize(

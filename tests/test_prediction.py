@@ -15,7 +15,8 @@ from skimage.io import imread
 
 from lf_flame import InputError, LightField, cli
 from lf_flame.config import build, to_json
-from lf_flame.datasets import config_from_json, encode_input, make_dataset
+from lf_flame.datasets import config_from_json, make_dataset
+from lf_flame.encodings import InputEncoding
 from lf_flame.evaluation import predict_test_split
 from lf_flame.files import write_json
 from lf_flame.formats import read_focal_stack, write_lenslet_image
@@ -80,7 +81,7 @@ def exported(run_folder):
 def sample(run_folder):
     """The first test image, and what the network made of it."""
     dataset, indices, predictions = predict_test_split(run_folder)
-    return dataset.inputs[indices[0]], predictions[0]
+    return dataset.inputs[indices[0], ..., 0], predictions[0]
 
 
 def run(*args):
@@ -160,7 +161,7 @@ def test_a_picture_is_refocused_as_in_the_evaluation(where, sample, tmp_path, re
 def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):
     """Views, raw lenslet image and photograph of a light field are the same input."""
     light_field = LightField(rng.uniform(size=(3, 3, 80, 128)).astype(np.float32))
-    expected = encode_input(light_field, SIZE)
+    expected = InputEncoding().encode(light_field, SIZE)[..., 0]
     np.savez(tmp_path / "views.npz", views=light_field.views)
     write_lenslet_image(light_field, tmp_path / "raw.png", 16)
     np.save(tmp_path / "photograph.npy", light_field.photograph)

@@ -11,7 +11,7 @@ from matplotlib.text import Annotation, Text
 
 from lf_flame import cli, costs, refocus_costs, refocus_costs_report
 from lf_flame.config import build
-from lf_flame.datasets import Dataset, config_from_json, encode_input, make_dataset, render_sample
+from lf_flame.datasets import Dataset, config_from_json, make_dataset, render_sample
 from lf_flame.evaluation import predict_test_split
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus
@@ -196,8 +196,8 @@ def test_scenes_are_those_of_the_test_split_as_the_network_saw_them(config, run)
     whole, alone = network_ways(found)
     for index, prediction in zip(found.indices, predictions, strict=False):
         views = render_sample(found.config, index)[0].views
-        seen = encode_input(LightField(views), found.config.image)
-        np.testing.assert_array_equal(np.clip(seen, 0, 1), dataset.inputs[index])
+        seen = found.config.encode(LightField(views))
+        np.testing.assert_array_equal(seen, dataset.inputs[index])
         images = whole.refocus(views, None)
         np.testing.assert_allclose(images, prediction, atol=1e-5)
         np.testing.assert_array_equal(alone.refocus(alone.store(views), None), images)

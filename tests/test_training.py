@@ -123,7 +123,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
     dataset = training.Dataset(data)
     parts = split_indices(12, config.split, config.seed)
     model = keras.saving.load_model(tmp_path / "model.keras", compile=False)
-    inputs = dataset.inputs[parts["validation"]][..., None]
+    inputs = dataset.inputs[parts["validation"]]
     loss = np.mean(
         (model.predict(inputs, verbose=0)[..., 0] - dataset.targets[parts["validation"]]) ** 2
     )

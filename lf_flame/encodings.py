@@ -1,0 +1,94 @@
+"""The network's input: what an image network is shown of a light field.
+
+The paper shows its network the raw lenslet image, resized. Area averaging makes that a photograph:
+no angular information is left (deviation 5). The other encodings keep parallax, in channels or side
+by side, and go through the same frozen backbone.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from skimage.transform import downscale_local_mean
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+
+CHANNELS = 3
+"""Of the images that the backbone was made for."""
+
+
+@dataclass(frozen=True)
+class InputEncoding:
+    """How a light field becomes the network's input.
+
+    Parameters
+    ----------
+    kind : {"raw", "views", "grid"}
+        "raw" is the paper's: the raw lenslet image resized by area averaging, in one channel.
+        "views": three views of the middle row, leftmost, central and rightmost, in three channels.
+        "grid": views from all over the main lens side by side, in one channel.
+    image : (int, int), optional
+        Height and width of the image, of each view where there are several. Default: as the
+        network's output.
+    grid : int
+        Views of a "grid" along each axis.
+    """
+
+    kind: Literal["raw", "views", "grid"] = "raw"
+    image: tuple[int, int] | None = None
+    grid: int = 3
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if self.grid < 1:
+            raise InputError(f"grid must be at least 1 view along each axis, got {self.grid}.")
+
+    def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
+        """Height, width and channels of the input of a network with outputs of this size."""
+        height, width = self.image or output
+        if self.kind == "grid":
+            return self.grid * height, self.grid * width, 1
+        return height, width, CHANNELS if self.kind == "views" else 1
+
+    def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
+        """Show a light field to a network with outputs of this size.
+
+        Parameters
+        ----------
+        light_field : LightField
+            Grey; its lenslets are a whole multiple of the image.
+        output : (int, int)
+
+        Returns
+        -------
+        ndarray of float32, shape ``self.shape(output)``
+            From 0 to 1.
+        """
+        size, views = self.image or output, light_field.views
+        if self.kind == "raw":
+            # Every output pixel is the mean of whole micro-images, so of the photograph.
+            return area_average(light_field.photograph, size)[..., None]
+        if self.kind == "views":
+            shown = views[spread(views.shape[0], 1)[0], spread(views.shape[1], CHANNELS)]
+            return np.moveaxis(area_average(shown, size), 0, -1)
+        v, u = (spread(count, self.grid) for count in views.shape[:2])
+        tiles = area_average(views[np.ix_(v, u)], size)
+        return np.block([list(row) for row in tiles])[..., None]
+
+
+def spread(count: int, chosen: int) -> list[int]:
+    """Choose views spread evenly over `count`, from the first to the last; one: the central."""
+    if chosen == 1:
+        return [(count - 1) // 2]
+    return np.round(np.linspace(0, count - 1, chosen)).astype(int).tolist()
+
+
+def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Area-average the last two axes to `size`, and clip to [0, 1], as a sensor saturates."""
+    factors = (1,) * (images.ndim - 2) + tuple(
+        n // m for n, m in zip(images.shape[-2:], size, strict=True)
+    )
+    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
+    return np.clip(averaged, 0, 1).astype(np.float32)
