@@ -200,8 +200,13 @@ def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> d
 def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
     scene, parameters = config.draw(np.random.default_rng([config.seed, index]))
+    return render_drawn(scene, config, config.plan, index), parameters
+
+
+def render_drawn(scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int) -> LightField:
+    """Render the scene of a sample."""
     seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
-    return render_plan(scene, config.camera, config.plan, seed=seed), parameters
+    return render_plan(scene, config.camera, plan, seed=seed)
 
 
 def make_dataset(

@@ -52,6 +52,13 @@ class InputEncoding:
             return self.grid * height, self.grid * width, 1
         return height, width, CHANNELS if self.kind == "views" else 1
 
+    def chosen(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Index the views that are shown, of rows x columns: ``views[encoding.chosen(v, u)]``."""
+        if self.kind == "raw":
+            return np.ix_(range(rows), range(columns))
+        down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
+        return np.ix_(spread(rows, down), spread(columns, across))
+
     def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
         """Show a light field to a network with outputs of this size.
 
@@ -70,11 +77,9 @@ class InputEncoding:
         if self.kind == "raw":
             # Every output pixel is the mean of whole micro-images, so of the photograph.
             return area_average(light_field.photograph, size)[..., None]
+        tiles = area_average(views[self.chosen(*views.shape[:2])], size)
         if self.kind == "views":
-            shown = views[spread(views.shape[0], 1)[0], spread(views.shape[1], CHANNELS)]
-            return np.moveaxis(area_average(shown, size), 0, -1)
-        v, u = (spread(count, self.grid) for count in views.shape[:2])
-        tiles = area_average(views[np.ix_(v, u)], size)
+            return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]
 
 

@@ -1,4 +1,4 @@
-"""The command of `lf-flame` that runs learning studies.
+"""The commands of `lf-flame` that study what networks learn: study and swap-test.
 
 As in `lf_flame.cli`, heavy modules are imported inside the command.
 """
@@ -41,3 +41,28 @@ def study(study: Path, out: Path, work: Path, only: tuple[str, ...], workers: in
 
     text = run_study(study, out, work, paper, only, workers or cpu_count(), progress_bar)
     click.echo(text.read_text(encoding="utf-8"))
+
+
+@click.command("swap-test")
+@click.argument("runs", nargs=-1, required=True, type=FOLDER)
+@click.option("--out", type=FOLDER, required=True, help="Folder for the report.")
+@click.option("--samples", default=16, show_default=True, help="Scenes for each case.")
+def swap_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
+    """Test whether trained networks see depth, or know it by heart.
+
+    In training every object stands at a depth of its own. Here two change places, all move, or one
+    stands alone, scaled so that the central view stays as it was. Shift-and-sum is right by
+    construction; a network that has learnt the depths by heart draws what is no longer there.
+
+    RUNS are run folders of `lf-flame train` that were trained on the same kind of scenes. OUT gets
+    swap_test.csv, .md, .png and .json, and a picture of each case.
+
+    \b
+      lf-flame swap-test runs/quick/flames --out swap
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    logging.getLogger("tensorflow").setLevel(logging.ERROR)
+    from lf_flame.report import step_bar
+    from lf_flame.swaptest import run_swap_test
+
+    click.echo(run_swap_test(runs, out, samples, step_bar).read_text(encoding="utf-8"))

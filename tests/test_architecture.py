@@ -23,7 +23,7 @@ LAYERS = [
     {"training", "evaluation", "comparison", "bottleneck"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
     {"refocus_costs", "refocus_costs_report"},
-    {"studies", "studies_report"},
+    {"studies", "studies_report", "swaptest", "swaptest_report"},
     {"network", "prediction"},
     {"light_field_commands", "model_commands", "study_commands"},
     {"cli"},

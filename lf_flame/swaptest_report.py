@@ -1,0 +1,164 @@
+"""Table, text and pictures of the swap test (`lf_flame.swaptest`)."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from lf_flame import figures, provenance
+from lf_flame.config import to_json
+from lf_flame.files import write_json, write_text
+
+
+def write_report(
+    config, slopes, systems: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
+) -> Path:
+    """Write ``swap_test.csv``, ``.md``, ``.png``, ``.json``, and a picture for each case.
+
+    Parameters
+    ----------
+    config : lf_flame.datasets.DatasetConfig
+    slopes : sequence of float
+    systems : sequence of lf_flame.swaptest.System
+    outcomes : sequence of lf_flame.swaptest.Outcome
+    table : DataFrame
+        From `lf_flame.swaptest.tabulate`.
+    out : Path
+
+    Returns
+    -------
+    Path
+        ``swap_test.md``.
+    """
+    for number, outcome in enumerate(outcomes):
+        name = "_".join(re.findall(r"\w+", outcome.case.name))
+        picture = case_figure(config, systems, outcome)
+        figures.save(picture, out / f"swap_test_{number}_{name}.png")
+    figures.save(score_figure(table, config.kind), out / "swap_test.png")
+    write_json(
+        out / "swap_test.json",
+        {
+            "config": to_json(config),
+            "slopes": list(slopes),
+            "cases": [vars(outcome.case) for outcome in outcomes],
+            "samples": len(outcomes[0].truth),
+            "systems": {system.name: system.title for system in systems},
+            "runs": {system.name: system.about for system in systems if system.about},
+            **provenance.environment(),
+        },
+    )
+    write_text(out / "swap_test.csv", table.round(5).to_csv(index=False))
+    write_text(out / "swap_test.md", text(config, systems, outcomes, table))
+    return out / "swap_test.md"
+
+
+def text(config, systems: Sequence, outcomes: Sequence, table: pd.DataFrame) -> str:
+    """Put the table, and what it means, into Markdown."""
+    cases = [outcome.case for outcome in outcomes]
+    titles = {system.name: system.title for system in systems}
+    means = table[table.depth_mm.isna()].assign(system=lambda rows: rows.system.map(titles))
+    lines = [
+        f"# Swap test: {config.kind}",
+        f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, which is right "
+        f"by construction; mean of {len(config.depths_mm)} planes and {len(outcomes[0].truth)} "
+        f"scenes that no network was trained on. Behind it the share that a system draws by heart: "
+        f"0 % what is there, 100 % what stood there in training.",
+        _pivot(means, cases),
+        "SSIM:",
+        _pivot(means, cases, "ssim"),
+        "\n".join(
+            f"- {case.name}: "
+            + ", ".join(
+                f"{config.template.objects[k].name} at {case.depths_mm[k]:g} mm"
+                for k in case.present
+            )
+            for case in cases
+        ),
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
+def _pivot(means: pd.DataFrame, cases: Sequence, measure: str = "psnr_db") -> str:
+    form = "{:.2f}" if measure == "psnr_db" else "{:.3f}"
+    cells = [
+        form.format(value)
+        + (f" ({share:.0%})" if measure == "psnr_db" and not math.isnan(share) else "")
+        for value, share in zip(means[measure], means.by_heart, strict=True)
+    ]
+    shown = means.assign(cell=cells).pivot(index="system", columns="case", values="cell")
+    shown = shown.loc[means.system.unique(), [case.name for case in cases]]
+    sides = ("left", *["right"] * len(cases))
+    return shown.to_markdown(disable_numparse=True, colalign=sides)
+
+
+def score_figure(table: pd.DataFrame, kind: str):
+    """Draw PSNR and the share known by heart: one group a case, one mark a system.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    means = table[table.depth_mm.isna()]
+    cases, systems = means.case.unique()[::-1], means.system.unique()
+    figure, axes = plt.subplots(
+        1, 2, figsize=(12, 1.8 + 0.13 * len(cases) * (len(systems) + 2)), sharey=True,
+        layout="constrained",
+    )  # fmt: skip
+    places = np.linspace(0.35, -0.35, len(systems))
+    for axis, measure in zip(axes, ("psnr_db", "by_heart"), strict=True):
+        for k, (system, place) in enumerate(zip(systems, places, strict=True)):
+            rows = means[means.system == system].set_index("case").loc[cases]
+            marker = "s" if system.startswith("shift-and-sum") else "o"
+            color = "0.45" if marker == "s" else f"C{k % 10}"
+            face = "white" if k % 2 and marker == "s" else color
+            axis.plot(
+                rows[measure], np.arange(len(cases)) + place, marker, color=color,
+                markerfacecolor=face, markersize=6, label=system,
+            )  # fmt: skip
+        for edge in range(1, len(cases)):
+            axis.axhline(edge - 0.5, color="0.8", lw=0.8)
+        axis.set_yticks(range(len(cases)), cases)
+        axis.grid(axis="x", alpha=0.3)
+    axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
+    axes[1].set_xlabel("share known by heart: 0 draws what is there, 1 what it has learnt")
+    for x in (0, 1):
+        axes[1].axvline(x, color="black", ls="--", lw=1)
+    figure.suptitle(f"Swap test ({kind}): objects that stand otherwise than in training")
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside lower center")
+    return figure
+
+
+def case_figure(config, systems: Sequence, outcome):
+    """Draw the first scene of a case: the truth, what each system makes of it, what was learnt.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
+    rows |= {system.name: outcome.drawn[system.name][0] for system in systems}
+    if outcome.learnt is not outcome.truth:
+        rows["by heart: as it stood in training"] = outcome.learnt[0]
+    planes, height, width = outcome.truth[0].shape
+    figure, axes = plt.subplots(
+        len(rows), planes, figsize=(2.9 * planes, 0.8 + 2.95 * height / width * len(rows)),
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for line, (label, images) in zip(axes, rows.items(), strict=True):
+        for axis, image, depth in zip(line, images, config.depths_mm, strict=True):
+            axis.imshow(image, cmap="gray", vmin=0, vmax=1)
+            axis.set(xticks=[], yticks=[])
+            if line is axes[0]:
+                axis.set_title(f"refocused at {depth:g} mm", fontsize=10)
+        line[0].set_ylabel(fill(label, 18), fontsize=9, rotation=0, ha="right", va="center")
+    where = ", ".join(
+        f"{config.template.objects[k].name} at {outcome.case.depths_mm[k]:g}"
+        for k in outcome.case.present
+    )
+    figure.suptitle(f"{outcome.case.name}: {where} mm", fontsize=11)
+    return figure

@@ -1,0 +1,152 @@
+"""The swap test: its scenes, its measure, and what it says of networks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from lf_flame import InputError, cli, render
+from lf_flame.config import build
+from lf_flame.datasets import config_from_json, make_dataset
+from lf_flame.encodings import InputEncoding
+from lf_flame.swaptest import by_heart, make_cases, run_swap_test
+from lf_flame.training import TrainingConfig, train
+
+DATA = {
+    "kind": "shapes",
+    "seed": 5,
+    "image": [40, 64],
+    "samples": {"smoke": 24},
+    "camera": {
+        "main_lens_focal_mm": 150.0,
+        "focus_distance_mm": 326.0,
+        "lenslet_focal_mm": 2.0,
+        "lenslet_pitch_mm": 0.56,
+        "views": 5,
+        "lenslets": [40, 64],
+    },
+    "template": {
+        "position_mm": 0.4,
+        "size": 0.08,
+        "brightness": [0.85, 1.0],
+        "objects": [
+            {"shape": "square", "depth_mm": 40.0, "size_mm": [9, 9], "centre_mm": [0.0, -12.0]},
+            {"shape": "circle", "depth_mm": -40.0, "size_mm": [9, 9], "centre_mm": [0.0, 12.0]},
+        ],
+    },
+}
+TRAINING = {
+    "title": "test",
+    "seed": 1,
+    "split": [0.75, 0.125, 0.125],
+    "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+    "presets": {
+        "smoke": {
+            "epochs": 1,
+            "learning_rate": 1e-9,
+            "neck": "positions",
+            "warm_start": True,
+            "dropout_place": "none",
+        }
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def config():
+    return config_from_json(DATA, "here")
+
+
+@pytest.fixture(scope="module")
+def runs(config, tmp_path_factory):
+    """Two small networks, shown the raw image and three views."""
+    folder = tmp_path_factory.mktemp("runs")
+    training = build(TrainingConfig, TRAINING, "here")
+    for kind in ("raw", "views"):
+        make_dataset(replace(config, input=InputEncoding(kind)), 24, folder / f"{kind}.zarr")
+        train(training, "smoke", folder / f"{kind}.zarr", folder / kind, show=False)
+    return [folder / "raw", folder / "views"]
+
+
+def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):
+    scene, _ = config.template.draw(None)
+    before = render(scene, config.camera).views
+    for case in make_cases(config)[1:4]:
+        placed = case.place(scene, config)
+        assert [layer.depth_mm for layer in placed.layers] == list(case.depths_mm)
+        after = render(placed, config.camera).views
+        middle, corner = (np.abs(after[k, k] - before[k, k]).mean() for k in (2, 0))
+        assert middle < 0.3 * corner  # defocus within a view is all that differs in the middle
+
+
+def test_the_cases_exchange_move_and_leave_out(config):
+    own, exchanged, turned, moved, alone = make_cases(config)
+    assert own.depths_mm == (40.0, -40.0)
+    assert exchanged.depths_mm == turned.depths_mm == (-40.0, 40.0)
+    assert moved.depths_mm == (0.0, -80.0)
+    assert alone.present == (0,)
+
+
+def test_one_object_cannot_change_places(config):
+    one = replace(config, template=replace(config.template, objects=config.template.objects[:1]))
+    with pytest.raises(InputError, match="at least two objects, shapes has 1"):
+        make_cases(one)
+
+
+def test_by_heart_lies_between_what_is_there_and_what_was_learnt(rng):
+    truth, learnt, noise = rng.uniform(size=(3, 2, 2, 8, 8))
+    assert by_heart(truth, truth, learnt) == 0
+    assert by_heart(learnt, truth, learnt) == pytest.approx(1)
+    assert by_heart(0.75 * truth + 0.25 * learnt, truth, learnt) == pytest.approx(0.25)
+    assert np.isnan(by_heart(noise, truth, truth))
+
+
+def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
+    result = CliRunner().invoke(
+        cli.commands, ["swap-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
+    )
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "swap_test.csv")
+    means = table[table.depth_mm.isna()].set_index(["case", "system"])
+    raw = means.xs("raw", level="system")
+    assert raw.psnr_db["as trained"] > raw.psnr_db["order reversed"] + 5
+    assert raw.by_heart["order reversed"] > 0.7
+    assert raw.by_heart[["as trained"]].isna().all()
+    views = means.xs("shift-and-sum of 9 views", level="system")
+    assert views.by_heart.dropna().abs().max() < 0.2
+    assert (views.psnr_db > 25).all()
+    record = json.loads((tmp_path / "swap_test.json").read_text())
+    assert set(record["runs"]) == {"raw", "views"}
+    assert record["samples"] == 3
+    pictures = sorted(path.name for path in tmp_path.glob("swap_test_*.png"))
+    assert [name.partition("_test_")[2][0] for name in pictures] == list("01234")
+    assert "order reversed" in result.output
+
+
+def test_networks_of_other_scenes_are_not_compared(config, runs, tmp_path):
+    other = replace(config, camera=replace(config.camera, views=3))
+    make_dataset(other, 24, tmp_path / "other.zarr")
+    training = build(TrainingConfig, TRAINING, "here")
+    train(training, "smoke", tmp_path / "other.zarr", tmp_path / "other", show=False)
+    with pytest.raises(InputError, match="trained on other scenes"):
+        run_swap_test([runs[0], tmp_path / "other"], tmp_path / "out", 1)
+
+
+def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
+    with pytest.raises(InputError, match="at least 1 scene for each case, got 0"):
+        run_swap_test(runs, tmp_path / "out", 0)
+    with pytest.raises(InputError, match="no finished run"):
+        run_swap_test([tmp_path], tmp_path / "out", 1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_picture_is_no_input_for_a_network_of_views(runs, tmp_path):
+    np.save(tmp_path / "picture.npy", np.zeros((40, 64), np.float32))
+    result = CliRunner().invoke(
+        cli.commands, ["predict", str(tmp_path / "picture.npy"), "--model", str(runs[1])]
+    )
+    assert isinstance(result.exception, InputError)
+    assert "only networks of input kind 'raw' can refocus a picture" in str(result.exception)
