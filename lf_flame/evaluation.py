@@ -1,5 +1,6 @@
 """SSIM and PSNR of a trained model on its test split, and the tables made of them."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,19 @@ def ssim(truth: np.ndarray, image: np.ndarray) -> float:
     return structural_similarity(
         truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
     )
+
+
+def _uniform_ssim(side: int):
+    """SSIM in a square window of equal weights, scikit-image's other constants."""
+    return partial(structural_similarity, data_range=1.0, win_size=side)
+
+
+WINDOWS = {
+    "Gaussian, 1.5 pixels (the table's)": ssim,
+    "7 x 7, scikit-image's default": _uniform_ssim(7),
+    "11 x 11": _uniform_ssim(11),
+}
+"""Windows of the structural similarity."""
 
 
 def psnr(truth: np.ndarray, image: np.ndarray) -> float:
@@ -151,6 +165,35 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
     return table[COLUMNS]
 
 
+def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
+    """Score SSIM by other windows than the table's: the paper does not state its own.
+
+    Parameters
+    ----------
+    targets, predictions : ndarray, shape (n, planes, h, w)
+
+    Returns
+    -------
+    DataFrame
+        One row a window, one column a plane: the mean over the samples.
+    """
+    pairs = list(zip(targets, predictions, strict=True))
+    rows = {
+        window: np.mean(
+            [[measure(a, b) for a, b in zip(*pair, strict=True)] for pair in pairs], axis=0
+        )
+        for window, measure in WINDOWS.items()
+    }
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def windows_markdown(windows: pd.DataFrame, depths_mm: list[float]) -> str:
+    """One row a window; the mean SSIM for each depth."""
+    shown = windows.map("{:.4f}".format).set_axis([f"{z:g} mm" for z in depths_mm], axis=1)
+    lines = shown.to_markdown(disable_numparse=True, stralign="right")
+    return f"SSIM of the same images by other windows:\n\n{lines}\n"
+
+
 def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
     """Score what needs no network: the mean training image, and the input image as it is.
 
@@ -233,7 +276,13 @@ def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
 
 
 def write_table(
-    table: pd.DataFrame, baselines: pd.DataFrame, paper: dict, run: dict, name: str, out: Path
+    table: pd.DataFrame,
+    baselines: pd.DataFrame,
+    windows: pd.DataFrame,
+    paper: dict,
+    run: dict,
+    name: str,
+    out: Path,
 ) -> None:
     """Write ``NAME.json``, ``NAME.md`` and, last because make looks at it, ``NAME.csv``."""
     evaluation = provenance.environment()
@@ -244,13 +293,17 @@ def write_table(
         "model": model,
         "table": table.to_dict("records"),
         "baselines": baselines.to_dict("records"),
+        "ssim_by_window": {window: list(row) for window, row in windows.T.items()},
         "paper": paper["source"],
         "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
     }
     write_json(out / f"{name}.json", record)
-    write_text(
-        out / f"{name}.md", f"{table_markdown(table, paper, run)}\n{baselines_markdown(baselines)}"
-    )
+    parts = [
+        table_markdown(table, paper, run),
+        baselines_markdown(baselines),
+        windows_markdown(windows, paper["depth_mm"]),
+    ]
+    write_text(out / f"{name}.md", "\n".join(parts))
     write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
 
 

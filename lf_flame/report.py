@@ -112,4 +112,5 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     train = evaluation.training_indices(len(dataset), record)
     baselines = evaluation.score_baselines(dataset, train, indices)
     write_text(out / f"{table}_history.csv", (run / "history.csv").read_text(encoding="utf-8"))
-    evaluation.write_table(scores, baselines, paper, record, table, out)
+    windows = evaluation.score_windows(targets, predictions)
+    evaluation.write_table(scores, baselines, windows, paper, record, table, out)

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from skimage.metrics import structural_similarity
 
 from lf_flame import InputError
 from lf_flame.evaluation import (
@@ -14,8 +15,10 @@ from lf_flame.evaluation import (
     psnr_lit,
     read_tables,
     score,
+    score_windows,
     ssim,
     table_markdown,
+    windows_markdown,
     write_table,
 )
 from lf_flame.paper import read_paper_values
@@ -107,7 +110,8 @@ def test_records_of_equal_images_are_json(rng, tmp_path):
     predictions[:, 1:] *= 0.9
     scores = score(targets, predictions)
     baselines = scores.assign(baseline="the same", depth_mm=paper["depth_mm"])
-    write_table(compare_with_paper(scores, paper), baselines, paper, RUN, "table1", tmp_path)
+    table, windows = compare_with_paper(scores, paper), score_windows(targets, predictions)
+    write_table(table, baselines, windows, paper, RUN, "table1", tmp_path)
 
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
@@ -119,6 +123,19 @@ def test_records_of_equal_images_are_json(rng, tmp_path):
     kept = pd.read_csv(tmp_path / "table1.csv")
     assert list(kept.columns) == COLUMNS
     assert list(np.isinf(kept.psnr_db)) == [True, False, False, False]
+
+
+def test_ssim_by_window_starts_with_the_tables(rng):
+    targets = rng.uniform(size=(3, 2, 16, 20))
+    predictions = targets + 0.2 * rng.uniform(size=targets.shape)
+    windows = score_windows(targets, predictions)
+    np.testing.assert_allclose(windows.iloc[0], score(targets, predictions).ssim)
+    expected = structural_similarity(targets[1, 0], predictions[1, 0], data_range=1.0)  # 7 x 7
+    alone = score_windows(targets[1:2, :1], predictions[1:2, :1])
+    assert alone.loc["7 x 7, scikit-image's default", 0] == expected
+    text = windows_markdown(windows, [20.0, -10.0])
+    assert "-10 mm" in text
+    assert f"{windows.iloc[2, 1]:.4f}" in text
 
 
 def test_a_missing_run_shows_as_missing(tmp_path):
