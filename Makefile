@@ -29,7 +29,7 @@ INSTALLED := $(VENV)/installed
 OPPONENTS := .venv-opponents
 
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: variation ablations learning-costs test test-jit-off lint clean
+.PHONY: variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -66,15 +66,22 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
-costs: | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (10 minutes)
+costs: learning-costs | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (half an hour)
 	$(LF) costs --out experiments/results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.
+STUDY = $(LF) study experiments/studies/$*.toml --work runs/studies \
+        $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
+pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
+encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
+	$(LF) swap-test runs/studies/encodings_flames/* --out experiments/results/swap_test
+learning-costs: STUDY_OUT = experiments/results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
+STUDY_OUT = experiments/results/studies
 %.study: | $(INSTALLED)
-	$(LF) study experiments/studies/$*.toml --out experiments/results/studies --work runs/studies
+	$(STUDY) --out $(STUDY_OUT)
 
 benchmarks: | $(INSTALLED)  ## measure speed against opponents, on an idle machine (see opponents)
 	$(BIN)/python experiments/benchmarks/speed.py --out experiments/results/benchmarks

@@ -21,6 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lf_flame import studies_report
+from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.bottleneck import principal_component_bound
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.datasets import DatasetConfig, config_from_json, make_dataset, split_indices
@@ -188,8 +189,14 @@ class Trial:
         return found if found.get("asked") == self.asked else None
 
 
-def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
+def read_study(path: str | Path, imagenet: Path | None = None) -> tuple[Study, list[Trial]]:
     """Read a study file and build the configurations of all its variants.
+
+    Parameters
+    ----------
+    path : str or Path
+    imagenet : Path, optional
+        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
 
     Raises
     ------
@@ -200,12 +207,14 @@ def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     data, training = read_toml(study.data), read_toml(study.training)
     build(TrainingConfig, training, study.training)
     return study, [
-        _build_trial(study, variant, data, training, f"{path}: variant {variant.name!r}")
+        _build_trial(study, variant, data, training, imagenet, f"{path}: variant {variant.name!r}")
         for variant in study.variants
     ]
 
 
-def _build_trial(study: Study, variant: Variant, data: dict, training: dict, source: str) -> Trial:
+def _build_trial(
+    study: Study, variant: Variant, data: dict, training: dict, imagenet: Path | None, source: str
+) -> Trial:
     preset = variant.preset or study.preset
     recipe = training["presets"].get(preset)
     if recipe is None:
@@ -214,7 +223,10 @@ def _build_trial(study: Study, variant: Variant, data: dict, training: dict, sou
     values = {"data": data, "model": training.get("model", {}), "recipe": recipe}
     for changes in (study.common, variant):
         values = _merge(values, {name: getattr(changes, name) for name in values})
-    parts = {"model": values["model"], "presets": {preset: values["recipe"]}}
+    model, recipe = values["model"], {**values["recipe"], "without_imagenet": "stop"}
+    if imagenet is not None and model.get("backbone_weights", "imagenet") == "imagenet":
+        model = {**model, "backbone_weights": str(imagenet)}
+    parts = {"model": model, "presets": {preset: recipe}}
     config = build(TrainingConfig, {**training, **parts}, source)
     config, test = _with_training_samples(config, study.samples, variant, source)
     samples = {"study": study.samples}
@@ -261,8 +273,11 @@ def run_study(
     only: Collection[str] = (),
     workers: int = 1,
     progress: Callable | None = None,
+    imagenet: Path | None = None,
 ) -> Path:
     """Train and score the variants of a study that are not yet done; report after each.
+
+    Variants whose ImageNet weights cannot be had are left out, and show as missing.
 
     Parameters
     ----------
@@ -278,6 +293,8 @@ def run_study(
         Names of variants to run; the others are reported if they are done. Default: all.
     workers, progress
         See `lf_flame.datasets.make_dataset`.
+    imagenet : Path, optional
+        See `read_study`.
 
     Returns
     -------
@@ -290,7 +307,7 @@ def run_study(
         If a file cannot be used, there is no variant of that name, or its folder holds a run of
         another configuration.
     """
-    study, trials = read_study(path)
+    study, trials = read_study(path, imagenet)
     names = [trial.variant.name for trial in trials]
     for name in only:
         if name not in names:
@@ -303,7 +320,10 @@ def run_study(
     for number, trial in enumerate(trials, 1):
         if trial.variant.name in (only or names) and trial.read_score(runs) is None:
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
-            run_trial(trial, runs, Path(work) / "data", workers, progress)
+            try:
+                run_trial(trial, runs, Path(work) / "data", workers, progress)
+            except ImagenetUnavailable as error:
+                tqdm.write(f"Left out: {error}")
             report()
     return report()
 

@@ -92,7 +92,7 @@ def tabulate(variants: Sequence, scores: Sequence[dict | None]) -> pd.DataFrame:
         rows += [{**about, **plane} for plane in found["planes"]]
         means = pd.DataFrame(found["planes"], columns=MEASURES, dtype=float).mean()
         rows.append({**about, "object": MEAN, **means})
-    return pd.DataFrame(rows, columns=COLUMNS)
+    return pd.DataFrame(rows, columns=COLUMNS).astype(dict.fromkeys(RUN, float))
 
 
 def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -> pd.DataFrame:

@@ -19,8 +19,13 @@ from lf_flame.light_field_commands import FILE, FOLDER
 @click.option("--work", type=FOLDER, required=True, help="Folder for data sets and runs.")
 @click.option("--only", multiple=True, metavar="NAME", help="Variant to run; may be repeated.")
 @click.option("--workers", default=0, show_default=True, help="Simulation; 0 = one per core.")
+@click.option(
+    "--imagenet", type=FILE, help="Weights where a variant asks for ImageNet's (default: Keras's)."
+)
 @click.option("--paper", type=FILE, default="experiments/paper_values.toml", show_default=True)
-def study(study: Path, out: Path, work: Path, only: tuple[str, ...], workers: int, paper) -> None:
+def study(
+    study: Path, out: Path, work: Path, only: tuple[str, ...], workers: int, imagenet, paper
+) -> None:
     """Train the variants of a STUDY file, and set their scores side by side.
 
     A variant changes a data set, a model or a recipe; experiments/studies/ shows how. Each is
@@ -39,7 +44,8 @@ def study(study: Path, out: Path, work: Path, only: tuple[str, ...], workers: in
     from lf_flame.report import progress_bar
     from lf_flame.studies import run_study
 
-    text = run_study(study, out, work, paper, only, workers or cpu_count(), progress_bar)
+    workers = workers or cpu_count()
+    text = run_study(study, out, work, paper, only, workers, progress_bar, imagenet)
     click.echo(text.read_text(encoding="utf-8"))
 
 

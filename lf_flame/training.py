@@ -159,7 +159,7 @@ def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
         model = build_refocus_resnet50(tuple(image), planes, **options)
     except ImagenetUnavailable as error:
         if recipe.without_imagenet == "stop":
-            raise InputError(
+            raise ImagenetUnavailable(
                 f"{error} This preset does not choose for you: "
                 f"say BACKBONE_WEIGHTS=random or BACKBONE_WEIGHTS=FILE "
                 f"(--backbone-weights without make)."

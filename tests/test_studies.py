@@ -7,10 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from lf_flame import InputError
+from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.bottleneck import principal_component_bound, project
 from lf_flame.cli import commands
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.evaluation import load_run, predict_test_split, score, training_indices
+from lf_flame.models import build_refocus_resnet50
 from lf_flame.studies import read_study, run_study
 from lf_flame.studies_report import COLUMNS, find_crossing
 
@@ -240,6 +242,38 @@ def test_impossible_studies_are_refused(folder, old, new, message):
     path = write(folder, "", text.replace(old, new))
     with pytest.raises(InputError, match=message.replace("...", r"\.\.\.")):
         read_study(path)
+
+
+IMAGENET = """
+[[variants]]
+name = "pre-trained"
+model = { backbone_weights = "imagenet" }
+[[variants]]
+name = "random"
+"""
+
+
+def test_variants_without_their_imagenet_weights_show_as_missing(folder, monkeypatch, capsys):
+    def build(*args, backbone_weights, **options):
+        if backbone_weights == "imagenet":
+            raise ImagenetUnavailable("The ImageNet weights are far away;")
+        return build_refocus_resnet50(*args, backbone_weights=backbone_weights, **options)
+
+    monkeypatch.setattr("lf_flame.training.build_refocus_resnet50", build)
+    path = write(folder, IMAGENET, STUDY.replace("batch_size = 3", "epochs = 1"))
+    text = run(path).read_text()
+    rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
+    assert "missing" in rows["pre-trained"]
+    assert "missing" not in rows["random"]
+    assert "Left out: The ImageNet weights are far away;" in capsys.readouterr().out
+
+
+def test_a_file_may_stand_in_for_keras_imagenet_weights(folder):
+    path = write(folder, IMAGENET)
+    _, trials = read_study(path, Path("weights.npz"))
+    assert [trial.training.model.backbone_weights for trial in trials] == ["weights.npz", "random"]
+    _, trials = read_study(path)
+    assert [trial.training.model.backbone_weights for trial in trials] == ["imagenet", "random"]
 
 
 def test_an_unknown_variant_is_named(folder):
