@@ -29,7 +29,7 @@ INSTALLED := $(VENV)/installed
 OPPONENTS := .venv-opponents
 
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: variation ablations learning-costs test test-jit-off lint clean
+.PHONY: latency variation ablations learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -68,6 +68,9 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 
 costs: | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (10 minutes)
 	$(LF) costs --out experiments/results/costs
+
+latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture, on an idle machine
+	$(LF) latency $(RUNS)/shapes $(RUNS)/flames --out $(RESULTS)
 
 # Each study goes on where it was cut off; what is done is not done again.
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
