@@ -29,7 +29,7 @@ INSTALLED := $(VENV)/installed
 OPPONENTS := .venv-opponents
 
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: variation ablations pretraining encodings learning-costs test test-jit-off lint clean
+.PHONY: latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -66,8 +66,11 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
-costs: learning-costs | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine (half an hour)
+costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine
 	$(LF) costs --out experiments/results/costs
+
+latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
+	$(LF) latency $(RUNS)/shapes $(RUNS)/flames --out experiments/results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.
 STUDY = $(LF) study experiments/studies/$*.toml --work runs/studies \

@@ -13,7 +13,7 @@ from lf_flame import __version__
 from lf_flame.errors import InputError
 from lf_flame.keras_loading import load_keras
 from lf_flame.light_field_commands import FILE, FOLDER, convert, refocus
-from lf_flame.model_commands import export, predict
+from lf_flame.model_commands import export, latency, predict
 from lf_flame.study_commands import study, swap_test
 
 PAPER = NEW_FILE = click.Path(dir_okay=False, path_type=Path)
@@ -301,6 +301,7 @@ commands.add_command(refocus)
 commands.add_command(convert)
 commands.add_command(export)
 commands.add_command(predict)
+commands.add_command(latency)
 commands.add_command(study)
 commands.add_command(swap_test)
 

@@ -1,8 +1,9 @@
-"""The commands of `lf-flame` that use a trained network: export and predict.
+"""The commands of `lf-flame` that use a trained network: export, predict and latency.
 
 As in `lf_flame.cli`, heavy modules are imported inside the commands.
 """
 
+import logging
 from pathlib import Path
 
 import click
@@ -83,6 +84,43 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):
         prediction.write(card, folder)
         click.echo(f"{prediction.seen.source}: refocused in {prediction.ms:.0f} ms, in {folder}")
+
+
+@click.command()
+@click.argument("networks", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+@click.option("--repeats", default=30, show_default=True, help="Rounds that count; 3 or more.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the random raw image.")
+def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
+    """Time trained NETWORKS on one picture; run it on a machine that does nothing else.
+
+    A NETWORK is a run folder, or a .keras file that `lf-flame export` wrote. The clock runs from a
+    raw lenslet image in memory, of the size of the network's camera, to the refocused images:
+    stage by stage (resize, backbone, decoder) and in one go, at batch 1.
+
+    Each network is timed in float32, bfloat16 and float16, and with its dense layers in int8 (Keras
+    has no convolutions in int8), compiled by each compiler that the backend has. Fewer bits cost
+    accuracy: beside each time stands how far the images are from float32's (PSNR in dB, higher is
+    closer), and from the truth where a run folder names its test split. What this machine cannot do
+    shows as missing, with the reason. Fewer bits need not be faster: that takes a processor, and a
+    library, with arithmetic for them.
+
+    The floor is the time to read weights and raw image once, at the bandwidth measured meanwhile.
+
+    OUT gets latency.csv, .md, .png and .json, the record.
+
+    \b
+      lf-flame latency runs/quick/flames --out latency
+      lf-flame latency flames.keras runs/quick/shapes --out latency --repeats 100
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    # TensorFlow finds it odd that network after network is compiled.
+    logging.getLogger("tensorflow").setLevel(logging.ERROR)
+    from lf_flame.latency import measure_latency
+    from lf_flame.report import step_bar
+
+    measure_latency(networks, out, repeats, seed, step_bar)
+    click.echo((out / "latency.md").read_text(encoding="utf-8"))
 
 
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:

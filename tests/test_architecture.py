@@ -25,6 +25,7 @@ LAYERS = [
     {"refocus_costs", "refocus_costs_report"},
     {"studies", "studies_report", "swaptest", "swaptest_report"},
     {"network", "prediction"},
+    {"latency", "latency_report"},
     {"light_field_commands", "model_commands", "study_commands"},
     {"cli"},
 ]

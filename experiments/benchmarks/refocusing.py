@@ -24,10 +24,10 @@ from pathlib import Path
 import numba
 import numpy as np
 import pandas as pd
-from numba import njit, prange
 from scipy import ndimage
 from timing import best_times, seconds, write_table
 
+from lf_flame._kernels import sum_rows
 from lf_flame.footprint import centred
 from lf_flame.provenance import environment
 from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
@@ -40,30 +40,14 @@ ROUNDS = 5
 TURN_S = 0.05
 """A call that takes less is repeated for so long in its turn."""
 
-LANES = 64
-"""Sums side by side: enough that memory, not the latency of an addition, sets the speed."""
-
 COLUMNS = ["what", "opponent", "threads", "ours ms", "opponent ms", "ratio", "wanted",
            "largest difference", "remarks"]  # fmt: skip
-
-
-@njit(parallel=True, cache=True)
-def sum_views(views, sums):
-    """Sum each of the views [view, pixel] in float32: what reading them once costs."""
-    for k in prange(views.shape[0]):
-        lanes = np.zeros(LANES, np.float32)
-        view = views[k]
-        whole = view.size // LANES * LANES
-        for i in range(0, whole, LANES):
-            for j in range(LANES):
-                lanes[j] += view[i + j]
-        sums[k] = lanes.sum() + view[whole:].sum()
 
 
 def read_once(views, slopes):
     """Sum all pixels; the same for any number of slopes."""
     sums = np.empty(views.shape[0] * views.shape[1], np.float32)
-    sum_views(views.reshape(sums.size, -1), sums)
+    sum_rows(views.reshape(sums.size, -1), sums)
     return sums.sum(dtype=np.float64)
 
 
