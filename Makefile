@@ -60,7 +60,7 @@ $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(INSTALLED
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 
 tables: $(RESULTS)/table1.csv $(RESULTS)/table2.csv $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8
-	@$(LF) tables $(RESULTS) $(OTHERS)
+	@$(LF) tables $(RESULTS) $(OTHERS) --out $(RESULTS)/tables.md
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml

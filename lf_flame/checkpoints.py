@@ -24,7 +24,8 @@ class Checkpoint:
     Parameters
     ----------
     history : list of dict
-        One row an epoch, from 0, the start; with "epoch", "loss", "val_loss" and "seconds".
+        One row an epoch, from 0, the start; with "epoch", "loss", "val_loss" and "seconds"
+        (of epoch 0: since the run was started).
     best : list of ndarray
         Weights of the epoch with the lowest validation loss.
     state : list of ndarray

@@ -284,7 +284,9 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
 @click.argument("results", type=FOLDER, nargs=-1, required=True)
 @click.option("--paper", type=PAPER, default="experiments/paper_values.toml", show_default=True)
 @click.option(
-    "--out", type=NEW_FILE, help="Keep this in an .md file, its numbers in a .csv beside."
+    "--out",
+    type=NEW_FILE,
+    help="Keep this in an .md file; numbers in a .csv, the learning in a .png beside.",
 )
 def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     """Print Tables I and II of RESULTS folders; a run that is missing shows as missing.
@@ -292,9 +294,9 @@ def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     Several folders are set side by side; runs of one recipe that differ in their seed alone are
     pooled into mean and standard deviation over the seeds.
     """
-    from lf_flame.comparison import report_tables
+    from lf_flame.report import compare_runs
 
-    click.echo(report_tables(results, paper, out))
+    click.echo(compare_runs(results, paper, out))
 
 
 commands.add_command(refocus)

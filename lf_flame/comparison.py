@@ -200,6 +200,23 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     return text
 
 
+def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame]:
+    """Read how the runs behind a table learnt, those that are there.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        By run: the columns of a run's ``history.csv``, ``seconds`` counted since its start.
+    """
+    histories = {}
+    for folder, run in zip(folders, _short_names(folders), strict=True):
+        path = folder / f"{name}_history.csv"
+        if path.exists():
+            history = pd.read_csv(path)
+            histories[run] = history.assign(seconds=history.seconds.cumsum())
+    return histories
+
+
 def _short_names(folders: Sequence[Path]) -> list[str]:
     names = [folder.resolve().name for folder in folders]
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]

@@ -420,7 +420,8 @@ class Dataset:
     @cached_property
     def inputs(self) -> np.ndarray:
         """Network inputs, shape (n, height, width, channels), float32 in [0, 1]."""
-        return self._read("input")
+        # Older data sets hold them without an axis of channels.
+        return self._read("input").reshape(-1, *self.config.input.shape(self.config.image))
 
     @cached_property
     def targets(self) -> np.ndarray:

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.font_manager import FontProperties  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.ticker import LogFormatter  # noqa: E402
 
 from lf_flame.files import written_aside  # noqa: E402
 
@@ -171,6 +172,53 @@ def _draw_searches(axis, searches, labels) -> None:
 def _shown(slope: float, digits: int) -> str:
     """Write a slope out, without a minus before zero."""
     return f"{round(slope, digits) + 0.0:.{digits}f}"
+
+
+def draw_learning(axis, curves: dict) -> None:
+    """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+    curves : dict of str to DataFrame
+        By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
+    """
+    for k, (label, curve) in enumerate(curves.items()):
+        axis.plot(curve.seconds, curve.val_psnr_db, ".-", color=f"C{k}", markersize=3, label=label)
+        best = curve.loc[curve.val_psnr_db.idxmax()]
+        axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(LogFormatter())
+    axis.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
+    axis.set_xlabel("seconds since the run was started, the data set on disk")
+    axis.set_ylabel("PSNR of the validation split (dB)")
+    axis.grid(alpha=0.3, which="both")
+
+
+def learning_figure(panels: dict, printed: dict):
+    """Draw how runs learnt, one panel a data set.
+
+    Parameters
+    ----------
+    panels : dict of str to dict of str to DataFrame
+        By title, see `draw_learning`.
+    printed : dict of str to sequence of float
+        PSNR that the paper prints for each plane, by title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = plt.subplots(
+        1, len(panels), figsize=(6.5 * len(panels), 5.5), squeeze=False, layout="constrained"
+    )
+    for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
+        low, high = min(printed[title]), max(printed[title])
+        axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
+        draw_learning(axis, curves)
+        axis.set_title(title, fontsize=11)
+        axis.legend(fontsize=9, loc="lower right")
+    return figure
 
 
 def view_sheet(views: np.ndarray, per_side: int = 5):

@@ -1,7 +1,7 @@
 """What the program prints and writes: reports put together from the parts of the package."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -87,6 +87,30 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
         write_json(out / "slopes.json", {"data_sets": records, **provenance.environment()})
         write_text(out / "slopes.md", text)
         write_text(out / "slopes.csv", table.to_csv(index=False))
+    return text
+
+
+def compare_runs(folders: Sequence[Path], paper_values: Path, out: Path | None) -> str:
+    """Set the tables of results folders side by side; with `out`, keep them and draw the learning.
+
+    Parameters
+    ----------
+    folders, paper_values, out
+        See `lf_flame.comparison.report_tables`. Beside `out`, NAME.md, goes NAME.png: validation
+        PSNR against seconds.
+    """
+    from lf_flame import comparison
+
+    text = comparison.report_tables(folders, paper_values, out)
+    if out is not None:
+        from lf_flame import figures
+
+        panels, printed = {}, {}
+        for name in comparison.TABLES:
+            paper = read_paper_values(paper_values, name)
+            panels[paper["title"]] = comparison.read_histories(folders, name)
+            printed[paper["title"]] = paper["psnr_db"]
+        figures.save(figures.learning_figure(panels, printed), out.with_suffix(".png"))
     return text
 
 

@@ -344,7 +344,6 @@ def run_trial(
     dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
     if not dataset.exists():
         make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)
-    begun = (folder / "config.json").exists()
     keras.utils.clear_session()  # frees the networks of the variants before
     train(trial.training, trial.preset, dataset, folder)
     run = load_run(folder)
@@ -355,9 +354,7 @@ def run_trial(
             "planes": _score_planes(trial, folder, run),
             "test_samples": len(trial.test),
             "training_samples": run["parts"]["train"],
-            **{name: run[name] for name in ("epochs", "best_epoch", "train_s")},
-            # All but the epochs: reading, backbone, start, saving. Unknown behind a cut.
-            "start_s": None if begun else round(run["wall_s"] - run["train_s"], 2),
+            **{name: run[name] for name in ("epochs", "best_epoch", "start_s", "train_s")},
             **{name: run[name] for name in PROVENANCE},
         },
     )

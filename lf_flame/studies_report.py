@@ -8,7 +8,6 @@ from textwrap import fill
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import LogFormatter
 
 from lf_flame import figures, provenance
 from lf_flame.config import to_json
@@ -99,7 +98,7 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     """Read validation PSNR of each epoch and the seconds since the run was started.
 
     The seconds begin with the data set on disk: they hold the backbone's features and the start of
-    the decoder. Where a run was cut and its start is not known, they are those of the epochs.
+    the decoder.
 
     Returns
     -------
@@ -110,7 +109,7 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     for variant, found in zip(variants, scores, strict=True):
         if found is not None:
             history = pd.read_csv(runs / variant.folder / "history.csv")
-            seconds = (found["start_s"] or 0.0) + history["seconds"].cumsum()
+            seconds = history["seconds"].cumsum()
             curves.append(history.assign(variant=variant.name, seconds=seconds)[curves[0].columns])
     return pd.concat(curves[1:] or curves)
 
@@ -126,8 +125,7 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         "Bound: the test images projected on the first 256 principal components of the training "
         "images (`lf_flame.bottleneck`), what a decoder of 256 pictures could reach if it were "
         "told the best numbers.",
-        "Seconds: reading the data set, backbone, start of the decoder and saving + all epochs; "
-        "? where a run was cut and went on.",
+        "Seconds: reading the data set, backbone and start of the decoder + all epochs.",
         _origin(done, record),
     ]
     found = [] if study.x is None else _findings(study, rows, np.mean(paper["psnr_db"]))
@@ -148,7 +146,7 @@ def _markdown(study, rows: pd.DataFrame, paper: dict) -> str:
                 for epochs, best in zip(means["epochs"], means["best_epoch"], strict=True)
             ],
             "seconds": [
-                "missing" if math.isnan(s) else f"{'?' if math.isnan(b) else f'{b:.0f}'} + {s:.0f}"
+                "missing" if math.isnan(s) else f"{b:.0f} + {s:.0f}"
                 for b, s in zip(means["start_s"], means["train_s"], strict=True)
             ],
             "PSNR (dB)": _shown(means["psnr_db"], FORMATS["psnr_db"]),
@@ -297,14 +295,7 @@ def time_figure(title: str, curves: pd.DataFrame):
     matplotlib.figure.Figure
     """
     figure, axis = plt.subplots(figsize=(8, 6), layout="constrained")
-    for name, curve in curves.groupby("variant", sort=False):
-        axis.plot(curve["seconds"], curve["val_psnr_db"], ".-", markersize=3, label=name)
-    axis.set_xscale("log")
-    axis.xaxis.set_major_formatter(LogFormatter())
-    axis.xaxis.set_minor_formatter(LogFormatter())
-    axis.set_xlabel("seconds since the run was started, the data set on disk")
-    axis.set_ylabel("PSNR of the validation split (dB)")
-    axis.grid(alpha=0.3, which="both")
+    figures.draw_learning(axis, dict(iter(curves.groupby("variant", sort=False))))
     axis.set_title(title, fontsize=11)
     if len(curves):
         figure.legend(ncols=2, fontsize=9, loc="outside lower center")

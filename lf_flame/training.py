@@ -2,7 +2,8 @@
 
 A run folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole
 state), ``history.csv``, and at the end ``model.keras`` (the best weights by validation loss, the
-whole network) and ``run.json`` (the record).
+whole network) and ``run.json`` (the record). Epoch 0 of the history is the start; its seconds hold
+all that comes before training: reading, the backbone's features, the warm start.
 """
 
 import time
@@ -245,7 +246,8 @@ def train(
             name: (features[indices], dataset.targets[indices][..., None])
             for name, indices in parts.items()
         }
-        _fit(run, _start(decoder, recipe, arrays, run), recipe, config.seed, out, show)
+        trainer = _start(decoder, recipe, arrays, run)
+        _fit(run, trainer, recipe, config.seed, out, show, started)
     for variable, value in zip(decoder_variables(decoder), run.best, strict=True):
         variable.assign(value)
     record = {
@@ -258,7 +260,8 @@ def train(
         "test_indices": parts["test"].tolist(),
         "data": str(data),
         "keras_backend": keras.backend.backend(),
-        "train_s": round(sum(row["seconds"] for row in run.history), 2),
+        "start_s": run.history[0]["seconds"],
+        "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
         "wall_s": round(time.perf_counter() - started, 2),
         **provenance.environment(),
     }
@@ -305,14 +308,22 @@ def _learning_rate(recipe: Recipe, steps_per_epoch: int):
     )
 
 
-def _fit(run: Checkpoint, trainer, recipe: Recipe, seed: int, out: Path, show: bool) -> None:
-    """Train until the recipe's last epoch, with a progress bar and checkpoints."""
+def _fit(
+    run: Checkpoint, trainer, recipe: Recipe, seed: int, out: Path, show: bool, started: float
+) -> None:
+    """Train until the recipe's last epoch, with a progress bar and checkpoints.
+
+    The seconds of epoch 0, the start, are all since `started`.
+    """
     saved_at = time.perf_counter()
     bar = tqdm(total=recipe.epochs, desc="training", unit="epoch", disable=not show)
     with bar:
         bar.update(run.epochs_done)
         for epoch in range(run.next_epoch, recipe.epochs + 1):
-            run.record(_run_epoch(trainer, seed, epoch), trainer)
+            begun = time.perf_counter() if epoch else started
+            losses = _run_epoch(trainer, seed, epoch)
+            seconds = round(time.perf_counter() - begun, 4)
+            run.record({"epoch": epoch, **losses, "seconds": seconds}, trainer)
             bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
             bar.update(epoch > 0)
             now = time.perf_counter()
@@ -327,7 +338,6 @@ def _run_epoch(trainer, seed: int, epoch: int) -> dict:
 
     Epoch 0 only measures where training starts.
     """
-    started = time.perf_counter()
     if epoch == 0:
         loss = trainer.evaluate("train")
     else:
@@ -340,9 +350,7 @@ def _run_epoch(trainer, seed: int, epoch: int) -> dict:
             f"{validation}); the last checkpoint is kept."
         )
     return {
-        "epoch": epoch,
         "loss": loss,
         "val_loss": validation,
         "val_psnr_db": float(-10 * np.log10(validation)),
-        "seconds": round(time.perf_counter() - started, 4),
     }

@@ -67,6 +67,8 @@ def test_help_teaches_every_command():
         "export",
         "predict",
         "study",
+        "swap-test",
+        "latency",
     ):
         assert command in shown
         assert len(run(command, "--help").stdout) > 200
@@ -215,14 +217,15 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     assert alone.count("--preset paper --data data/paper/") == 2
     for kind in ("shapes", "flames"):
         assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2\n", alone)
-    assert re.search(r"tables experiments/results/paper-seed2 *$", alone)
+    kept = "--out experiments/results/paper-seed2/tables.md"
+    assert re.search(rf"tables experiments/results/paper-seed2 +{kept}$", alone)
     for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
         (results / name).mkdir(parents=True)
     together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
     at = together.index("tables")
     assert together[at + 1] == "experiments/results/paper-seed2"
     others = {f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed3")}
-    assert set(together[at + 2 :]) == others
+    assert set(together[at + 2 : -2]) == others
     assert "--seed" not in asked().stdout
     assert "tables experiments/results/quick " in asked().stdout
 
@@ -278,9 +281,10 @@ def test_from_data_set_to_table(tmp_path):
     assert "random (seed 2), conv4" in shown
     assert shown.count("missing") == 8  # Table I was not run
     assert "mean of the training images" in shown
-    beside = run(
-        "tables", "results", ROOT / "experiments" / "results" / "quick", cwd=tmp_path
-    ).stdout
+    quick = ROOT / "experiments" / "results" / "quick"
+    beside = run("tables", "results", quick, "--out", "both.md", cwd=tmp_path).stdout
+    assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
+    assert imread(tmp_path / "both.png").shape[1] > 1000
     assert re.search(r"printed \| +results \| +quick \|", beside)
     assert "- results: seed 2; preset smoke, 2 epochs, batch 2; data set " in beside
     record = json.loads((tmp_path / "results" / "table2.json").read_text())

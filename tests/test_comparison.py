@@ -7,7 +7,13 @@ import pandas as pd
 import pytest
 
 from lf_flame import InputError
-from lf_flame.comparison import compare_table, pool_seeds, read_result, report_tables
+from lf_flame.comparison import (
+    compare_table,
+    pool_seeds,
+    read_histories,
+    read_result,
+    report_tables,
+)
 from lf_flame.evaluation import compare_with_paper, read_tables, score, score_windows, write_table
 from lf_flame.paper import read_paper_values
 
@@ -103,6 +109,16 @@ def test_missing_runs_show_as_missing(tmp_path):
     numbers = pd.read_csv(tmp_path / "tables.csv")
     assert list(numbers.n_seeds) == [0] * 4 + [1] * 4 + [0] * 16
     assert numbers[numbers.n_seeds == 0].psnr_db.isna().all()
+
+
+def test_histories_count_seconds_from_the_start(tmp_path):
+    for name in ("quick", "other"):
+        make_results(tmp_path / name)
+    rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 2, 3]})
+    rows.to_csv(tmp_path / "quick" / "table1_history.csv", index=False)
+    found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
+    assert list(found) == ["quick"]
+    assert list(found["quick"].seconds) == [3.0, 4.0, 5.5]
 
 
 def test_one_folder_is_printed_as_it_was_written(tmp_path):
