@@ -116,6 +116,8 @@ class Study:
         What all variants change; their own changes come behind it.
     x : Axis, optional
         Then every variant has a place on it.
+    timed : bool, optional
+        Whether it is about seconds, and has to be run on an idle machine; else none are shown.
     """
 
     title: str
@@ -126,6 +128,7 @@ class Study:
     variants: list[Variant]
     common: Changes = field(default_factory=Changes)
     x: Axis | None = None
+    timed: bool = False
 
     __pydantic_config__ = {"extra": "forbid"}
 

@@ -37,7 +37,7 @@ def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, o
     """Write a study's table, text, figures and record; variants not yet done show as missing.
 
     NAME is the study file's name. ``NAME.csv`` has `COLUMNS`, one row a variant and plane, and one
-    for the mean over the planes; ``NAME.md`` and ``NAME.png`` show it; without an axis,
+    for the mean over the planes; ``NAME.md`` and ``NAME.png`` show it; of a timed study
     ``NAME_time.csv`` and ``NAME_time.png`` show validation PSNR against seconds; ``NAME.json`` is
     the record.
 
@@ -70,11 +70,12 @@ def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, o
     }
     if study.x is None:
         figures.save(bar_figure(study.title, rows, printed), out / f"{name}.png")
+    else:
+        figures.save(curve_figure(study, rows, printed), out / f"{name}.png")
+    if study.timed:
         curves = read_curves(study.variants, scores, runs)
         figures.save(time_figure(study.title, curves), out / f"{name}_time.png")
         write_text(out / f"{name}_time.csv", curves.round(4).to_csv(index=False))
-    else:
-        figures.save(curve_figure(study, rows, printed), out / f"{name}.png")
     write_json(out / f"{name}.json", record)
     write_text(out / f"{name}.csv", rows.round(4).to_csv(index=False))
     write_text(out / f"{name}.md", text(study, rows, scores, printed, record))
@@ -125,7 +126,8 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         "Bound: the test images projected on the first 256 principal components of the training "
         "images (`lf_flame.bottleneck`), what a decoder of 256 pictures could reach if it were "
         "told the best numbers.",
-        "Seconds: reading the data set, backbone and start of the decoder + all epochs.",
+        *["Seconds: reading the data set, backbone and start of the decoder + all epochs."]
+        * study.timed,
         _origin(done, record),
     ]
     found = [] if study.x is None else _findings(study, rows, np.mean(paper["psnr_db"]))
@@ -156,6 +158,8 @@ def _markdown(study, rows: pd.DataFrame, paper: dict) -> str:
             "bound (dB)": _shown(means["bound_db"], "{:.2f}"),
         }
     )
+    if not study.timed:
+        shown = shown.drop(columns="seconds")
     if study.x is not None:
         shown.insert(1, study.x.label, [f"{x:g} {study.x.unit}".strip() for x in means["x"]])
     printed = {

@@ -32,8 +32,8 @@ def study(
     simulated, trained and scored on the same test light fields, and goes on where it was cut off;
     what is done is not done again.
 
-    OUT gets STUDY.csv, .md, .png and .json after each variant, those still to come as missing. If
-    the variants have no place on an axis, STUDY_time.csv and .png show what accuracy costs in time.
+    OUT gets STUDY.csv, .md, .png and .json after each variant, those still to come as missing. Of
+    a study that is timed, STUDY_time.csv and .png show what accuracy costs in time.
     """
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")

@@ -71,6 +71,8 @@ samples = 12
 recipe = { batch_size = 3 }
 """
 
+TIMED = STUDY.replace("samples = 12", "samples = 12\ntimed = true")
+
 BARS = """
 [[variants]]
 name = "as it is"
@@ -134,7 +136,7 @@ def done(tmp_path_factory):
     model = folder / "work" / "tiny" / "as-it-is" / "model.keras"
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        path = write(folder, BARS)
+        path = write(folder, BARS, TIMED)
         text = run(path, only=["as it is"]).read_text()
         at_the_cut = text, pd.read_csv("out/tiny.csv"), model.stat().st_mtime_ns
         run(path)
@@ -193,7 +195,7 @@ def test_a_study_goes_on_where_it_was_cut_off(done):
 
 def test_a_changed_variant_is_refused(done, monkeypatch):
     monkeypatch.chdir(done[0])
-    path = write(done[0], BARS.replace("batch_size = 1", "batch_size = 2"))
+    path = write(done[0], BARS.replace("batch_size = 1", "batch_size = 2"), TIMED)
     with pytest.raises(InputError, match="holds a run with another recipe"):
         run(path)
 
@@ -211,6 +213,7 @@ def test_a_study_along_an_axis(folder):
     assert means["bound_db"].iloc[0] > means["bound_db"].iloc[1]
     assert Path("out/tiny.png").exists()
     assert not Path("out/tiny_time.png").exists()
+    assert "seconds" not in Path("out/tiny.md").read_text()
     still, moving = read_study(path)[1]
     sizes = [[o.size_mm for o in trial.data.template.objects] for trial in (still, moving)]
     assert sizes == [[(9.0, 8.0), (9.0, 9.0)], [(10.0, 10.0), (9.0, 9.0)]]
