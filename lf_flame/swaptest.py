@@ -96,8 +96,10 @@ class System:
     name : str
     title : str
         What it is, for tables.
+    trained : {"", "fixed depths", "shuffled depths"}
+        With which objects; a reference is not trained.
     about : dict
-        Record of its training; empty without one.
+        Record of its training.
     encode : callable
         Takes a light field, gives what the system is shown.
     refocus : callable
@@ -106,6 +108,7 @@ class System:
 
     name: str
     title: str
+    trained: str
     about: dict
     encode: Callable[[LightField], np.ndarray]
     refocus: Callable[[np.ndarray], np.ndarray]
@@ -181,7 +184,7 @@ def _sparse(dataset, encoding: InputEncoding) -> System:
         return area_average(stack, dataset.config.image)
 
     name = f"shift-and-sum of {count} views"
-    return System(name, name, {}, refocus, np.asarray)
+    return System(name, name, "", {}, refocus, np.asarray)
 
 
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> System:
@@ -195,7 +198,7 @@ def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Syste
     trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
     title = f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe"
     about = {key: value for key, value in record.items() if key != "test_indices"}
-    return System(name, title, about, config.encode, refocus)
+    return System(name, title, trained, about, config.encode, refocus)
 
 
 def run_cases(

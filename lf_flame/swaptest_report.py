@@ -38,8 +38,8 @@ def write_report(
     for number, outcome in enumerate(outcomes):
         name = "_".join(re.findall(r"\w+", outcome.case.name))
         picture = case_figure(config, systems, outcome)
-        figures.save(picture, out / f"swap_test_{number}_{name}.png")
-    figures.save(score_figure(table, config.kind), out / "swap_test.png")
+        figures.save(picture, out / f"swap_test_{number}_{name}.png", dpi=90)
+    figures.save(score_figure(table, systems, config.kind), out / "swap_test.png")
     write_json(
         out / "swap_test.json",
         {
@@ -67,7 +67,8 @@ def text(config, systems: Sequence, outcomes: Sequence, table: pd.DataFrame) -> 
         f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, which is right "
         f"by construction; mean of {len(config.depths_mm)} planes and {len(outcomes[0].truth)} "
         f"scenes that no network was trained on. Behind it the share that a system draws by heart: "
-        f"0 % what is there, 100 % what stood there in training.",
+        f"0 % what is there, 100 % what stood there in training; outside of these, its error points "
+        f"the other way.",
         _pivot(means, cases),
         "SSIM:",
         _pivot(means, cases, "ssim"),
@@ -96,7 +97,11 @@ def _pivot(means: pd.DataFrame, cases: Sequence, measure: str = "psnr_db") -> st
     return shown.to_markdown(disable_numparse=True, colalign=sides)
 
 
-def score_figure(table: pd.DataFrame, kind: str):
+MARKERS = {"": "s", "fixed depths": "o", "shuffled depths": "D"}
+"""By what a system was trained with; references are not trained."""
+
+
+def score_figure(table: pd.DataFrame, systems: Sequence, kind: str):
     """Draw PSNR and the share known by heart: one group a case, one mark a system.
 
     Returns
@@ -104,7 +109,7 @@ def score_figure(table: pd.DataFrame, kind: str):
     matplotlib.figure.Figure
     """
     means = table[table.depth_mm.isna()]
-    cases, systems = means.case.unique()[::-1], means.system.unique()
+    cases = means.case.unique()[::-1]
     figure, axes = plt.subplots(
         1, 2, figsize=(12, 1.8 + 0.13 * len(cases) * (len(systems) + 2)), sharey=True,
         layout="constrained",
@@ -112,13 +117,12 @@ def score_figure(table: pd.DataFrame, kind: str):
     places = np.linspace(0.35, -0.35, len(systems))
     for axis, measure in zip(axes, ("psnr_db", "by_heart"), strict=True):
         for k, (system, place) in enumerate(zip(systems, places, strict=True)):
-            rows = means[means.system == system].set_index("case").loc[cases]
-            marker = "s" if system.startswith("shift-and-sum") else "o"
-            color = "0.45" if marker == "s" else f"C{k % 10}"
-            face = "white" if k % 2 and marker == "s" else color
+            rows = means[means.system == system.name].set_index("case").loc[cases]
+            color = f"C{k % 10}" if system.trained else "0.45"
             axis.plot(
-                rows[measure], np.arange(len(cases)) + place, marker, color=color,
-                markerfacecolor=face, markersize=6, label=system,
+                rows[measure], np.arange(len(cases)) + place, MARKERS[system.trained], color=color,
+                markerfacecolor="white" if k % 2 and not system.trained else color, markersize=6,
+                label=f"{system.name}{system.trained and f' ({system.trained})'}",
             )  # fmt: skip
         for edge in range(1, len(cases)):
             axis.axhline(edge - 0.5, color="0.8", lw=0.8)
@@ -149,12 +153,12 @@ def case_figure(config, systems: Sequence, outcome):
         len(rows), planes, figsize=(2.9 * planes, 0.8 + 2.95 * height / width * len(rows)),
         squeeze=False, layout="constrained",
     )  # fmt: skip
+    for axis, depth in zip(axes[0], config.depths_mm, strict=True):
+        axis.set_title(f"refocused at {depth:g} mm", fontsize=10)
     for line, (label, images) in zip(axes, rows.items(), strict=True):
-        for axis, image, depth in zip(line, images, config.depths_mm, strict=True):
+        for axis, image in zip(line, images, strict=True):
             axis.imshow(image, cmap="gray", vmin=0, vmax=1)
             axis.set(xticks=[], yticks=[])
-            if line is axes[0]:
-                axis.set_title(f"refocused at {depth:g} mm", fontsize=10)
         line[0].set_ylabel(fill(label, 18), fontsize=9, rotation=0, ha="right", va="center")
     where = ", ".join(
         f"{config.template.objects[k].name} at {outcome.case.depths_mm[k]:g}"
