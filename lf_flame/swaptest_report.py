@@ -67,8 +67,8 @@ def text(config, systems: Sequence, outcomes: Sequence, table: pd.DataFrame) -> 
         f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, which is right "
         f"by construction; mean of {len(config.depths_mm)} planes and {len(outcomes[0].truth)} "
         f"scenes that no network was trained on. Behind it the share that a system draws by heart: "
-        f"0 % what is there, 100 % what stood there in training; outside of these, its error points "
-        f"the other way.",
+        f"0 % what is there, 100 % what stood there in training; beyond these its error points the "
+        f"other way.",
         _pivot(means, cases),
         "SSIM:",
         _pivot(means, cases, "ssim"),
