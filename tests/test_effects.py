@@ -183,7 +183,6 @@ def rms_change(scene, camera, decided, changed, options):
     deadline=None,
     suppress_health_check=list(HealthCheck),
     phases=[Phase.generate],
-    derandomize=True,
 )
 def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound(drawn, camera, seed):
     tolerance = 0.1
