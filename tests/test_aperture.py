@@ -13,7 +13,7 @@ from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round
 
 
 @given(views=st.tuples(st.integers(1, 16), st.integers(1, 16)), diameter=st.floats(0.05, 2))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None)
 def test_shares_are_those_of_many_points(views, diameter):
     n = 60
     y, x = (((np.arange(n * k) + 0.5) / (n * k) - 0.5) / (diameter / 2) for k in views)

@@ -121,7 +121,7 @@ def test_plenoptomos_reads_lens_points_moved_by_alpha(rng):
     number=st.floats(-1e6, 1e6),
     views=st.integers(2, 1000),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None)
 def test_numbers_come_back(name, number, views):
     there = to_slope(number, name, views)
     assert isinstance(there, float)

@@ -32,7 +32,7 @@ def levels(rng, shape, bits=8):
     return rng.integers(0, 2**bits, shape, f"uint{bits}")
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 @given(
     st.tuples(st.integers(1, 9), st.integers(1, 9)),
     st.sampled_from([(), (1,), (3,)]),
@@ -94,7 +94,7 @@ def test_images_of_another_kind_are_not_written(tmp_path, rng):
 LENSLETS = st.tuples(*[st.integers(1, 5)] * 4, st.sampled_from([0, 3]))
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 @given(LENSLETS, st.sampled_from([8, 16]), st.sampled_from([".png", ".tiff"]), SEEDS)
 def test_a_lenslet_image_comes_back(tmp_path_factory, shape, bits, suffix, seed):
     n, _, t, s, channels = shape
@@ -264,7 +264,7 @@ def test_odd_stacks_are_refused(tmp_path, rng):
             read_light_field(tmp_path / name, views=2)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 @given(
     st.integers(1, 5),
     st.tuples(st.integers(2, 6), st.integers(2, 6)),

@@ -163,7 +163,7 @@ def test_white_images_that_cannot_be_used(arguments, message):
     layout=st.sampled_from(["rectangular", "hexagonal"]),
     shape=st.tuples(st.integers(45, 120), st.integers(45, 120)),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None)
 def test_whole_micro_images_are_a_block_that_cannot_grow(pitch, row_pitch, rotation, layout, shape):
     grid = LensletGrid(17.3, 50.1, pitch, rotation, layout, row_pitch)
     rows, columns = grid.block(shape)

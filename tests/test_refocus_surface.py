@@ -47,7 +47,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(shape=shapes, interpolation=interpolations, reach=st.floats(0, 12), seed=seeds)
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 def test_a_surface_equals_its_plain_twin(shape, interpolation, reach, seed):
     rng = np.random.default_rng(seed)
     views = rng.uniform(size=shape).astype(np.float32)
@@ -59,7 +59,7 @@ def test_a_surface_equals_its_plain_twin(shape, interpolation, reach, seed):
 
 
 @given(shape=shapes, interpolation=interpolations, slope=st.floats(-9, 9), seed=seeds)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None)
 def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
     rng = np.random.default_rng(seed)
     views = rng.uniform(0.5, 1, size=(*shape, 3)).astype(np.float32)
