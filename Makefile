@@ -4,6 +4,7 @@
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
 #   BACKBONE_DEPTH    conv5 (default, all of ResNet-50) or conv4
 #   SEED              of training, instead of the configuration's (split, weights, batches, dropout)
+#   EPOCHS            instead of the preset's; a run at a constant rate goes on when asked for more
 #   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED).
 #                     Use another name to keep results of other weights beside these, e.g.
 #                     RUN=quick-imagenet
@@ -23,7 +24,7 @@ RESULTS := experiments/results/$(RUN)
 OTHERS := $(filter-out $(RESULTS),$(wildcard $(addprefix experiments/results/,quick paper paper-seed*)))
 TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
-            $(if $(SEED),--seed $(SEED))
+            $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 INSTALLED := $(VENV)/installed
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
 OPPONENTS := .venv-opponents
@@ -35,7 +36,7 @@ OPPONENTS := .venv-opponents
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
@@ -56,8 +57,9 @@ $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
-$(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(INSTALLED)
+$(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json $(if $(EPOCHS),FORCE) | $(INSTALLED)
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
+FORCE:
 
 tables: $(RESULTS)/table1.csv $(RESULTS)/table2.csv $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8
 	@$(LF) tables $(RESULTS) $(OTHERS) --out $(RESULTS)/tables.md

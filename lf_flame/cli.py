@@ -206,7 +206,8 @@ def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
 @click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
 @click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
 @click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
-def train(config, preset, data, out, backbone_weights, backbone_depth, seed) -> None:
+@click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
+def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs) -> None:
     """Train the network that CONFIG describes; goes on where a run was cut off."""
     load_keras()
     from lf_flame.training import read_training_config, train
@@ -215,6 +216,8 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed) -> 
     settings = read_training_config(config, **options)
     if seed is not None:
         settings = replace(settings, seed=seed)
+    if epochs is not None:
+        settings = settings.with_epochs(preset, epochs)
     train(settings, preset, data, out)
 
 

@@ -6,6 +6,7 @@ whole network) and ``run.json`` (the record). Epoch 0 of the history is the star
 all that comes before training: reading, the backbone's features, the warm start.
 """
 
+import math
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -124,6 +125,11 @@ class TrainingConfig:
         if preset not in self.presets:
             raise InputError(f"preset must be one of {', '.join(self.presets)}, got {preset!r}.")
         return self.presets[preset]
+
+    def with_epochs(self, preset: str, epochs: int) -> "TrainingConfig":
+        """Let the recipe of a preset run for another number of epochs."""
+        recipe = replace(self.recipe(preset), epochs=epochs)
+        return replace(self, presets={**self.presets, preset: recipe})
 
     def with_recipe(self, preset: str) -> "TrainingConfig":
         """Let the model follow what the recipe of a preset says of it."""
@@ -272,12 +278,19 @@ def train(
 
 
 def _claim_folder(out: Path, asked: dict) -> None:
-    """Write what is asked for into a new run folder; refuse one that holds something else."""
+    """Write what is asked for into a new run folder; refuse one that holds something else.
+
+    A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
+    """
     path = out / "config.json"
     if not path.exists():
         write_json(path, asked)
         return
     found = read_json(path)
+    if _goes_on(found.get("recipe", {}), asked["recipe"]):
+        found["recipe"]["epochs"] = asked["recipe"]["epochs"]
+        if found == asked:
+            write_json(path, asked)
     changed = [key for key in asked if found.get(key) != asked[key]]
     if changed:
         key = changed[0]
@@ -285,6 +298,10 @@ def _claim_folder(out: Path, asked: dict) -> None:
             f"{out} holds a run with another {key} ({found.get(key)}, now {asked[key]}); "
             f"remove the folder or choose another (RUN=name)."
         )
+
+
+def _goes_on(found: dict, asked: dict) -> bool:
+    return asked["schedule"] == "constant" and found.get("epochs", math.inf) < asked["epochs"]
 
 
 def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, run: Checkpoint):

@@ -157,8 +157,28 @@ def test_a_changed_configuration_is_refused(config, data, tmp_path):
     train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
     before = (tmp_path / "model.keras").read_bytes()
     with pytest.raises(InputError, match="holds a run with another recipe"):
-        train(config, "smoke", data, tmp_path, show=False)
+        train(change_recipe(config, batch_size=3), "smoke", data, tmp_path, show=False)
+    with pytest.raises(InputError, match="holds a run with another recipe"):
+        changed = change_recipe(config, epochs=2, schedule="cosine")
+        train(changed, "smoke", data, tmp_path, show=False)
     assert (tmp_path / "model.keras").read_bytes() == before
+
+
+def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_path):
+    train(config, "smoke", data, tmp_path / "whole", show=False)
+    for epochs in (1, 3):
+        asked = config.with_epochs("smoke", epochs)
+        train(asked, "smoke", data, tmp_path / "longer", show=False)
+    curves = [
+        pd.read_csv(tmp_path / run / "history.csv")[["epoch", "loss", "val_loss"]]
+        for run in ("whole", "longer")
+    ]
+    np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
+    records = [json.loads((tmp_path / run / "run.json").read_text()) for run in ("whole", "longer")]
+    assert records[1]["recipe"] == records[0]["recipe"]
+    assert records[1]["epochs"] == 3
+    with pytest.raises(InputError, match="holds a run with another recipe"):  # not for fewer
+        train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer", show=False)
 
 
 def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
