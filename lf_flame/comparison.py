@@ -191,6 +191,9 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
         pools = pool_seeds([read_result(f, name, run, paper["depth_mm"]) for f, run in runs])
         table = compare_table(pools, paper)
         texts.append(comparison_markdown(table, pools, paper))
+        histories = read_histories(folders, name)
+        if histories:
+            texts.append(learning_markdown(histories))
         tables.append(table.assign(table=name))
     text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
     if out is not None:
@@ -215,6 +218,34 @@ def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame
             history = pd.read_csv(path)
             histories[run] = history.assign(seconds=history.seconds.cumsum())
     return histories
+
+
+def learning_markdown(histories: dict[str, pd.DataFrame]) -> str:
+    """Write how long each run took to its best epoch, and to where the weakest run ended.
+
+    Parameters
+    ----------
+    histories : dict of str to DataFrame
+        From `read_histories`, at least one.
+    """
+    best = {run: rows.loc[rows.val_psnr_db.idxmax()] for run, rows in histories.items()}
+    weakest = min(best, key=lambda run: best[run].val_psnr_db)
+    level = best[weakest].val_psnr_db
+    there = {run: rows[rows.val_psnr_db >= level].iloc[0] for run, rows in histories.items()}
+    shown = pd.DataFrame(
+        {
+            "run": list(best),
+            "best validation PSNR (dB)": [f"{row.val_psnr_db:.2f}" for row in best.values()],
+            "seconds (epoch)": [_when(row) for row in best.values()],
+            f"to {level:.2f} dB, the best of {weakest}": [_when(row) for row in there.values()],
+        }
+    )
+    lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
+    return f"Learning, in seconds since a run was started, the data set on disk:\n\n{lines}\n"
+
+
+def _when(row: pd.Series) -> str:
+    return f"{row.seconds:.0f} ({row.epoch:.0f})"
 
 
 def _short_names(folders: Sequence[Path]) -> list[str]:

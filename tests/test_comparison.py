@@ -9,6 +9,7 @@ import pytest
 from lf_flame import InputError
 from lf_flame.comparison import (
     compare_table,
+    learning_markdown,
     pool_seeds,
     read_histories,
     read_result,
@@ -119,6 +120,18 @@ def test_histories_count_seconds_from_the_start(tmp_path):
     found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
     assert list(found) == ["quick"]
     assert list(found["quick"].seconds) == [3.0, 4.0, 5.5]
+
+
+def test_runs_are_timed_to_where_the_weakest_ended():
+    slow = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [1, 51, 101], "val_psnr_db": [1, 8, 6]})
+    fast = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [9, 19, 29], "val_psnr_db": [7, 9, 10]})
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in learning_markdown({"slow": slow, "fast": fast}).splitlines()
+        if line.startswith("|")
+    ]
+    assert rows[0][-1] == "to 8.00 dB, the best of slow"
+    assert rows[2:] == [["slow", "8.00", "51 (1)", "51 (1)"], ["fast", "10.00", "29 (2)", "19 (1)"]]
 
 
 def test_one_folder_is_printed_as_it_was_written(tmp_path):

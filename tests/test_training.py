@@ -158,8 +158,8 @@ def test_a_changed_configuration_is_refused(config, data, tmp_path):
     before = (tmp_path / "model.keras").read_bytes()
     with pytest.raises(InputError, match="holds a run with another recipe"):
         train(change_recipe(config, batch_size=3), "smoke", data, tmp_path, show=False)
+    changed = change_recipe(config, epochs=2, schedule="cosine")
     with pytest.raises(InputError, match="holds a run with another recipe"):
-        changed = change_recipe(config, epochs=2, schedule="cosine")
         train(changed, "smoke", data, tmp_path, show=False)
     assert (tmp_path / "model.keras").read_bytes() == before
 
