@@ -29,6 +29,8 @@ INSTALLED := $(VENV)/installed
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
 OPPONENTS := .venv-opponents
 
+# Every target uses all cores.
+.NOTPARALLEL:
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
 .PHONY: latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
@@ -68,7 +70,7 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
-costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time, on an idle machine
+costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(LF) costs --out experiments/results/costs
 
 latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
@@ -81,7 +83,7 @@ variation: variation_shapes.study variation_flames.study  ## measure PSNR and SS
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
-	$(LF) swap-test runs/studies/encodings_flames/* --out experiments/results/swap_test
+	$(LF) swap-test $$(dirname runs/studies/encodings_flames/*/model.keras) --out experiments/results/swap_test
 learning-costs: STUDY_OUT = experiments/results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
 STUDY_OUT = experiments/results/studies

@@ -21,6 +21,9 @@ STAGES = {"conv4": "conv4_block6_out", "conv5": "conv5_block3_out"}
 IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
 """Subtracted by `keras.applications.resnet.preprocess_input`, in the 0..255 range."""
 
+SMALLEST = 32
+"""Side of the smallest image that Keras's ResNet-50 takes."""
+
 DOWNLOAD_TIMEOUT_S = 5.0
 
 
@@ -65,6 +68,11 @@ def build_backbone(
     """
     if depth not in STAGES:
         raise InputError(f"backbone_depth must be one of {', '.join(STAGES)}, got {depth!r}.")
+    if min(shown[:2]) < SMALLEST:
+        raise InputError(
+            f"ResNet-50 needs images of {SMALLEST} pixels or more along each side, got "
+            f"{shown[0]} x {shown[1]}."
+        )
     resnet = _load_resnet50(shown[:2], weights, seed, depth)
     seen = keras.Input(shown, name="light_field_image")
     channels = _to_bgr(seen)

@@ -56,7 +56,8 @@ class DatasetConfig:
         What the network is shown. Default: what the paper's is.
     shuffled_depths : bool, optional
         Let the objects of each sample stand at the template's depths in an order drawn at random,
-        as large in the central view as at their own depths.
+        as large in the central view as at their own depths. The effect plan stays that of the
+        objects at their own depths.
     """
 
     kind: Literal["shapes", "flames"]
@@ -79,6 +80,11 @@ class DatasetConfig:
                     f"image must divide the camera's lenslets {lenslets} into whole numbers, "
                     f"got {size}."
                 )
+        if self.camera.views < self.input.views_per_side:
+            raise InputError(
+                f"input {self.input.kind!r} shows {self.input.views_per_side} views along an axis, "
+                f"the camera has {self.camera.views}."
+            )
         if self.seed < 0 or min(self.samples.values(), default=0) < 1:
             raise InputError(
                 f"seed must be 0 or above and samples at least 1 for each preset, "

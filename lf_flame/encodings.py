@@ -45,6 +45,11 @@ class InputEncoding:
         if self.grid < 1:
             raise InputError(f"grid must be at least 1 view along each axis, got {self.grid}.")
 
+    @property
+    def views_per_side(self) -> int:
+        """Views along an axis that a camera must have."""
+        return {"raw": 1, "views": CHANNELS, "grid": self.grid}[self.kind]
+
     def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
         """Height, width and channels of the input of a network with outputs of this size."""
         height, width = self.image or output

@@ -166,7 +166,7 @@ def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
 
 
 def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
-    """Score SSIM by other windows than the table's: the paper does not state its own.
+    """Score SSIM by the table's window and by others: the paper does not state its own.
 
     Parameters
     ----------

@@ -90,7 +90,13 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
 @click.argument("networks", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 @click.option("--repeats", default=30, show_default=True, help="Rounds that count; 3 or more.")
-@click.option("--seed", default=0, show_default=True, help="Seed of the random raw image.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the random raw image.",
+)
 def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
     """Time trained NETWORKS on one picture; run it on a machine that does nothing else.
 

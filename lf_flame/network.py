@@ -20,10 +20,17 @@ from lf_flame.evaluation import open_run
 from lf_flame.files import write_json, written_aside
 
 USAGE = (
-    "network.predict(x)[..., 0] with x float32 [n, height, width, 1], sized as `image` says, grey "
-    "from 0 to 1, linear in radiance, averaged over blocks of pixels; gives [n, planes, height, "
-    "width] from 0 to 1, refocused at `depths_mm`, positive = behind the focal plane."
+    "network.predict(x)[..., 0] with x float32 [n, {}, {}, {}], from 0 to 1, linear in radiance, "
+    "averaged over blocks of pixels: {}; gives [n, planes, height, width] from 0 to 1, sized as "
+    "`image` says, refocused at `depths_mm`, positive = behind the focal plane."
 )
+
+SHOWN = {
+    "raw": "a grey picture",
+    "views": "the leftmost, central and rightmost view of the middle row, as channels",
+    "grid": "views from all over the main lens, side by side",
+}
+"""What the input is, by its kind."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class NetworkCard:
     training: dict[str, Any]
     input: InputEncoding = InputEncoding()
     exported: dict[str, Any] = field(default_factory=dict)
-    usage: str = USAGE
+    usage: str = ""
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -109,6 +116,7 @@ def read_card(path: str | Path) -> NetworkCard:
 
 def _card_of_run(folder: Path) -> NetworkCard:
     run, dataset = open_run(folder)
+    shape = dataset.config.input.shape(dataset.config.image)
     named = {key: run.pop(key) for key in ("title", "preset", "backbone_weights")}
     del run["test_indices"], run["model"]["backbone_weights"]  # these were only asked for
     return NetworkCard(
@@ -121,6 +129,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
         sha256=_sha256(_model_file(folder)),
         training=run,
         input=dataset.config.input,
+        usage=USAGE.format(*shape, SHOWN[dataset.config.input.kind]),
     )
 
 

@@ -50,8 +50,8 @@ def input_size(card: NetworkCard) -> tuple[int, int]:
     """
     if card.input.kind != "raw":
         raise InputError(
-            f"This network was trained on {card.input.kind!r} of a light field, not on pictures; "
-            f"only networks of input kind 'raw' can refocus a picture."
+            f"This network is shown several views ({card.input.kind!r}), which no picture holds; "
+            f"only networks of input kind 'raw' can be shown a picture."
         )
     return card.input.image or card.image
 

@@ -32,6 +32,9 @@ from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 SAMPLES = 3
 """Light fields of each data set."""
 
+SHOWN = {"raw": "the mean of all views", "views": "three views", "grid": "views side by side"}
+"""What networks are shown, by their kind of input."""
+
 NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 """Labels of the trained network: from the light field, and without averaging its views."""
 
@@ -211,7 +214,7 @@ def network_ways(scenes: HeldOut) -> list[Way]:
         return scenes.config.encode(LightField.trusted(views))
 
     return [
-        Way("network", NETWORK, f"{NETWORK}, with the mean of all views as its input",
+        Way("network", NETWORK, f"{NETWORK}, shown {SHOWN[scenes.config.input.kind]}",
             lambda views, slopes: predict(encode(views), slopes)),
         Way("network", ALONE, ALONE, predict, encode),
     ]  # fmt: skip

@@ -186,7 +186,8 @@ class Scene:
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> "Scene":
         """Let each layer stand at another depth, scaled so that the central view stays the same.
 
-        Only parallax and defocus then tell the two scenes apart.
+        Only parallax and defocus then tell the two scenes apart. That holds for glowing sheets;
+        what hides, absorbs or has a thickness also looks otherwise from another distance.
         """
         return Scene(
             [

@@ -192,14 +192,8 @@ class Trial:
         return found if found.get("asked") == self.asked else None
 
 
-def read_study(path: str | Path, imagenet: Path | None = None) -> tuple[Study, list[Trial]]:
+def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
     """Read a study file and build the configurations of all its variants.
-
-    Parameters
-    ----------
-    path : str or Path
-    imagenet : Path, optional
-        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
 
     Raises
     ------
@@ -210,14 +204,12 @@ def read_study(path: str | Path, imagenet: Path | None = None) -> tuple[Study, l
     data, training = read_toml(study.data), read_toml(study.training)
     build(TrainingConfig, training, study.training)
     return study, [
-        _build_trial(study, variant, data, training, imagenet, f"{path}: variant {variant.name!r}")
+        _build_trial(study, variant, data, training, f"{path}: variant {variant.name!r}")
         for variant in study.variants
     ]
 
 
-def _build_trial(
-    study: Study, variant: Variant, data: dict, training: dict, imagenet: Path | None, source: str
-) -> Trial:
+def _build_trial(study: Study, variant: Variant, data: dict, training: dict, source: str) -> Trial:
     preset = variant.preset or study.preset
     recipe = training["presets"].get(preset)
     if recipe is None:
@@ -226,10 +218,8 @@ def _build_trial(
     values = {"data": data, "model": training.get("model", {}), "recipe": recipe}
     for changes in (study.common, variant):
         values = _merge(values, {name: getattr(changes, name) for name in values})
-    model, recipe = values["model"], {**values["recipe"], "without_imagenet": "stop"}
-    if imagenet is not None and model.get("backbone_weights", "imagenet") == "imagenet":
-        model = {**model, "backbone_weights": str(imagenet)}
-    parts = {"model": model, "presets": {preset: recipe}}
+    recipe = {**values["recipe"], "without_imagenet": "stop"}
+    parts = {"model": values["model"], "presets": {preset: recipe}}
     config = build(TrainingConfig, {**training, **parts}, source)
     config, test = _with_training_samples(config, study.samples, variant, source)
     samples = {"study": study.samples}
@@ -297,7 +287,7 @@ def run_study(
     workers, progress
         See `lf_flame.datasets.make_dataset`.
     imagenet : Path, optional
-        See `read_study`.
+        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
 
     Returns
     -------
@@ -310,7 +300,7 @@ def run_study(
         If a file cannot be used, there is no variant of that name, or its folder holds a run of
         another configuration.
     """
-    study, trials = read_study(path, imagenet)
+    study, trials = read_study(path)
     names = [trial.variant.name for trial in trials]
     for name in only:
         if name not in names:
@@ -324,15 +314,20 @@ def run_study(
         if trial.variant.name in (only or names) and trial.read_score(runs) is None:
             tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
             try:
-                run_trial(trial, runs, Path(work) / "data", workers, progress)
-            except ImagenetUnavailable as error:
-                tqdm.write(f"Left out: {error}")
+                run_trial(trial, runs, Path(work) / "data", workers, progress, imagenet)
+            except ImagenetUnavailable:
+                tqdm.write("Left out: Keras cannot get its ImageNet weights; see --imagenet.")
             report()
     return report()
 
 
 def run_trial(
-    trial: Trial, runs: Path, data: Path, workers: int = 1, progress: Callable | None = None
+    trial: Trial,
+    runs: Path,
+    data: Path,
+    workers: int = 1,
+    progress: Callable | None = None,
+    imagenet: Path | None = None,
 ) -> None:
     """Make the data set, train and score, going on where an earlier call was cut off.
 
@@ -343,12 +338,18 @@ def run_trial(
         Folders of the study's runs and of data sets.
     workers, progress
         See `lf_flame.datasets.make_dataset`.
+    imagenet : Path, optional
+        Weights file, where the trial asks for ImageNet's.
     """
     dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
     if not dataset.exists():
         make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)
     keras.utils.clear_session()  # frees the networks of the variants before
-    train(trial.training, trial.preset, dataset, folder)
+    training = trial.training
+    if imagenet is not None and training.model.backbone_weights == "imagenet":
+        model = replace(training.model, backbone_weights=str(imagenet))
+        training = replace(training, model=model)
+    train(training, trial.preset, dataset, folder)
     run = load_run(folder)
     write_json(
         folder / "score.json",

@@ -11,7 +11,8 @@ network draws; where, is the share of their difference that it follows:
 
     by heart = sum((drawn - truth) * (learnt - truth)) / sum((learnt - truth)^2),
 
-0 for a network that draws what is there, 1 for one that draws what it has learnt.
+0 for a network that draws what is there, 1 for one that draws every object at its own depth. One
+that cannot tell, and was trained with objects at all depths, draws something between.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -74,17 +75,22 @@ def make_cases(config: DatasetConfig) -> list[Case]:
         If there is but one object, so that nothing can change places.
     """
     own, names = config.depths_mm, [item.name for item in config.template.objects]
-    if len(own) < 2:
-        raise InputError(f"The swap test needs at least two objects, {config.kind} has {len(own)}.")
+    if len(set(own)) < 2:
+        raise InputError(
+            f"The swap test needs objects at two depths at least, those of {config.kind} stand at "
+            f"{', '.join(f'{z:g}' for z in own)} mm."
+        )
     everyone = tuple(range(len(own)))
     half = float(np.diff(np.unique(own)).min()) / 2
-    return [
+    cases = [
         Case("as trained", tuple(own), everyone),
         Case("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
         Case("order reversed", tuple(own[::-1]), everyone),
         Case(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
         Case(f"{names[0]} alone", tuple(own), (0,)),
     ]
+    # Of two or three objects, exchanging the ends is reversing the order.
+    return list({(case.depths_mm, case.present): case for case in cases[::-1]}.values())[::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +179,7 @@ def _scenes(config: DatasetConfig) -> dict:
 
 
 def _sparse(dataset, encoding: InputEncoding) -> System:
-    """Shift-and-sum of those views alone that an encoding shows."""
+    """Shift-and-sum of those views alone that an encoding shows, all as bright as they are."""
     views, slopes = dataset.config.camera.views, dataset.attrs["slopes"]
     weights = np.zeros((views, views))
     weights[encoding.chosen(views, views)] = 1

@@ -67,8 +67,8 @@ def text(config, systems: Sequence, outcomes: Sequence, table: pd.DataFrame) -> 
         f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, which is right "
         f"by construction; mean of {len(config.depths_mm)} planes and {len(outcomes[0].truth)} "
         f"scenes that no network was trained on. Behind it the share that a system draws by heart: "
-        f"0 % what is there, 100 % what stood there in training; beyond these its error points the "
-        f"other way.",
+        f"0 % what is there, 100 % every object at the depth of its own; beyond these its error "
+        f"points the other way. How far that goes, few views show, which blur otherwise than all.",
         _pivot(means, cases),
         "SSIM:",
         _pivot(means, cases, "ssim"),
@@ -129,7 +129,7 @@ def score_figure(table: pd.DataFrame, systems: Sequence, kind: str):
         axis.set_yticks(range(len(cases)), cases)
         axis.grid(axis="x", alpha=0.3)
     axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
-    axes[1].set_xlabel("share known by heart: 0 draws what is there, 1 what it has learnt")
+    axes[1].set_xlabel("share by heart: 0 draws what is there, 1 every object at its own depth")
     for x in (0, 1):
         axes[1].axvline(x, color="black", ls="--", lw=1)
     figure.suptitle(f"Swap test ({kind}): objects that stand otherwise than in training")
@@ -147,7 +147,7 @@ def case_figure(config, systems: Sequence, outcome):
     rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
     rows |= {system.name: outcome.drawn[system.name][0] for system in systems}
     if outcome.learnt is not outcome.truth:
-        rows["by heart: as it stood in training"] = outcome.learnt[0]
+        rows["by heart: every object at its own depth"] = outcome.learnt[0]
     planes, height, width = outcome.truth[0].shape
     figure, axes = plt.subplots(
         len(rows), planes, figsize=(2.9 * planes, 0.8 + 2.95 * height / width * len(rows)),

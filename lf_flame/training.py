@@ -229,6 +229,11 @@ def train(
     config = config.with_recipe(preset)
     dataset = Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
+    if recipe.warm_start and recipe.bands > 1 and dataset.config.input.kind == "grid":
+        raise InputError(
+            f"The warm start draws each of {recipe.bands} bands from the same band of what the "
+            f"network is shown, and views side by side have none: bands must be 1 with a grid."
+        )
     model, weights = build_model(config, recipe, dataset)
     asked = {
         "title": config.title,
@@ -241,6 +246,10 @@ def train(
         "data_sha256": dataset.attrs["sha256"],
     }
     out.mkdir(parents=True, exist_ok=True)
+    if _is_done(out, asked):
+        tqdm.write(f"{out} holds this run, finished.")
+        (out / "model.keras").touch()  # make compares it with the configuration file
+        return out / "model.keras"
     _claim_folder(out, asked)
     run = load_checkpoint(out)
     if run.history:
@@ -275,6 +284,13 @@ def train(
     with written_aside(out / "model.keras") as aside:  # last: make looks at this file
         model.save(aside)
     return out / "model.keras"
+
+
+def _is_done(out: Path, asked: dict) -> bool:
+    if not ((out / "run.json").exists() and (out / "model.keras").exists()):
+        return False
+    found = read_json(out / "run.json")
+    return all(found.get(key) == asked[key] for key in asked)
 
 
 def _claim_folder(out: Path, asked: dict) -> None:

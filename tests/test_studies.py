@@ -13,7 +13,7 @@ from lf_flame.cli import commands
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.evaluation import load_run, predict_test_split, score, training_indices
 from lf_flame.models import build_refocus_resnet50
-from lf_flame.studies import read_study, run_study
+from lf_flame.studies import read_study, run_study, run_trial
 from lf_flame.studies_report import COLUMNS, find_crossing
 
 ROOT = Path(__file__).parents[1]
@@ -269,15 +269,22 @@ def test_variants_without_their_imagenet_weights_show_as_missing(folder, monkeyp
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if "|" in line}
     assert "missing" in rows["pre-trained"]
     assert "missing" not in rows["random"]
-    assert "Left out: The ImageNet weights are far away;" in capsys.readouterr().out
+    assert "Left out: Keras cannot get its ImageNet weights" in capsys.readouterr().out
 
 
-def test_a_file_may_stand_in_for_keras_imagenet_weights(folder):
+def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
     path = write(folder, IMAGENET)
-    _, trials = read_study(path, Path("weights.npz"))
-    assert [trial.training.model.backbone_weights for trial in trials] == ["weights.npz", "random"]
+    asked = []
+    monkeypatch.setattr(
+        "lf_flame.studies.train", lambda config, *_: asked.append(config.model.backbone_weights)
+    )
     _, trials = read_study(path)
-    assert [trial.training.model.backbone_weights for trial in trials] == ["imagenet", "random"]
+    for trial in trials:
+        with pytest.raises(InputError, match="no finished run"):
+            run_trial(trial, folder / "runs", folder / "data", imagenet=Path("weights.npz"))
+    assert asked == ["weights.npz", "random"]
+    # What is asked for stays, so that what is done with a file is done without naming it again.
+    assert trials[0].asked["training"]["model"]["backbone_weights"] == "imagenet"
 
 
 def test_an_unknown_variant_is_named(folder):

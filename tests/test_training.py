@@ -166,9 +166,13 @@ def test_a_changed_configuration_is_refused(config, data, tmp_path):
 
 def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_path):
     train(config, "smoke", data, tmp_path / "whole", show=False)
-    for epochs in (1, 3):
+    seconds = []
+    for epochs in (1, 3, 3):
         asked = config.with_epochs("smoke", epochs)
         train(asked, "smoke", data, tmp_path / "longer", show=False)
+        seconds.append(list(pd.read_csv(tmp_path / "longer" / "history.csv").seconds))
+    assert seconds[1][:2] == seconds[0]  # it went on, and did not begin again
+    assert seconds[2] == seconds[1]  # what is finished stays
     curves = [
         pd.read_csv(tmp_path / run / "history.csv")[["epoch", "loss", "val_loss"]]
         for run in ("whole", "longer")
