@@ -216,7 +216,7 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     alone = asked("PRESET=paper", "SEED=2").stdout
     assert alone.count("--preset paper --data data/paper/") == 2
     for kind in ("shapes", "flames"):
-        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2\n", alone)
+        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
     kept = "--out experiments/results/paper-seed2/tables.md"
     assert re.search(rf"tables experiments/results/paper-seed2 +{kept}$", alone)
     for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
@@ -227,6 +227,7 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     others = {f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed3")}
     assert set(together[at + 2 : -2]) == others
     assert "--seed" not in asked().stdout
+    assert asked("EPOCHS=7").stdout.count("--epochs 7\n") == 2
     assert "tables experiments/results/quick " in asked().stdout
 
 
