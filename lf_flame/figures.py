@@ -174,6 +174,10 @@ def _shown(slope: float, digits: int) -> str:
     return f"{round(slope, digits) + 0.0:.{digits}f}"
 
 
+FEW_EPOCHS = 60
+"""Up to which each epoch is marked."""
+
+
 def draw_learning(axis, curves: dict) -> None:
     """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
 
@@ -184,7 +188,10 @@ def draw_learning(axis, curves: dict) -> None:
         By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
     """
     for k, (label, curve) in enumerate(curves.items()):
-        axis.plot(curve.seconds, curve.val_psnr_db, ".-", color=f"C{k}", markersize=3, label=label)
+        style = ".-" if len(curve) <= FEW_EPOCHS else "-"
+        axis.plot(
+            curve.seconds, curve.val_psnr_db, style, color=f"C{k}", lw=1, markersize=3, label=label
+        )
         best = curve.loc[curve.val_psnr_db.idxmax()]
         axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
     axis.set_xscale("log")
