@@ -21,6 +21,7 @@ LAYERS = [
     {"encodings", "datasets"},
     {"backbone", "models", "_adam", "checkpoints", "trainers", "ridge", "warmstart"},
     {"training", "evaluation", "comparison", "bottleneck"},
+    {"systems"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
     {"refocus_costs", "refocus_costs_report"},
     {"studies", "studies_report", "swaptest", "swaptest_report"},

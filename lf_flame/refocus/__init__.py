@@ -7,6 +7,7 @@ constant light field keeps its value.
 """
 
 from lf_flame.refocus._arguments import farthest_slope
+from lf_flame.refocus.alignment import align_views
 from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
 from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
@@ -23,6 +24,7 @@ from lf_flame.refocus.surface import (
 __all__ = [
     "FocusMap",
     "SlopeSearch",
+    "align_views",
     "all_in_focus",
     "annular_aperture",
     "depth_from_focus",

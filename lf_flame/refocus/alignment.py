@@ -1,0 +1,112 @@
+"""Aligning some views on a slope, each kept by itself: what networks that refocus look at."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.footprint import centred
+from lf_flame.refocus import _alignment_kernels
+from lf_flame.refocus._arguments import as_slopes, as_views, refuse_not_finite
+from lf_flame.refocus.interpolation import shift_taps
+
+
+def align_views(
+    views, slopes, chosen: Sequence[tuple[int, int]], block: tuple[int, int] = (1, 1)
+) -> np.ndarray:
+    """Shift some views so that what stands at a slope is at the same place in all of them.
+
+    View (v, u) becomes ``L[v, u, t + slope (v - vc), s + slope (u - uc)]``, interpolated linearly,
+    coordinates clamped at the edges; the mean over all views is `shift_and_sum`.
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        Views that are not chosen are not read.
+    slopes : float or sequence of float
+        In lenslets per view step, whatever the blocks.
+    chosen : sequence of (int, int)
+        Row and column of each view.
+    block : (int, int), optional
+        Lenslets that are averaged into one pixel, along (t, s), after shifting.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, chosen, t / block, s / block) or with a last axis of channels
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a pixel that was read is NaN or infinite.
+    """
+    views, slopes = as_views(views), as_slopes(slopes)
+    chosen = _as_places(chosen, views.shape[:2])
+    if min(block) < 1 or any(n % m for n, m in zip(views.shape[2:4], block, strict=True)):
+        raise InputError(
+            f"Blocks of {block[0]} x {block[1]} lenslets do not divide an image of "
+            f"{views.shape[2]} x {views.shape[3]}."
+        )
+    images, at = _as_images(views, chosen)
+    channels = views.shape[4] if views.ndim == 5 else 1
+    shifts = [np.outer(centred(views.shape[axis])[chosen[:, axis]], slopes) for axis in (0, 1)]
+    rows, row_weights = _taps(shifts[0], views.shape[2], block[0])
+    columns, column_weights = _taps(shifts[1], views.shape[3], block[1])
+    size = rows.shape[2], columns.shape[2]
+    out = np.empty((len(slopes), len(chosen), size[0], size[1] * channels), np.float32)
+    _alignment_kernels.align_views(
+        images, at, rows, row_weights, columns * channels, column_weights, channels, out
+    )
+    if not np.isfinite(out).all():
+        refuse_not_finite(images[at])
+    return out.reshape(*out.shape[:2], *size, *views.shape[4:])
+
+
+def _as_places(chosen, shape: tuple[int, int]) -> np.ndarray:
+    """Rows and columns of the chosen views, [k, 2]."""
+    places = np.asarray(chosen)
+    if places.ndim != 2 or places.shape[1:] != (2,) or places.dtype.kind not in "iu":
+        raise InputError(f"Views are chosen by pairs of row and column, got {chosen!r}.")
+    for v, u in places.tolist():
+        if not (0 <= v < shape[0] and 0 <= u < shape[1]):
+            raise InputError(
+                f"There is no view ({v}, {u}) in a light field of {shape[0]} x {shape[1]} views, "
+                f"counted from 0."
+            )
+    return places
+
+
+def _as_images(views: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lay views out as images[m, t, x] of float32, and say which of them are the chosen ones.
+
+    Where they are laid out so already, nothing is copied; else only what was chosen.
+    """
+    shape = views.shape[:2]
+    at = np.ravel_multi_index(tuple(chosen.T), shape)
+    if views.dtype != np.float32 or not views.flags.c_contiguous:
+        views = np.ascontiguousarray(views[tuple(chosen.T)], np.float32)
+        return views.reshape(*views.shape[:2], -1), np.arange(len(at))
+    return views.reshape(shape[0] * shape[1], views.shape[2], -1), at
+
+
+def _taps(shifts: np.ndarray, length: int, block: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find what is read for each pixel of the output along an axis, and its share.
+
+    Parameters
+    ----------
+    shifts : ndarray, shape (k, n)
+        In lenslets.
+    length, block : int
+        Lenslets along the axis, and in a pixel.
+
+    Returns
+    -------
+    ndarray of int, shape (k, n, length / block, block + 1)
+    ndarray of float32, shape (k, n, block + 1)
+        Sums to 1.
+    """
+    first, (near, far) = shift_taps(np.clip(shifts, -length, length), "linear")
+    weights = np.ones((*shifts.shape, block + 1))
+    weights[..., 0], weights[..., -1] = near, far
+    starts = np.arange(0, length, block)[:, None] + np.arange(block + 1)
+    index = np.clip(first[..., None, None] + starts, 0, length - 1)
+    return index, (weights / block).astype(np.float32)

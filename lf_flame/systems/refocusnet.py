@@ -1,0 +1,135 @@
+"""RefocusNet: four views, shifted to the wanted slope beforehand, become one refocused image.
+
+S. Ben Dayan, D. Mendlovic, R. Giryes, "Deep Sparse Light Field Refocusing", BMVC 2020, arXiv
+2009.02582. Layers, places of the views and order of the channels are those of the authors' program
+(shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained weights it takes.
+"""
+
+from pathlib import Path
+from zipfile import BadZipFile
+
+import keras
+import numpy as np
+from keras import layers
+
+from lf_flame.errors import InputError
+from lf_flame.refocus import align_views
+from lf_flame.systems.system import Places, RefocusingSystem
+
+VIEWS = 4
+COLOURS = 3
+TRUNK = (1, 3, 5, 7, 9, 11)
+"""Numbers of the convolutions of the trunk, 64 channels each, as the authors' program has them."""
+
+TAPS = {0: 2, 1: 4, 3: 6, 5: 8, 7: 10, 9: 12, 11: 14}
+"""Number of the linear convolution behind each of them (0: behind the input), 12 channels each."""
+
+LAST = 15
+
+RECEPTIVE_FIELD = 17
+
+
+def build_refocusnet(seed: int = 0) -> keras.Model:
+    """Build the network of the authors' program; 234,795 parameters.
+
+    Six 3 x 3 convolutions of 64 channels with ReLU; a linear one of 12 channels behind each and
+    behind the input, all seven summed; from the sum, a last convolution to three colours, to which
+    the mean over its four views is added.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the initial weights, Glorot-uniform.
+
+    Returns
+    -------
+    keras.Model
+        Input (h, w, 12), of any size: red, green and blue of one aligned view after the other.
+        Output (h, w, 3), not clipped.
+    """
+
+    def convolution(number: int, filters: int, activation=None):
+        initial = keras.initializers.GlorotUniform(seed=1000 * seed + number)
+        return layers.Conv2D(
+            filters, 3, padding="same", activation=activation, kernel_initializer=initial,
+            name=f"w{number}",
+        )  # fmt: skip
+
+    seen = keras.Input((None, None, VIEWS * COLOURS), name="aligned_views")
+    x, taps = seen, [convolution(TAPS[0], VIEWS * COLOURS)(seen)]
+    for number in TRUNK:
+        x = convolution(number, 64, "relu")(x)
+        taps.append(convolution(TAPS[number], VIEWS * COLOURS)(x))
+    total = layers.Add()(taps)
+    views = [total[..., COLOURS * k : COLOURS * (k + 1)] for k in range(VIEWS)]
+    image = layers.Add(name="image")([convolution(LAST, COLOURS)(total), layers.Average()(views)])
+    return keras.Model(seen, image, name="refocusnet")
+
+
+def load_official_weights(model: keras.Model, path: str | Path) -> None:
+    """Load the authors' trained weights.
+
+    Parameters
+    ----------
+    model : keras.Model
+        From `build_refocusnet`.
+    path : str or Path
+        An ``.npz`` of their arrays ``w1``, ``b1`` and so on.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold them.
+    """
+    try:
+        arrays = np.load(path, allow_pickle=False)
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path} with RefocusNet's weights.") from None
+    except (ValueError, OSError, EOFError, BadZipFile):
+        raise InputError(f"{path} is not a NumPy .npz file of plain arrays.") from None
+    for number in (*TRUNK, *TAPS.values(), LAST):
+        layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
+        found = [arrays[name].shape if name in arrays else "missing" for name in names]
+        wanted = [tuple(x.shape) for x in layer.weights]
+        if found != wanted:
+            raise InputError(
+                f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} must have "
+                f"shapes {wanted[0]} and {wanted[1]}, got {found[0]} and {found[1]}."
+            )
+        layer.set_weights([arrays[name] for name in names])
+
+
+class RefocusNet(RefocusingSystem):
+    """RefocusNet on a light field.
+
+    Parameters
+    ----------
+    model : keras.Model
+        From `build_refocusnet`, trained.
+    name : str, optional
+    """
+
+    smallest = RECEPTIVE_FIELD
+
+    def __init__(self, model: keras.Model, name: str = "RefocusNet"):
+        self.model, self.name = model, name
+        self.parameters = model.count_params()
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose a diamond half-way to the outermost views, in the order of the authors."""
+        if rows != columns or rows < 3:
+            raise InputError(
+                f"{self.name} needs a square of 3 x 3 views or more, got {rows} x {columns}."
+            )
+        middle, step = (rows - 1) / 2, round(rows / 4 + 1e-9)
+        low, high = int(middle - step), int(np.ceil(middle + step))
+        centre = int(middle)
+        return [(centre, low), (low, centre), (centre, high), (high, centre)]
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
+        colours = aligned if views.ndim == 5 else np.repeat(aligned[..., None], COLOURS, axis=-1)
+        n, _, height, width, _ = colours.shape
+        shown = np.moveaxis(colours, 1, 3).reshape(n, height, width, VIEWS * COLOURS)
+        images = np.stack([self.model.predict_on_batch(x[None])[0] for x in shown])
+        return images if views.ndim == 5 else images.mean(axis=-1)
