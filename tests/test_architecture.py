@@ -11,9 +11,9 @@ PACKAGE = Path(__file__).parents[1] / "lf_flame"
 
 LAYERS = [
     {"errors", "files", "keras_loading"},
-    {"_kernels", "transfer", "sensor", "diffraction"},
+    {"_kernels", "_leaves_kernels", "transfer", "sensor", "diffraction"},
     {"camera", "footprint", "conventions"},
-    {"scene", "shapes", "flames", "lightfield", "formats"},
+    {"scene", "shapes", "flames", "leaves", "lightfield", "formats"},
     {"planes", "integrators"},
     {"survey", "effects", "plan"},
     {"render", "forward", "closed_form", "refocus"},
@@ -60,7 +60,7 @@ def test_dependencies_point_one_way(path):
 
 
 @pytest.mark.parametrize(
-    "name", ["_kernels.py", "refocus/_kernels.py", "refocus/_surface_kernels.py"]
+    "name", sorted(str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("_*kernels.py"))
 )
 def test_kernels_import_only_numpy_and_numba(name):
     used = {module.split(".")[0] for module in imports_of(PACKAGE / name)}

@@ -14,7 +14,7 @@ from keras import layers
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.system import Places, RefocusingSystem
+from lf_flame.systems.system import NetworkSystem, Places
 
 VIEWS = 4
 COLOURS = 3
@@ -99,21 +99,12 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
         layer.set_weights([arrays[name] for name in names])
 
 
-class RefocusNet(RefocusingSystem):
-    """RefocusNet on a light field.
+class RefocusNet(NetworkSystem):
+    """RefocusNet on a light field; grey is shown to it as three equal colours."""
 
-    Parameters
-    ----------
-    model : keras.Model
-        From `build_refocusnet`, trained.
-    name : str, optional
-    """
-
+    name = "RefocusNet"
+    colours = COLOURS
     smallest = RECEPTIVE_FIELD
-
-    def __init__(self, model: keras.Model, name: str = "RefocusNet"):
-        self.model, self.name = model, name
-        self.parameters = model.count_params()
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose a diamond half-way to the outermost views, in the order of the authors."""
@@ -122,14 +113,21 @@ class RefocusNet(RefocusingSystem):
                 f"{self.name} needs a square of 3 x 3 views or more, got {rows} x {columns}."
             )
         middle, step = (rows - 1) / 2, round(rows / 4 + 1e-9)
-        low, high = int(middle - step), int(np.ceil(middle + step))
-        centre = int(middle)
+        low, high, centre = int(middle - step), int(np.ceil(middle + step)), int(middle)
         return [(centre, low), (low, centre), (centre, high), (high, centre)]
 
-    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Align the four views: red, green and blue of one after the other."""
         aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
-        colours = aligned if views.ndim == 5 else np.repeat(aligned[..., None], COLOURS, axis=-1)
-        n, _, height, width, _ = colours.shape
-        shown = np.moveaxis(colours, 1, 3).reshape(n, height, width, VIEWS * COLOURS)
-        images = np.stack([self.model.predict_on_batch(x[None])[0] for x in shown])
+        if views.ndim == 4:
+            aligned = np.repeat(aligned[..., None], COLOURS, axis=-1)
+        n, _, height, width, _ = aligned.shape
+        return np.moveaxis(aligned, 1, 3).reshape(n, height, width, VIEWS * COLOURS)
+
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Repeat grey images in three colours."""
+        return np.repeat(stack[..., None], COLOURS, axis=-1)
+
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        images = self.predict(self.show(views, slopes, block))
         return images if views.ndim == 5 else images.mean(axis=-1)

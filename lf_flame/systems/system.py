@@ -14,6 +14,9 @@ from lf_flame.refocus._arguments import as_slopes, as_views
 
 Places = Sequence[tuple[int, int]]
 
+PIXELS_AT_ONCE = 1 << 18
+"""Which a network is given together: four images of 90 x 180, or one photograph."""
+
 
 class RefocusingSystem(ABC):
     """A way from a light field to refocused images.
@@ -97,3 +100,59 @@ class RefocusingSystem(ABC):
                 f"{self.name} needs images of {self.smallest} pixels or more along each side, got "
                 f"{height} x {width}."
             )
+
+
+class NetworkSystem(RefocusingSystem):
+    """A system behind which a network stands.
+
+    Parameters
+    ----------
+    model : keras.Model
+        Takes images (n, h, w, channels) of any size, gives (n, h, w, channels).
+    name : str, optional
+        Instead of the network's own.
+
+    Attributes
+    ----------
+    colours : int
+        Channels of an image that the network works on together, 1 or 3.
+    """
+
+    colours: int = 1
+
+    def __init__(self, model, name: str | None = None):
+        self.model, self.name = model, name or self.name
+        self.parameters = model.count_params()
+
+    @abstractmethod
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Prepare what the network sees of a light field of `colours`, float32 (m, h, w, channels).
+
+        Parameters
+        ----------
+        views : ndarray, shape (v, u, t, s), or (v, u, t, s, 3) for a network of 3 colours
+        slopes, block
+            As for `refocus`.
+        """
+
+    @abstractmethod
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Arrange refocused images (n, h, w) as the network should draw them, (m, h, w, c)."""
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        if views.ndim == 4:
+            return self._draw(views, slopes, block)
+        if self.colours == 1:
+            channels = [self._draw(views[..., c], slopes, block) for c in range(views.shape[4])]
+            return np.stack(channels, axis=-1)
+        return self._draw(views, slopes, block)
+
+    @abstractmethod
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Refocus a light field that the network can see as it is."""
+
+    def predict(self, shown: np.ndarray) -> np.ndarray:
+        """Run the network, on as many images at once as fit."""
+        some = max(PIXELS_AT_ONCE // (shown.shape[1] * shown.shape[2]), 1)
+        starts = range(0, len(shown), some)
+        return np.concatenate([self.model.predict_on_batch(shown[k : k + some]) for k in starts])

@@ -1,0 +1,60 @@
+"""Compiled loop of dead leaves: arrays in, output array filled, nothing returned.
+
+Every pixel is worked out by one thread in a fixed order: the bits do not depend on their number.
+"""
+
+import math
+
+from numba import njit, prange
+
+COLUMNS = (
+    "y", "x", "slope", "half_height", "half_width", "cosine", "sine", "squareness",
+    "brightness", "contrast", "wave_y", "wave_x", "phase",
+)  # fmt: skip
+"""What the numbers of a leaf are. Lengths in pixels; its own axes are turned by the angle of
+(cosine, sine); a squareness of 2 makes an ellipse, more makes it squarer (superellipse)."""
+
+OPAQUE = 1e-3
+"""Share of light that may still come from behind when a pixel is done with."""
+
+
+def _shade(leaf, y, x):
+    """Cover and radiance of a leaf at a place relative to its middle."""
+    down = leaf[5] * y - leaf[6] * x
+    right = leaf[6] * y + leaf[5] * x
+    p = leaf[7]
+    rho = (abs(down / leaf[3]) ** p + abs(right / leaf[4]) ** p) ** (1.0 / p)
+    # About the distance to the edge in pixels; the edge itself is a pixel wide.
+    inside = 0.5 + (1.0 - rho) * min(leaf[3], leaf[4])
+    cover = min(max(inside, 0.0), 1.0)
+    if cover == 0.0:
+        return 0.0, 0.0
+    wave = math.sin(leaf[10] * down + leaf[11] * right + leaf[12])
+    return cover, min(max(leaf[8] + leaf[9] * wave, 0.0), 1.0)
+
+
+def _render_leaves(leaves, background, out):
+    """Look at leaves, the nearest first, from every view: out[v, u, t, s]."""
+    rows, columns, height, width = out.shape
+    for m in prange(rows * columns * height):
+        k, t = m // height, m % height
+        v, u = k // columns - (rows - 1) / 2.0, k % columns - (columns - 1) / 2.0
+        for s in range(width):
+            light, through = 0.0, 1.0
+            for n in range(leaves.shape[0]):
+                leaf = leaves[n]
+                y = t - leaf[0] - leaf[2] * v
+                x = s - leaf[1] - leaf[2] * u
+                reach = leaf[3] + leaf[4] + 1.0
+                if abs(y) > reach or abs(x) > reach:
+                    continue
+                cover, radiance = shade(leaf, y, x)
+                light += through * cover * radiance
+                through *= 1.0 - cover
+                if through < OPAQUE:
+                    break
+            out[k // columns, k % columns, t, s] = light + through * background
+
+
+shade = njit(_shade)
+render_leaves = njit(parallel=True, cache=True)(_render_leaves)

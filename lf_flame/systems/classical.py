@@ -1,0 +1,113 @@
+"""Refocusing by formula, as systems beside the learned ones."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lf_flame.encodings import area_average, spread
+from lf_flame.errors import InputError
+from lf_flame.refocus import fourier_slice, shift_and_sum
+from lf_flame.systems.system import Places, RefocusingSystem
+
+
+class ShiftAndSum(RefocusingSystem):
+    """Shift-and-sum of all views, or of some.
+
+    Parameters
+    ----------
+    name : str
+    places : callable, optional
+        Takes rows and columns of views, gives those that are used. Default: all.
+    """
+
+    def __init__(self, name: str = "shift-and-sum", places: Callable[..., Places] | None = None):
+        self.name, self._places = name, places or every_view
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose the views that are used."""
+        return self._places(rows, columns)
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        weights = np.zeros(views.shape[:2])
+        weights[tuple(np.transpose(self.chosen(*views.shape[:2])))] = 1
+        return average(shift_and_sum(views, slopes, weights=weights), block)
+
+
+class FourierSlice(RefocusingSystem):
+    """A slice through the spectrum of the light field (R. Ng, SIGGRAPH 2005)."""
+
+    name = "Fourier slice"
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose all views."""
+        return every_view(rows, columns)
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        return average(fourier_slice(views, slopes), block)
+
+
+def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    """Average images [n, t, s] or [n, t, s, channels] over blocks."""
+    size = [n // m for n, m in zip(stack.shape[1:3], block, strict=True)]
+    if stack.ndim == 3:
+        return area_average(stack, size)
+    return np.stack([area_average(stack[..., c], size) for c in range(stack.shape[3])], axis=-1)
+
+
+def every_view(rows: int, columns: int) -> Places:
+    """List all views."""
+    return [(v, u) for v in range(rows) for u in range(columns)]
+
+
+def square_of_views(side: int) -> Callable[[int, int], Places]:
+    """Choose side x side views, spread from the first to the last."""
+
+    def places(rows: int, columns: int) -> Places:
+        if min(rows, columns) < side:
+            raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
+        return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
+
+    return places
+
+
+def cross_of_views(arm: int) -> Callable[[int, int], Places]:
+    """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
+
+    With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).
+    """
+
+    def places(rows: int, columns: int) -> Places:
+        need = 2 * arm + 1
+        if min(rows, columns) < need:
+            raise InputError(f"A cross of {need} views each way is needed, got {rows} x {columns}.")
+        down, across = spread(rows, need), spread(columns, need)
+        middle = down[arm], across[arm]
+        return [(v, middle[1]) for v in down] + [(middle[0], u) for u in across if u != middle[1]]
+
+    return places
+
+
+def lattice_of_views(rows: int, columns: int) -> Places:
+    """Choose nine views of which no two share a row or a column, evenly over the aperture.
+
+    They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
+    for Multiple Integration", Oxford 1994): seen along a row or along a column, there are nine
+    places at which to sample the aperture, where 3 x 3 views have but three. The ghosts of an edge
+    stand three times as close.
+    """
+    if min(rows, columns) < LATTICE:
+        raise InputError(
+            f"The lattice needs {LATTICE} x {LATTICE} views or more, got {rows} x {columns}."
+        )
+    down, across = (_cell_middles(n) for n in (rows, columns))
+    half = LATTICE // 2
+    return [(down[(2 * (k - half) + half) % LATTICE], across[k]) for k in range(LATTICE)]
+
+
+LATTICE = 9
+
+
+def _cell_middles(count: int) -> list[int]:
+    """Find the views nearest to the middles of nine equal parts of the aperture."""
+    middles = (np.arange(LATTICE) + 0.5) * count / LATTICE - 0.5
+    return np.floor(middles + 0.5).astype(int).tolist()

@@ -1,0 +1,102 @@
+"""RefNet, in our reading: 7 x 7 views become sixteen refocused images at once.
+
+E. Hedayati, T. C. Havens, J. P. Bos, "Machine learning method for light field refocusing", arXiv
+2103.16020: images at alpha = 0.125, 0.250, ... 2.0, trained either on shift-and-sum or on the
+Fourier slice. The layers are not published in what could be read. Ours follow the group's sister
+network of the same year (LFCompressionByRCNN-JPEG): bottleneck residual blocks, ELU, a tanh at the
+end, and 0.85 (1 - SSIM) / 2 + 0.15 times the mean absolute error as the loss. So this is a
+network in RefNet's place, not RefNet.
+
+Alpha is not defined there either. Here alpha = 1 keeps the focus and an image is refocused at slope
+1 - alpha, in pixels per view step, Ng's shear without his magnification, which puts the sixteen
+slopes from 0.875 down to -1.
+"""
+
+import keras
+import numpy as np
+from keras import layers, ops
+
+from lf_flame.refocus import align_views
+from lf_flame.systems.classical import square_of_views
+from lf_flame.systems.similarity import ssim
+from lf_flame.systems.system import NetworkSystem, Places
+
+SIDE = 7
+ALPHAS = np.arange(1, 17) / 8
+SLOPES = 1 - ALPHAS
+BLOCKS, NARROW, WIDE = 4, 32, 128
+
+
+def build_refnet(seed: int = 0) -> keras.Model:
+    """Build the network.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the initial weights.
+
+    Returns
+    -------
+    keras.Model
+        Input (h, w, 49), the views row by row; output (h, w, 16), from 0 to 1, one image for each
+        of `ALPHAS`.
+    """
+    numbers = iter(range(1000 * seed, 1000 * seed + 1000))
+
+    def convolution(filters: int, side: int):
+        initial = keras.initializers.HeNormal(seed=next(numbers))
+        return layers.Conv2D(filters, side, padding="same", kernel_initializer=initial)
+
+    def block(x):
+        y = layers.ELU()(convolution(NARROW, 1)(x))
+        y = layers.ELU()(convolution(NARROW, 3)(y))
+        y = layers.BatchNormalization()(convolution(WIDE, 1)(y))
+        return layers.ELU()(layers.Add()([x, y]))
+
+    seen = keras.Input((None, None, SIDE**2), name="views")
+    x = layers.ELU()(convolution(WIDE, 7)(seen))
+    for _ in range(BLOCKS):
+        x = block(x)
+    x = layers.Activation("tanh")(convolution(len(ALPHAS), 3)(x))
+    return keras.Model(seen, layers.Rescaling(0.5, offset=0.5)(x), name="refnet")
+
+
+def refnet_loss(truth, image):
+    """0.85 (1 - SSIM) / 2 + 0.15 mean absolute error, for each sample."""
+    error = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
+    return 0.85 * (1 - ssim(truth, image)) / 2 + 0.15 * error
+
+
+class RefNet(NetworkSystem):
+    """The network on a light field.
+
+    It looks at 7 x 7 views spread over all that there are. Between two of its slopes it mixes their
+    two images by distance.
+    """
+
+    name = "RefNet (our reading)"
+    smallest = 7 + 2 * (BLOCKS + 1)
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose 7 x 7 views, from the first to the last."""
+        return square_of_views(SIDE)(rows, columns)
+
+    def slope_range(self, rows: int, columns: int) -> tuple[float, float]:
+        """Range of the sixteen slopes."""
+        return float(SLOPES.min()), float(SLOPES.max())
+
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Put the views behind one another, not aligned; one picture for all slopes."""
+        shown = align_views(views, 0.0, self.chosen(*views.shape[:2]), block)
+        return np.moveaxis(shown, 1, -1)
+
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Put the sixteen images behind one another."""
+        return np.moveaxis(stack, 0, -1)[None]
+
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        images = np.moveaxis(self.predict(self.show(views, slopes, block))[0], -1, 0)
+        at = np.interp(slopes / block[0], SLOPES[::-1], np.arange(len(SLOPES))[::-1])
+        below = np.clip(np.floor(at).astype(int), 0, len(SLOPES) - 2)
+        share = (at - below)[:, None, None].astype(np.float32)
+        return (1 - share) * images[below] + share * images[below + 1]

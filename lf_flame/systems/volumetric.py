@@ -1,0 +1,206 @@
+"""Volumetric refocusing: regions each at a slope of their own, from few views, ghosts removed.
+
+T. Samarakoon, K. Abeywardena, C. U. S. Edussooriya, "Arbitrary Volumetric Refocusing of Dense and
+Sparse Light Fields", arXiv 2502.19238. A region's slope is the one at which it looks most like the
+middle view; a cross of 17 views replaces all 81; and a U-Net turns what that gives into what all
+views would have given. The U-Net's depth and channels are not published; ours are our choice.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import keras
+import numpy as np
+from keras import layers, ops
+
+from lf_flame.errors import InputError
+from lf_flame.refocus import refocus_surface, region_slopes
+from lf_flame.refocus._arguments import as_views
+from lf_flame.systems.classical import ShiftAndSum, cross_of_views
+from lf_flame.systems.similarity import ms_ssim, scales
+from lf_flame.systems.system import NetworkSystem, Places
+
+ARM = 4
+FILTERS = (16, 32, 64)
+STEP, SHARE, PSNR_WEIGHT = 0.1, 0.65, 500.0
+SOFTEN = 5.0
+"""Standard deviation in pixels of the Gaussian that joins the regions."""
+
+
+def build_unet(seed: int = 0) -> keras.Model:
+    """Build a U-Net that corrects an image (O. Ronneberger et al., MICCAI 2015).
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the initial weights, Glorot-uniform ("Xavier").
+
+    Returns
+    -------
+    keras.Model
+        Input and output (h, w, 1), sides multiples of 4; the input is added to what the last
+        convolution makes.
+    """
+    numbers = iter(range(1000 * seed, 1000 * seed + 1000))
+
+    def convolution(filters: int, activation: str | None = "relu"):
+        initial = keras.initializers.GlorotUniform(seed=next(numbers))
+        return layers.Conv2D(
+            filters, 3, padding="same", activation=activation, kernel_initializer=initial
+        )
+
+    def pair(x, filters: int):
+        return convolution(filters)(convolution(filters)(x))
+
+    seen = keras.Input((None, None, 1), name="sparse_image")
+    x, before = seen, []
+    for filters in FILTERS[:-1]:
+        x = pair(x, filters)
+        before.append(x)
+        x = layers.MaxPooling2D()(x)
+    x = pair(x, FILTERS[-1])
+    for filters, same in zip(FILTERS[-2::-1], before[::-1], strict=True):
+        initial = keras.initializers.GlorotUniform(seed=next(numbers))
+        x = layers.Conv2DTranspose(filters, 2, strides=2, kernel_initializer=initial)(x)
+        x = pair(layers.Concatenate()([same, x]), filters)
+    return keras.Model(seen, layers.Add()([seen, convolution(1, None)(x)]), name="unet")
+
+
+def unet_loss(truth, image):
+    """MSE + 0.65 (1 - MS-SSIM) + 0.35 L1 + 500 / PSNR, the last in dB, for each sample.
+
+    500 / PSNR outweighs the rest, as published. It is bounded at 1 dB, below which it would change
+    its sign.
+    """
+    squared = ops.mean(ops.square(truth - image), axis=(1, 2, 3))
+    absolute = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
+    decibels = -10 * ops.log10(ops.maximum(squared, 1e-10))
+    likeness = ms_ssim(truth, image)
+    return (
+        squared
+        + SHARE * (1 - likeness)
+        + (1 - SHARE) * absolute
+        + PSNR_WEIGHT / ops.maximum(decibels, 1.0)
+    )
+
+
+class SparseUNet(NetworkSystem):
+    """Shift-and-sum of a cross of 17 views, and the U-Net behind it."""
+
+    name = "Volumetric: cross of 17 views, U-Net"
+    smallest = 8
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose the cross."""
+        return cross_of_views(ARM)(rows, columns)
+
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Refocus with the cross alone."""
+        return ShiftAndSum(places=self.chosen).refocus(views, slopes, block)[..., None]
+
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Give the images a channel."""
+        return stack[..., None]
+
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        return self.correct(self.show(views, slopes, block)[..., 0])
+
+    def correct(self, stack: np.ndarray) -> np.ndarray:
+        """Remove ghosts from images (n, h, w) of any size; edges are repeated to fill it up."""
+        height, width = stack.shape[1:]
+        full = np.pad(stack, ((0, 0), (0, -height % 4), (0, -width % 4)), mode="edge")
+        return self.predict(full[..., None])[:, :height, :width, 0]
+
+
+def search_region_slope(
+    views, region: tuple[int, int, int, int], slopes: tuple[float, float], places=None
+) -> float:
+    """Find the slope at which a region looks most like the middle view.
+
+    By MS-SSIM, which has a single peak there: the range is divided into ten, the best place and its
+    neighbours bracket the peak, and are divided again, until steps are at most 0.1.
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        From 0 to 1.
+    region : (int, int, int, int)
+        First and last but one row, first and last but one column; 11 pixels or more each way.
+    slopes : (float, float)
+        Range, in pixels per view step.
+    places : sequence of (int, int), optional
+        Views to refocus with. Default: the cross of 17.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If the region does not lie in the image or is too small, or the range is empty.
+    """
+    views = as_views(views)
+    t0, t1, s0, s1 = region
+    if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
+        raise InputError(
+            f"A region must be (t_start, t_stop, s_start, s_stop) inside the {views.shape[2]} x "
+            f"{views.shape[3]} pixels of the views, got {tuple(region)}."
+        )
+    scales((t1 - t0, s1 - s0))
+    low, high = slopes
+    if not -np.inf < low < high < np.inf:
+        raise InputError(f"slopes to search must be two rising numbers, got {low} and {high}.")
+    middle = views[views.shape[0] // 2, views.shape[1] // 2]
+    system = ShiftAndSum(places=(lambda *_: places) if places else cross_of_views(ARM))
+
+    def likeness(some: np.ndarray) -> np.ndarray:
+        stack = system.refocus(views, some)[:, t0:t1, s0:s1]
+        same = np.broadcast_to(middle[t0:t1, s0:s1], stack.shape)
+        shape = (*stack.shape[:3], -1)
+        return ops.convert_to_numpy(
+            ms_ssim(np.reshape(same, shape).astype(np.float32), np.reshape(stack, shape))
+        )
+
+    while True:
+        steps = np.linspace(low, high, 11)
+        best = int(np.argmax(likeness(steps)))
+        if steps[1] - steps[0] <= STEP:
+            return float(steps[best])
+        low, high = steps[max(best - 1, 0)], steps[min(best + 1, 10)]
+
+
+def refocus_regions(
+    views,
+    regions: Iterable[Sequence[int]],
+    slopes: tuple[float, float],
+    background: float | None = None,
+    places=None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bring several regions into focus at once, whatever their depths; the rest is blurred.
+
+    Parameters
+    ----------
+    views : LightField or array_like
+    regions : iterable of (int, int, int, int)
+        See `search_region_slope`.
+    slopes : (float, float)
+        Range of the search.
+    background : float, optional
+        Slope of all that is no region. Default: the lowest, as Samarakoon et al. choose a smaller
+        one.
+    places : sequence of (int, int), optional
+        Views to use. Default: the cross of 17.
+
+    Returns
+    -------
+    ndarray of float32, shape (t, s) or (t, s, channels)
+    ndarray of float64, shape (t, s)
+        Slope of every pixel.
+    """
+    views = as_views(views)
+    found = [(region, search_region_slope(views, region, slopes, places)) for region in regions]
+    rest = slopes[0] if background is None else background
+    surface = region_slopes(views.shape[2:4], found, rest, SOFTEN)
+    weights = np.zeros(views.shape[:2])
+    weights[tuple(np.transpose(places or cross_of_views(ARM)(*views.shape[:2])))] = 1
+    return refocus_surface(views, surface, weights=weights), surface

@@ -1,0 +1,63 @@
+import keras
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from lf_flame import InputError
+from lf_flame.systems.similarity import SCALE_WEIGHTS, ms_ssim, scales, ssim
+
+
+@pytest.fixture
+def pictures(rng):
+    """Two batches: smooth pictures, and the same with noise."""
+    y, x = np.mgrid[:96, :112] / 20
+    smooth = np.stack([0.5 + 0.4 * np.sin(k * x + y) * np.cos(y) for k in (1, 2, 3)])[..., None]
+    noisy = np.clip(smooth + rng.normal(0, 0.08, smooth.shape), 0, 1)
+    return smooth.astype(np.float32), noisy.astype(np.float32)
+
+
+def test_ssim_is_scikit_images_inside_the_border(pictures):
+    """Which pads at the edges, so its map is compared where windows lie wholly inside."""
+    found = keras.ops.convert_to_numpy(ssim(*pictures))
+    for value, truth, image in zip(found, *pictures, strict=True):
+        _, whole = structural_similarity(
+            truth[..., 0], image[..., 0], data_range=1.0, gaussian_weights=True, sigma=1.5,
+            use_sample_covariance=False, full=True,
+        )  # fmt: skip
+        assert value == pytest.approx(whole[5:-5, 5:-5].mean(), abs=2e-5)
+
+
+def test_ms_ssim_is_tensorflows(pictures):
+    import tensorflow as tf
+
+    weights = np.array(SCALE_WEIGHTS[:4]) * sum(SCALE_WEIGHTS) / sum(SCALE_WEIGHTS[:4])
+    expected = tf.image.ssim_multiscale(*pictures, 1.0, power_factors=list(weights))
+    np.testing.assert_allclose(keras.ops.convert_to_numpy(ms_ssim(*pictures)), expected, atol=2e-5)
+
+
+def test_equal_images_score_one_and_worse_ones_less(pictures):
+    smooth, noisy = pictures
+    half = (smooth + noisy) / 2
+    scores = [keras.ops.convert_to_numpy(ms_ssim(smooth, x)) for x in (smooth, half, noisy)]
+    np.testing.assert_allclose(scores[0], 1, atol=1e-6)
+    assert np.all(scores[0] > scores[1])
+    assert np.all(scores[1] > scores[2])
+
+
+def test_opposite_images_score_next_to_nothing_and_not_nan(pictures):
+    smooth, _ = pictures
+    found = keras.ops.convert_to_numpy(ms_ssim(smooth, 1 - smooth))
+    assert np.all((found >= 0) & (found < 0.2))
+
+
+@pytest.mark.parametrize(
+    ("size", "count"),
+    [((11, 50), 1), ((22, 22), 2), ((90, 180), 4), ((176, 400), 5), ((999, 999), 5)],
+)
+def test_there_are_as_many_scales_as_leave_a_window(size, count):
+    assert scales(size) == count
+
+
+def test_images_smaller_than_a_window_are_refused():
+    with pytest.raises(InputError, match="11 pixels or more along each side, got 10 x 50"):
+        scales((10, 50))

@@ -1,0 +1,133 @@
+"""What all refocusing systems must do, and the classical ones; networks are untrained here."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.refocus import shift_and_sum
+from lf_flame.systems.classical import (
+    FourierSlice,
+    ShiftAndSum,
+    cross_of_views,
+    every_view,
+    lattice_of_views,
+    square_of_views,
+)
+from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.volumetric import SparseUNet, build_unet
+
+SYSTEMS = {
+    "shift-and-sum": ShiftAndSum,
+    "lattice": lambda: ShiftAndSum("lattice", lattice_of_views),
+    "fourier slice": FourierSlice,
+    "refocusnet": lambda: RefocusNet(build_refocusnet()),
+    "refnet": lambda: RefNet(build_refnet()),
+    "unet": lambda: SparseUNet(build_unet()),
+}
+
+
+@pytest.fixture(scope="module", params=SYSTEMS)
+def system(request):
+    return SYSTEMS[request.param]()
+
+
+@pytest.fixture(scope="module", params=["refocusnet", "refnet", "unet"])
+def network(request):
+    return SYSTEMS[request.param]()
+
+
+@pytest.fixture(scope="module")
+def views():
+    return np.random.default_rng(4).uniform(size=(9, 9, 40, 54)).astype(np.float32)
+
+
+def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
+    stack = system.refocus(views, [-0.4, 0.0, 0.3])
+    assert stack.dtype == np.float32
+    assert stack.shape == (3, 40, 54)
+    assert 0 <= stack.min() <= stack.max() <= 1
+    np.testing.assert_allclose(system.refocus(views, 0.3)[0], stack[2], atol=2e-6)
+
+
+def test_colours_come_out_as_they_went_in(system, views):
+    colours = np.stack([views, views[::-1], views * 0.5], axis=-1)
+    stack = system.refocus(colours, 0.25)
+    assert stack.shape == (1, 40, 54, 3)
+    if system.name != "RefocusNet":  # whose three colours are mixed
+        np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
+
+
+def test_blocks_give_smaller_images(system, views):
+    assert system.refocus(views, 0.5, (2, 2)).shape == (1, 20, 27)
+
+
+def test_views_that_are_not_chosen_do_not_count(system, views):
+    used = np.zeros((9, 9), bool)
+    used[tuple(np.transpose(system.chosen(9, 9)))] = True
+    other = np.where(used[..., None, None], views, 1 - views)
+    np.testing.assert_array_equal(system.refocus(other, 0.3), system.refocus(views, 0.3))
+
+
+def test_images_too_small_are_refused(network):
+    side = network.smallest
+    with pytest.raises(InputError, match=f"{side} pixels or more .* got {side - 1} x 60"):
+        network.refocus(np.zeros((9, 9, side - 1, 60)), 0.0)
+    assert network.refocus(np.zeros((9, 9, side, side)), 0.0).shape == (1, side, side)
+
+
+def test_all_views_are_shift_and_sum_itself(views):
+    expected = shift_and_sum(views, [0.7, -0.2])
+    np.testing.assert_array_equal(ShiftAndSum().refocus(views, [0.7, -0.2]), expected)
+
+
+@pytest.mark.parametrize("count", [9, 11, 15, 17, 27])
+def test_lattice_shares_no_row_and_no_column(count):
+    places = np.array(lattice_of_views(count, count))
+    assert len(places) == 9
+    for axis in (0, 1):
+        steps = np.diff(np.sort(places[:, axis]))
+        assert steps.min() >= 1
+        assert np.ptp(steps) <= 1
+    assert [count // 2, count // 2] in places.tolist()
+    np.testing.assert_allclose(places.mean(axis=0), (count - 1) / 2, atol=0.5)
+
+
+def test_other_choices_of_views():
+    assert len(every_view(3, 4)) == 12
+    assert square_of_views(3)(15, 15)[:4] == [(0, 0), (0, 7), (0, 14), (7, 0)]
+    cross = cross_of_views(4)(9, 9)
+    assert len(set(cross)) == 17
+    assert all(4 in place for place in cross)
+
+
+@pytest.mark.parametrize("choose", [square_of_views(7), cross_of_views(4), lattice_of_views])
+def test_missing_views_are_one_sentence(choose):
+    with pytest.raises(InputError, match="needed, got 5 x 9|needs 9 x 9 views or more, got 5 x 9"):
+        choose(5, 9)
+
+
+def test_refnet_draws_its_sixteen_slopes_and_mixes_between(views):
+    system = RefNet(build_refnet(seed=2))
+    every = system.refocus(views, SLOPES)
+    np.testing.assert_allclose(SLOPES, 1 - ALPHAS)
+    np.testing.assert_allclose(system.refocus(views, SLOPES[5])[0], every[5], atol=1e-6)
+    middle = system.refocus(views, (SLOPES[5] + SLOPES[6]) / 2)[0]
+    np.testing.assert_allclose(middle, (every[5] + every[6]) / 2, atol=1e-6)
+    averaged = system.refocus(views, 2 * SLOPES[5], (2, 2))[0]
+    shown = system.show(views, np.zeros(1), (2, 2))
+    np.testing.assert_allclose(averaged, system.predict(shown)[0, ..., 5], atol=1e-6)
+
+
+def test_refnet_refuses_slopes_beyond_its_own(views):
+    with pytest.raises(InputError, match="does slopes from -1 to 0.875 pixels .* got 0.9"):
+        RefNet(build_refnet()).refocus(views, [0.2, 0.9])
+
+
+def test_unet_works_on_any_size(views):
+    """What is filled up at the edges is cut off again."""
+    system = SparseUNet(build_unet(seed=1))
+    stack = system.show(views, np.array([0.3]), (1, 1))[..., 0]
+    cut = system.correct(stack[:, :33, :30])
+    assert cut.shape == (1, 33, 30)
+    np.testing.assert_allclose(cut[:, :8, :8], system.correct(stack)[:, :8, :8], atol=1e-5)

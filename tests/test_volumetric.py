@@ -1,0 +1,65 @@
+import keras
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.leaves import DeadLeaves
+from lf_flame.systems.classical import every_view
+from lf_flame.systems.similarity import ms_ssim
+from lf_flame.systems.volumetric import refocus_regions, search_region_slope, unet_loss
+
+
+@pytest.fixture(scope="module")
+def two_depths():
+    """Views whose left half stands at slope 0.83 and whose right half at -0.61."""
+    rng = np.random.default_rng(8)
+    left, right = (
+        DeadLeaves(slopes=(slope, slope)).draw((9, 9), (60, 120), rng).views
+        for slope in (0.83, -0.61)
+    )
+    return np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
+
+
+@pytest.mark.parametrize("places", [None, every_view(9, 9)])
+def test_slope_of_a_region_is_found(two_depths, places):
+    found = [
+        search_region_slope(two_depths, region, (-2.0, 2.0), places)
+        for region in [(10, 50, 10, 50), (10, 50, 70, 110)]
+    ]
+    assert found == pytest.approx([0.83, -0.61], abs=0.1)
+
+
+def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths):
+    regions = [(10, 50, 10, 50), (10, 50, 70, 110)]
+    image, slopes = refocus_regions(two_depths, regions, (-2.0, 2.0))
+    middle = two_depths[4, 4]
+    inner = [(slice(t0 + 8, t1 - 8), slice(s0 + 8, s1 - 8)) for t0, t1, s0, s1 in regions]
+    for region in inner:
+        assert np.abs(image[region] - middle[region]).mean() < 0.03
+    assert slopes[0, 60] == pytest.approx(-2.0, abs=0.1)
+    assert np.abs(image[:3] - middle[:3]).mean() > 0.03
+
+
+@pytest.mark.parametrize(
+    ("region", "slopes", "words"),
+    [
+        ((0, 5, 0, 50), (-1, 1), "11 pixels or more along each side, got 5 x 50"),
+        ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 pixels of the views, got"),
+        ((0, 50, 0, 50), (1, 1), "two rising numbers, got 1 and 1"),
+    ],
+)
+def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
+    with pytest.raises(InputError, match=words):
+        search_region_slope(two_depths, region, slopes)
+
+
+def test_loss_is_the_published_sum(rng):
+    truth = rng.uniform(size=(2, 24, 24, 1)).astype(np.float32)
+    image = np.clip(truth + rng.normal(0, 0.1, truth.shape), 0, 1).astype(np.float32)
+    squared = ((truth - image) ** 2).mean(axis=(1, 2, 3))
+    absolute = np.abs(truth - image).mean(axis=(1, 2, 3))
+    likeness = keras.ops.convert_to_numpy(ms_ssim(truth, image))
+    psnr = -10 * np.log10(squared)
+    expected = squared + 0.65 * (1 - likeness) + 0.35 * absolute + 500 / psnr
+    found = keras.ops.convert_to_numpy(unet_loss(truth, image))
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
