@@ -32,7 +32,7 @@ OPPONENTS := .venv-opponents
 # Every target uses all cores.
 .NOTPARALLEL:
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
+.PHONY: train-refocusnet train-refnet train-volumetric latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -69,6 +69,14 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
+
+# Refocusing systems, all from the same lessons: train-refocusnet, train-refnet, train-volumetric.
+train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
+train-refnet: $(RUNS)/refnet/model.keras  ## train RefNet, in our reading: 7 x 7 views, sixteen images
+train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
+SYSTEMS := $(addprefix $(RUNS)/,$(addsuffix /model.keras,refocusnet refnet volumetric))
+$(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
+	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$*
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(LF) costs --out experiments/results/costs

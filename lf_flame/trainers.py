@@ -60,6 +60,10 @@ class _Trainer:
     def __init__(self, model: keras.Model, batch_size: int, arrays: dict):
         self.model, self.batch_size, self.arrays = model, batch_size, arrays
 
+    def train_epoch(self, rng: np.random.Generator) -> float:
+        """Train on all samples once, in an order drawn at random; mean loss while doing so."""
+        return self.train_in_order(rng.permutation(len(self.arrays["train"][0])))
+
 
 class ArrayTrainer(_Trainer):
     """Trains on processor cores; see the module's text and `make_trainer`."""
@@ -117,7 +121,7 @@ class ArrayTrainer(_Trainer):
 
         return on_processor(gradients), on_processor(evaluate)
 
-    def train_epoch(self, order: np.ndarray) -> float:
+    def train_in_order(self, order: np.ndarray) -> float:
         """Train on the samples in this order, once each; mean loss while doing so."""
         features, targets = self.arrays["train"]
         batches = _batches(order, self.batch_size)
@@ -194,7 +198,7 @@ class DeviceTrainer(_Trainer):
         self._epoch = jax.jit(self._run, donate_argnums=0)
         self._evaluate = jax.jit(self._loss_in_inference)
 
-    def train_epoch(self, order: np.ndarray) -> float:
+    def train_in_order(self, order: np.ndarray) -> float:
         """Train on the samples in this order, once each; mean loss while doing so."""
         whole = len(order) // self.batch_size * self.batch_size
         total = 0.0

@@ -1,12 +1,9 @@
 """Training the decoder on cached backbone features, resumable, with a record of where it came from.
 
-A run folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole
-state), ``history.csv``, and at the end ``model.keras`` (the best weights by validation loss, the
-whole network) and ``run.json`` (the record). Epoch 0 of the history is the start; its seconds hold
-all that comes before training: reading, the backbone's features, the warm start.
+The run folder is that of `lf_flame.runs`. Epoch 0 of the history is the start; its seconds hold all
+that comes before training: reading, the backbone's features, the warm start.
 """
 
-import math
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -18,12 +15,13 @@ from tqdm import tqdm
 
 from lf_flame import provenance
 from lf_flame.backbone import ImagenetUnavailable, describe_weights
-from lf_flame.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from lf_flame.checkpoints import Checkpoint, load_checkpoint
 from lf_flame.config import build, read_toml
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
-from lf_flame.files import read_json, write_json, written_aside
+from lf_flame.files import write_json, written_aside
 from lf_flame.models import build_refocus_resnet50
+from lf_flame.runs import claim_folder, fit, is_done
 from lf_flame.trainers import decoder_variables, make_trainer
 from lf_flame.warmstart import freeze_normalisations, warm_start
 
@@ -246,11 +244,11 @@ def train(
         "data_sha256": dataset.attrs["sha256"],
     }
     out.mkdir(parents=True, exist_ok=True)
-    if _is_done(out, asked):
+    if is_done(out, asked):
         tqdm.write(f"{out} holds this run, finished.")
         (out / "model.keras").touch()  # make compares it with the configuration file
         return out / "model.keras"
-    _claim_folder(out, asked)
+    claim_folder(out, asked)
     run = load_checkpoint(out)
     if run.history:
         tqdm.write(f"Going on behind epoch {run.epochs_done} of {recipe.epochs}.")
@@ -262,7 +260,7 @@ def train(
             for name, indices in parts.items()
         }
         trainer = _start(decoder, recipe, arrays, run)
-        _fit(run, trainer, recipe, config.seed, out, show, started)
+        fit(run, trainer, recipe, config.seed, out, show, started)
     for variable, value in zip(decoder_variables(decoder), run.best, strict=True):
         variable.assign(value)
     record = {
@@ -286,40 +284,6 @@ def train(
     return out / "model.keras"
 
 
-def _is_done(out: Path, asked: dict) -> bool:
-    if not ((out / "run.json").exists() and (out / "model.keras").exists()):
-        return False
-    found = read_json(out / "run.json")
-    return all(found.get(key) == asked[key] for key in asked)
-
-
-def _claim_folder(out: Path, asked: dict) -> None:
-    """Write what is asked for into a new run folder; refuse one that holds something else.
-
-    A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
-    """
-    path = out / "config.json"
-    if not path.exists():
-        write_json(path, asked)
-        return
-    found = read_json(path)
-    if _goes_on(found.get("recipe", {}), asked["recipe"]):
-        found["recipe"]["epochs"] = asked["recipe"]["epochs"]
-        if found == asked:
-            write_json(path, asked)
-    changed = [key for key in asked if found.get(key) != asked[key]]
-    if changed:
-        key = changed[0]
-        raise InputError(
-            f"{out} holds a run with another {key} ({found.get(key)}, now {asked[key]}); "
-            f"remove the folder or choose another (RUN=name)."
-        )
-
-
-def _goes_on(found: dict, asked: dict) -> bool:
-    return asked["schedule"] == "constant" and found.get("epochs", math.inf) < asked["epochs"]
-
-
 def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, run: Checkpoint):
     """Make the trainer, at the start or where the checkpoint left it."""
     if recipe.warm_start:
@@ -339,51 +303,3 @@ def _learning_rate(recipe: Recipe, steps_per_epoch: int):
     return keras.optimizers.schedules.CosineDecay(
         recipe.learning_rate, recipe.epochs * steps_per_epoch
     )
-
-
-def _fit(
-    run: Checkpoint, trainer, recipe: Recipe, seed: int, out: Path, show: bool, started: float
-) -> None:
-    """Train until the recipe's last epoch, with a progress bar and checkpoints.
-
-    The seconds of epoch 0, the start, are all since `started`.
-    """
-    saved_at = time.perf_counter()
-    bar = tqdm(total=recipe.epochs, desc="training", unit="epoch", disable=not show)
-    with bar:
-        bar.update(run.epochs_done)
-        for epoch in range(run.next_epoch, recipe.epochs + 1):
-            begun = time.perf_counter() if epoch else started
-            losses = _run_epoch(trainer, seed, epoch)
-            seconds = round(time.perf_counter() - begun, 4)
-            run.record({"epoch": epoch, **losses, "seconds": seconds}, trainer)
-            bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
-            bar.update(epoch > 0)
-            now = time.perf_counter()
-            if epoch == recipe.epochs or now - saved_at >= recipe.checkpoint_s:
-                run.state = trainer.state
-                save_checkpoint(run, out)
-                saved_at = now
-
-
-def _run_epoch(trainer, seed: int, epoch: int) -> dict:
-    """One pass over the training samples, in an order that depends on seed and epoch alone.
-
-    Epoch 0 only measures where training starts.
-    """
-    if epoch == 0:
-        loss = trainer.evaluate("train")
-    else:
-        samples = len(trainer.arrays["train"][0])
-        loss = trainer.train_epoch(np.random.default_rng([seed, epoch]).permutation(samples))
-    validation = trainer.evaluate("validation")
-    if not np.isfinite([loss, validation]).all():
-        raise InputError(
-            f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
-            f"{validation}); the last checkpoint is kept."
-        )
-    return {
-        "loss": loss,
-        "val_loss": validation,
-        "val_psnr_db": float(-10 * np.log10(validation)),
-    }

@@ -19,7 +19,7 @@ LAYERS = [
     {"render", "forward", "closed_form", "refocus"},
     {"config", "provenance", "templates", "scenefile", "paper"},
     {"encodings", "datasets"},
-    {"backbone", "models", "_adam", "checkpoints", "trainers", "ridge", "warmstart"},
+    {"backbone", "models", "_adam", "checkpoints", "runs", "trainers", "ridge", "warmstart"},
     {"training", "evaluation", "comparison", "bottleneck"},
     {"systems"},
     {"figures", "simulate", "refocusing", "report", "costs", "costs_report"},
@@ -27,7 +27,7 @@ LAYERS = [
     {"studies", "studies_report", "swaptest", "swaptest_report"},
     {"network", "prediction"},
     {"latency", "latency_report"},
-    {"light_field_commands", "model_commands", "study_commands"},
+    {"light_field_commands", "model_commands", "study_commands", "system_commands"},
     {"cli"},
 ]
 """A module imports only from its own layer and from those above it in this list."""

@@ -127,7 +127,7 @@ def test_refnet_refuses_slopes_beyond_its_own(views):
 def test_unet_works_on_any_size(views):
     """What is filled up at the edges is cut off again."""
     system = SparseUNet(build_unet(seed=1))
-    stack = system.show(views, np.array([0.3]), (1, 1))[..., 0]
-    cut = system.correct(stack[:, :33, :30])
-    assert cut.shape == (1, 33, 30)
-    np.testing.assert_allclose(cut[:, :8, :8], system.correct(stack)[:, :8, :8], atol=1e-5)
+    shown = system.show(views, np.array([0.3]), (1, 1))
+    cut = system.predict(shown[:, :33, :30])
+    assert cut.shape == (1, 33, 30, 1)
+    np.testing.assert_allclose(cut[:, :8, :8], system.predict(shown)[:, :8, :8], atol=1e-5)

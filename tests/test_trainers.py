@@ -49,7 +49,7 @@ def test_training_is_that_of_keras(samples, batch_size, options):
     trained = decoder(**options)
     trainer = make_trainer(trained, rate, batch_size, samples)
     starts = [*range(0, 9, batch_size)] * 2
-    losses = [trainer.train_epoch(np.arange(k, min(k + batch_size, 9))) for k in starts]
+    losses = [trainer.train_in_order(np.arange(k, min(k + batch_size, 9))) for k in starts]
     np.testing.assert_allclose(losses, expected, rtol=1e-4)
     assert trainer.evaluate("train") == pytest.approx(
         plain.evaluate(*samples["train"], verbose=0), rel=1e-4
@@ -64,8 +64,8 @@ def test_an_epoch_is_its_batches(samples):
     """The mean loss weighs samples alike, in a last batch that is smaller too."""
     whole, parts = (make_trainer(decoder(), 1e-3, 4, samples) for _ in range(2))
     order = np.random.default_rng(0).permutation(9)
-    losses = [parts.train_epoch(order[k : k + 4]) for k in (0, 4, 8)]
-    assert whole.train_epoch(order) == pytest.approx(np.average(losses, weights=[4, 4, 1]))
+    losses = [parts.train_in_order(order[k : k + 4]) for k in (0, 4, 8)]
+    assert whole.train_in_order(order) == pytest.approx(np.average(losses, weights=[4, 4, 1]))
 
 
 def test_frozen_normalisations_stay(samples):
@@ -74,7 +74,7 @@ def test_frozen_normalisations_stay(samples):
         layer.trainable = not isinstance(layer, keras.layers.BatchNormalization)
     norms = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
     trainer = make_trainer(frozen, 1e-2, 2, samples)
-    trainer.train_epoch(np.arange(9))
+    trainer.train_in_order(np.arange(9))
     for variable, value in zip(decoder_variables(frozen), trainer.weights, strict=True):
         variable.assign(value)
     kept = [layer.get_weights() for layer in frozen.layers if not layer.trainable]
@@ -85,12 +85,12 @@ def test_frozen_normalisations_stay(samples):
 
 def test_a_state_goes_on_to_the_same_bits(samples):
     first = make_trainer(decoder(), 1e-3, 2, samples)
-    first.train_epoch(np.arange(9))
+    first.train_in_order(np.arange(9))
     state = [np.array(x) for x in first.state]
-    expected = first.train_epoch(np.arange(9)[::-1])
+    expected = first.train_in_order(np.arange(9)[::-1])
     second = make_trainer(decoder(), 1e-3, 2, samples)
     second.state = state
-    assert second.train_epoch(np.arange(9)[::-1]) == expected
+    assert second.train_in_order(np.arange(9)[::-1]) == expected
     for ours, theirs in zip(second.weights, first.weights, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
@@ -99,7 +99,7 @@ def test_weights_are_copies(samples):
     trainer = make_trainer(decoder(), 1e-2, 2, samples)
     before = trainer.weights
     kept = [x.copy() for x in before]
-    trainer.train_epoch(np.arange(9))
+    trainer.train_in_order(np.arange(9))
     for now, then in zip(before, kept, strict=True):
         np.testing.assert_array_equal(now, then)
     assert not np.array_equal(trainer.weights[0], kept[0])

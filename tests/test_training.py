@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lf_flame import InputError, training
+from lf_flame import InputError, runs, training
 from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.config import build
 from lf_flame.datasets import config_from_json, make_dataset, split_indices
@@ -82,7 +82,7 @@ def test_cached_features_train_like_the_whole_network(rng):
     for k in (0, 2, 4, 6, 0, 2):
         whole.reset_metrics()
         loss = float(whole.train_on_batch(images[k : k + 2], targets[k : k + 2]))
-        losses.append((loss, trainer.train_epoch(np.arange(k, k + 2))))
+        losses.append((loss, trainer.train_in_order(np.arange(k, k + 2))))
     expected, found = np.transpose(losses)
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     assert abs(expected[4] - expected[0]) > 1e-4  # the same batch again, with other weights
@@ -90,14 +90,14 @@ def test_cached_features_train_like_the_whole_network(rng):
 
 def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path, monkeypatch):
     train(config, "smoke", data, tmp_path / "whole", show=False)
-    run_epoch = training._run_epoch
+    run_epoch = runs._run_epoch
 
     def cut_in_epoch_3(trainer, seed, epoch):
         if epoch == 3:
             raise KeyboardInterrupt
         return run_epoch(trainer, seed, epoch)
 
-    monkeypatch.setattr(training, "_run_epoch", cut_in_epoch_3)
+    monkeypatch.setattr(runs, "_run_epoch", cut_in_epoch_3)
     with pytest.raises(KeyboardInterrupt):
         train(config, "smoke", data, tmp_path / "cut", show=False)
     assert not (tmp_path / "cut" / "model.keras").exists()

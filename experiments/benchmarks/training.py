@@ -153,7 +153,7 @@ def profile(trainer: ArrayTrainer, batches: np.ndarray) -> dict[str, float]:
         patch.object(_adam, "update_product", timed(DENSE, _adam.update_product)),
         patch.object(_adam, "update_all", timed(OTHERS, _adam.update_all)),
     ):
-        whole = seconds(partial(run, trainer.train_epoch, batches))
+        whole = seconds(partial(run, trainer.train_in_order, batches))
     spent[PYTHON] = whole - sum(spent.values())
     return {part: time / len(batches) for part, time in spent.items()}
 
@@ -229,7 +229,7 @@ def measure(case: Case, rounds: int) -> list[tuple]:
     trainer = ArrayTrainer(case.decoder(), RATE, case.batch, {"train": samples})
     plain, xla = (PlainKeras(case, samples, jit) for jit in (False, True))
     without = [PlainKeras(case, samples, jit, dropout=0.0).losses(batches) for jit in (True, False)]
-    ours = largest_difference([trainer.train_epoch(k) for k in batches], plain.losses(batches))
+    ours = largest_difference([trainer.train_in_order(k) for k in batches], plain.losses(batches))
     floor, profiles = Floor(case), []
 
     def our_clock() -> float:

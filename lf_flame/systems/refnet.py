@@ -85,6 +85,10 @@ class RefNet(NetworkSystem):
         """Range of the sixteen slopes."""
         return float(SLOPES.min()), float(SLOPES.max())
 
+    def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        """Learn its own sixteen."""
+        return SLOPES * block[0]
+
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Put the views behind one another, not aligned; one picture for all slopes."""
         shown = align_views(views, 0.0, self.chosen(*views.shape[:2]), block)

@@ -116,9 +116,12 @@ class NetworkSystem(RefocusingSystem):
     ----------
     colours : int
         Channels of an image that the network works on together, 1 or 3.
+    multiple : int
+        Of which the sides of its images must be multiples.
     """
 
     colours: int = 1
+    multiple: int = 1
 
     def __init__(self, model, name: str | None = None):
         self.model, self.name = model, name or self.name
@@ -139,6 +142,10 @@ class NetworkSystem(RefocusingSystem):
     def truth(self, stack: np.ndarray) -> np.ndarray:
         """Arrange refocused images (n, h, w) as the network should draw them, (m, h, w, c)."""
 
+    def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+        """Choose the slopes to learn from a light field, where others propose some."""
+        return slopes
+
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         if views.ndim == 4:
             return self._draw(views, slopes, block)
@@ -152,7 +159,16 @@ class NetworkSystem(RefocusingSystem):
         """Refocus a light field that the network can see as it is."""
 
     def predict(self, shown: np.ndarray) -> np.ndarray:
-        """Run the network, on as many images at once as fit."""
+        """Run the network on images (m, h, w, channels), as many at once as fit.
+
+        Where its layers halve the sides, edges are repeated to fill them up, and cut off again.
+        """
+        height, width = shown.shape[1:3]
+        beyond = -height % self.multiple, -width % self.multiple
+        if any(beyond):
+            sides = ((0, 0), (0, beyond[0]), (0, beyond[1]), (0, 0))
+            shown = np.pad(shown, sides, mode="edge")
         some = max(PIXELS_AT_ONCE // (shown.shape[1] * shown.shape[2]), 1)
         starts = range(0, len(shown), some)
-        return np.concatenate([self.model.predict_on_batch(shown[k : k + some]) for k in starts])
+        drawn = [self.model.predict_on_batch(shown[k : k + some]) for k in starts]
+        return np.concatenate(drawn)[:, :height, :width]

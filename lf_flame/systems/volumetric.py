@@ -88,6 +88,7 @@ class SparseUNet(NetworkSystem):
 
     name = "Volumetric: cross of 17 views, U-Net"
     smallest = 8
+    multiple = 4
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose the cross."""
@@ -102,13 +103,7 @@ class SparseUNet(NetworkSystem):
         return stack[..., None]
 
     def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return self.correct(self.show(views, slopes, block)[..., 0])
-
-    def correct(self, stack: np.ndarray) -> np.ndarray:
-        """Remove ghosts from images (n, h, w) of any size; edges are repeated to fill it up."""
-        height, width = stack.shape[1:]
-        full = np.pad(stack, ((0, 0), (0, -height % 4), (0, -width % 4)), mode="edge")
-        return self.predict(full[..., None])[:, :height, :width, 0]
+        return self.predict(self.show(views, slopes, block))[..., 0]
 
 
 def search_region_slope(

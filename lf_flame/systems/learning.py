@@ -1,0 +1,346 @@
+"""Training refocusing networks: every one from the same lessons, by the same program.
+
+Batches are patches cut out at random, where something is lit more often than not; the run folder is
+that of `lf_flame.runs`.
+"""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import keras
+import numpy as np
+from tqdm import tqdm
+
+from lf_flame import provenance
+from lf_flame.checkpoints import load_checkpoint
+from lf_flame.config import build, read_toml, to_json
+from lf_flame.errors import InputError
+from lf_flame.evaluation import load_run
+from lf_flame.files import write_json, written_aside
+from lf_flame.runs import claim_folder, fit, is_done
+from lf_flame.systems.lessons import Lessons, teach
+from lf_flame.systems.networks import NETWORKS
+from lf_flame.systems.system import NetworkSystem
+
+FIRST_HELD_OUT = 1_000_000
+"""Index of the first lesson to validate with."""
+
+EVALUATION_BATCH = 16
+
+
+@dataclass(frozen=True)
+class SystemRecipe:
+    """How to train a system.
+
+    Parameters
+    ----------
+    epochs : int
+    batch_size : int
+        Patches.
+    patch : int
+        Side of a patch in pixels.
+    learning_rate : float
+        Of the optimiser; with "cosine" its first value, falling to zero.
+    schedule : {"constant", "cosine"}
+    optimizer : {"adam", "rmsprop"}
+    """
+
+    epochs: int
+    batch_size: int = 16
+    patch: int = 48
+    learning_rate: float = 1e-3
+    schedule: Literal["constant", "cosine"] = "cosine"
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if min(self.epochs, self.batch_size, self.patch) < 1 or not self.learning_rate > 0:
+            raise InputError(
+                f"epochs, batch_size and patch must be at least 1 and learning_rate above 0, got "
+                f"{self.epochs}, {self.batch_size}, {self.patch}, {self.learning_rate}."
+            )
+
+
+@dataclass(frozen=True)
+class Course:
+    """How many lessons a preset has.
+
+    Parameters
+    ----------
+    lessons, held_out : int
+        Light fields to train on, and to validate with.
+    epochs : int, optional
+        Instead of a system's own.
+    """
+
+    lessons: int
+    held_out: int
+    epochs: int | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if min(self.lessons, self.held_out) < 1:
+            raise InputError(
+                f"lessons and held_out must be at least 1, got {self.lessons}, {self.held_out}."
+            )
+
+
+@dataclass(frozen=True)
+class SystemsConfig:
+    """Refocusing systems that are trained alike; read from experiments/systems.toml.
+
+    Parameters
+    ----------
+    title : str
+    seed : int
+        Of lessons, initial weights and patches.
+    lessons : Lessons
+    presets : dict of Course
+    systems : dict of SystemRecipe
+    """
+
+    title: str
+    seed: int
+    lessons: Lessons
+    presets: dict[str, Course]
+    systems: dict[str, SystemRecipe]
+    checkpoint_s: float = 30.0
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        unknown = set(self.systems) - set(NETWORKS)
+        if unknown:
+            raise InputError(
+                f"systems must be of {', '.join(NETWORKS)}, got {', '.join(sorted(unknown))}."
+            )
+
+    def recipe(self, name: str, preset: str) -> SystemRecipe:
+        """Recipe of a system in a preset."""
+        for kind, key, known in (
+            ("system", name, self.systems),
+            ("preset", preset, self.presets),
+        ):
+            if key not in known:
+                raise InputError(f"{kind} must be one of {', '.join(known)}, got {key!r}.")
+        epochs = self.presets[preset].epochs
+        return replace(self.systems[name], epochs=epochs or self.systems[name].epochs)
+
+
+def read_systems_config(path: str | Path) -> SystemsConfig:
+    """Read a configuration of systems from a TOML file."""
+    return build(SystemsConfig, read_toml(path), path)
+
+
+def train_system(
+    config: SystemsConfig, name: str, preset: str, out: str | Path, show: bool = True
+) -> Path:
+    """Train a system, or go on with a run that was cut off.
+
+    Parameters
+    ----------
+    config : SystemsConfig
+    name : str
+        Key of its `systems`.
+    preset : str
+        Key of its `presets`.
+    out : str or Path
+        Run folder.
+    show : bool, optional
+        Show progress.
+
+    Returns
+    -------
+    Path
+        ``model.keras`` in the run folder.
+
+    Raises
+    ------
+    InputError
+        If there is no such system or preset, the run folder holds another run, or the loss stops
+        being a number.
+    """
+    started, out, recipe = time.perf_counter(), Path(out), config.recipe(name, preset)
+    course = config.presets[preset]
+    asked = {
+        "system": name,
+        "preset": preset,
+        "seed": config.seed,
+        "lessons": to_json(config.lessons),
+        "lesson_configs": [to_json(one) for one in config.lessons.configs],
+        "course": {"lessons": course.lessons, "held_out": course.held_out},
+        "recipe": asdict(recipe),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    if is_done(out, asked):
+        tqdm.write(f"{out} holds this run, finished.")
+        (out / "model.keras").touch()  # make compares it with the configuration file
+        return out / "model.keras"
+    claim_folder(out, asked)
+    system = NETWORKS[name].build(config.seed)
+    run = load_checkpoint(out)
+    if run.history:
+        tqdm.write(f"Going on behind epoch {run.epochs_done} of {recipe.epochs}.")
+    if run.next_epoch <= recipe.epochs:
+        arrays = _teach(config, course, system, show)
+        trainer = PatchTrainer(system, NETWORKS[name].loss, recipe, arrays)
+        if run.state:
+            trainer.state = run.state
+        pace = Pace(recipe.epochs, config.checkpoint_s)
+        fit(run, trainer, pace, config.seed, out, show, started)
+    finished = NETWORKS[name].build(config.seed)  # anew: without the optimiser
+    for variable, value in zip(_variables(finished.model), run.best, strict=True):
+        variable.assign(value)
+    record = {
+        **asked,
+        "title": system.name,
+        "parameters": system.parameters,
+        "epochs": recipe.epochs,
+        "best_epoch": run.best_row["epoch"],
+        "best_validation_loss": run.best_row["val_loss"],
+        "keras_backend": keras.backend.backend(),
+        "start_s": run.history[0]["seconds"],
+        "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
+        "wall_s": round(time.perf_counter() - started, 2),
+        **provenance.environment(),
+    }
+    write_json(out / "run.json", record)
+    with written_aside(out / "model.keras") as aside:  # last: make looks at this file
+        finished.model.save(aside)
+    return out / "model.keras"
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What `lf_flame.runs.fit` asks of a recipe."""
+
+    epochs: int
+    checkpoint_s: float
+
+
+def _teach(config: SystemsConfig, course: Course, system: NetworkSystem, show: bool) -> dict:
+    def progress(indices):
+        return tqdm(indices, "lessons", unit="light field", disable=not show)
+
+    indices = {
+        "train": range(course.lessons),
+        "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + course.held_out),
+    }
+    return {
+        part: teach(config.lessons, system, config.seed, some, progress)
+        for part, some in indices.items()
+    }
+
+
+def _variables(model: keras.Model) -> list[keras.Variable]:
+    return [*model.trainable_variables, *model.non_trainable_variables]
+
+
+def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
+    return [np.array(keras.ops.convert_to_numpy(x)) for x in variables]
+
+
+class PatchTrainer:
+    """Trains a network on patches of images, through Keras's own `train_on_batch`.
+
+    Parameters
+    ----------
+    system : NetworkSystem
+        Training starts from its network's weights.
+    loss : str or callable
+        Keras's name of a loss, or a function of truth and image that gives one number a sample.
+    recipe : SystemRecipe
+    arrays : dict
+        ``name: (shown, truth)``, "train" and "validation"; float32, shape (n, h, w, channels).
+    """
+
+    def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
+        self.system, self.model = system, system.model
+        self.recipe, self.arrays = recipe, arrays
+        patches = recipe.patch * recipe.patch
+        size = arrays["train"][0].shape[1] * arrays["train"][0].shape[2]
+        # As many patches in an epoch as cover the images once.
+        self.patches = max(len(arrays["train"][0]) * size // patches, 1)
+        rate = recipe.learning_rate
+        if recipe.schedule == "cosine":
+            steps = recipe.epochs * -(-self.patches // recipe.batch_size)
+            rate = keras.optimizers.schedules.CosineDecay(rate, steps)
+        kinds = {"adam": keras.optimizers.Adam, "rmsprop": keras.optimizers.RMSprop}
+        self.optimizer = kinds[recipe.optimizer](rate)
+        self.optimizer.build(self.model.trainable_variables)
+        self.model.compile(self.optimizer, loss)
+
+    def train_epoch(self, rng: np.random.Generator) -> float:
+        """Train on as many patches as cover the images once; mean loss while doing so."""
+        batch = self.recipe.batch_size
+        losses = []
+        for first in range(0, self.patches, batch):
+            shown, truth = self._cut(rng, min(batch, self.patches - first))
+            losses.append(self.model.train_on_batch(shown, truth) * len(shown))
+            self.model.reset_metrics()
+        return float(sum(losses) / self.patches)
+
+    def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cut patches out of images drawn at random, never turned or mirrored: views have sides.
+
+        Of two places the one with more light is taken.
+        """
+        shown, truth = self.arrays["train"]
+        multiple = self.system.multiple
+        side = [min(self.recipe.patch, n) // multiple * multiple for n in shown.shape[1:3]]
+        cuts = []
+        for _ in range(count):
+            k = rng.integers(len(shown))
+            places = [
+                tuple(slice(at, at + n) for at, n in zip(corner, side, strict=True))
+                for corner in rng.integers(0, np.array(shown.shape[1:3]) - side + 1, (2, 2))
+            ]
+            cuts.append((k, *max(places, key=lambda place: truth[k][place].std())))
+        return np.stack([shown[cut] for cut in cuts]), np.stack([truth[cut] for cut in cuts])
+
+    def evaluate(self, part: str) -> float:
+        """Mean squared error over whole images, whatever the loss."""
+        shown, truth = self.arrays[part]
+        if part == "train":  # a sample of them will do
+            shown, truth = shown[: 2 * EVALUATION_BATCH], truth[: 2 * EVALUATION_BATCH]
+        total = 0.0
+        for k in range(0, len(shown), EVALUATION_BATCH):
+            images = np.clip(self.system.predict(shown[k : k + EVALUATION_BATCH]), 0, 1)
+            total += np.square(images - truth[k : k + EVALUATION_BATCH]).mean((1, 2, 3)).sum()
+        return float(total / len(shown))
+
+    @property
+    def weights(self) -> list[np.ndarray]:
+        """Copies of all values of the network."""
+        return _values(_variables(self.model))
+
+    @property
+    def state(self) -> list[np.ndarray]:
+        """Everything that the next epoch depends on; set it to go on from there."""
+        return _values([*_variables(self.model), *self.optimizer.variables])
+
+    @state.setter
+    def state(self, values) -> None:
+        variables = (*_variables(self.model), *self.optimizer.variables)
+        for variable, value in zip(variables, values, strict=True):
+            variable.assign(value)
+
+
+def load_system(folder: str | Path) -> NetworkSystem:
+    """Load a trained system from its run folder.
+
+    Raises
+    ------
+    InputError
+        If there is no finished run of a system.
+    """
+    folder = Path(folder)
+    record = load_run(folder)
+    if record.get("system") not in NETWORKS:
+        raise InputError(f"{folder} holds no run of a refocusing system.")
+    model = keras.saving.load_model(folder / "model.keras", compile=False, safe_mode=True)
+    return NETWORKS[record["system"]].system(model)

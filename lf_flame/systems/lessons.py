@@ -1,0 +1,144 @@
+"""Lessons: light fields to learn refocusing from, each seen at several slopes.
+
+Half to two thirds of them show the paper's scenes with every object at a depth drawn anew, so that
+nothing can be learnt by heart; the rest are dead leaves, which look like photographs. What a system
+should draw is shift-and-sum of all views.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.datasets import DatasetConfig, read_config
+from lf_flame.errors import InputError
+from lf_flame.leaves import DeadLeaves
+from lf_flame.refocus import shift_and_sum
+from lf_flame.render import render_plan
+from lf_flame.systems.classical import average
+
+BEYOND_MM = 3.0
+"""How far beyond the depths of a template its objects may stand."""
+
+SEED_OF_SCENES = 7
+"""Keeps these scenes apart from those of data sets, which are drawn from (seed, index)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """A light field, and slopes at which to look at it.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+    slopes : ndarray of float64, shape (n,)
+        In lenslets per view step.
+    block : (int, int)
+        Lenslets in a pixel of the images.
+    """
+
+    views: np.ndarray
+    slopes: np.ndarray
+    block: tuple[int, int]
+
+    def truth(self, slopes: np.ndarray) -> np.ndarray:
+        """Refocus with all views: float32, shape (n, h, w)."""
+        return average(shift_and_sum(self.views, slopes), self.block)
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Where lessons come from.
+
+    Parameters
+    ----------
+    data : list of str
+        Data-set configurations whose scenes are shown in turn.
+    leaves : float
+        Share of the light fields that are dead leaves.
+    leaf_views : int
+        Views of these along each axis.
+    slopes : int
+        At which each light field is seen: half of them where something is sharp, the rest anywhere
+        between.
+    look : DeadLeaves
+    """
+
+    data: list[str]
+    leaves: float = 0.4
+    leaf_views: int = 9
+    slopes: int = 6
+    look: DeadLeaves = DeadLeaves()
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
+            raise InputError(
+                f"Lessons need a data set, a share of leaves from 0 to 1, and slopes and views of "
+                f"1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
+            )
+
+    @cached_property
+    def configs(self) -> list[DatasetConfig]:
+        """The data sets' configurations; their images must be of one size."""
+        configs = [read_config(Path(path)) for path in self.data]
+        sizes = {config.image for config in configs}
+        if len(sizes) > 1:
+            raise InputError(f"Lessons need images of one size, {self.data} have {sorted(sizes)}.")
+        return configs
+
+    def draw(self, seed: int, index: int) -> Lesson:
+        """Draw a lesson that depends on these two numbers alone."""
+        rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
+        if rng.uniform() < self.leaves:
+            return self._draw_leaves(rng)
+        config = self.configs[rng.integers(len(self.configs))]
+        return self._draw_scene(config, rng)
+
+    def _draw_leaves(self, rng: np.random.Generator) -> Lesson:
+        image = self.configs[0].image
+        views = self.look.draw((self.leaf_views,) * 2, image, rng).views
+        return Lesson(views, rng.uniform(*self.look.slopes, self.slopes), (1, 1))
+
+    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator) -> Lesson:
+        scene, _ = config.template.draw(rng)
+        own = np.array(config.depths_mm)
+        depths = rng.permutation(own)
+        if rng.uniform() < 0.5:
+            depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
+        placed = scene.at_depths(depths, config.camera)
+        light_field = render_plan(placed, config.camera, config.plan, seed=rng.integers(2**31))
+        sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
+        low, high = sharp.min() - 0.2, sharp.max() + 0.2
+        chosen = rng.permutation(np.resize(sharp, self.slopes // 2))
+        between = rng.uniform(low, high, self.slopes - len(chosen))
+        return Lesson(light_field.views, np.concatenate([chosen, between]), config.block)
+
+
+def teach(lessons: Lessons, system, seed: int, indices, progress=iter):
+    """Make what a network is shown, and what it should draw.
+
+    Parameters
+    ----------
+    lessons : Lessons
+    system : lf_flame.systems.system.NetworkSystem
+    seed : int
+    indices : sequence of int
+        Of the lessons.
+    progress : callable, optional
+        Wraps the iterable of indices.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, h, w, channels)
+    ndarray of float32, shape (n, h, w, channels)
+    """
+    shown, truths = [], []
+    for index in progress(indices):
+        lesson = lessons.draw(seed, index)
+        slopes = system.slopes_to_learn(lesson.slopes, lesson.block)
+        shown.append(system.show(lesson.views, slopes, lesson.block))
+        truths.append(system.truth(lesson.truth(slopes)))
+    return np.concatenate(shown), np.concatenate(truths)

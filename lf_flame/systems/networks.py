@@ -1,0 +1,37 @@
+"""The networks that can be trained: how each is built, and what it is trained to make small."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.system import NetworkSystem
+from lf_flame.systems.volumetric import SparseUNet, build_unet, unet_loss
+
+
+@dataclass(frozen=True)
+class Network:
+    """A kind of network.
+
+    Attributes
+    ----------
+    system : type of NetworkSystem
+    model : callable
+        Takes a seed, builds the Keras model.
+    loss : str or callable
+    """
+
+    system: type[NetworkSystem]
+    model: Callable
+    loss: str | Callable
+
+    def build(self, seed: int) -> NetworkSystem:
+        """Build the system, untrained."""
+        return self.system(self.model(seed))
+
+
+NETWORKS = {
+    "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
+    "refnet": Network(RefNet, build_refnet, refnet_loss),
+    "volumetric": Network(SparseUNet, build_unet, unet_loss),
+}

@@ -1,0 +1,193 @@
+import json
+from pathlib import Path
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+
+from lf_flame import InputError, runs
+from lf_flame.config import build
+from lf_flame.leaves import DeadLeaves
+from lf_flame.systems.learning import (
+    PatchTrainer,
+    SystemRecipe,
+    SystemsConfig,
+    load_system,
+    read_systems_config,
+    train_system,
+)
+from lf_flame.systems.lessons import Lessons, teach
+from lf_flame.systems.networks import NETWORKS
+from lf_flame.systems.refnet import SLOPES
+
+CAMERA = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.672
+views = 9
+lenslets = [48, 96]
+"""
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    """The paper's shapes and flames, coarsely seen: images of 24 x 48 pixels."""
+    folder = tmp_path_factory.mktemp("data_gen")
+    paths = []
+    for kind in ("shapes", "flames"):
+        text = Path("data_gen", f"{kind}.toml").read_text()
+        before, _, behind = text.partition("[camera]")
+        text = before.replace("[90, 180]", "[24, 48]") + CAMERA
+        text += "[template]" + behind.partition("[template]")[2]
+        paths.append(folder / f"{kind}.toml")
+        paths[-1].write_text(text)
+    values = {
+        "title": "t",
+        "seed": 3,
+        "checkpoint_s": 0,
+        "lessons": {"data": [str(path) for path in paths], "slopes": 3},
+        "presets": {"smoke": {"lessons": 4, "held_out": 2, "epochs": 2}},
+        "systems": {
+            "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
+            "refnet": {"epochs": 50, "patch": 24},
+            "volumetric": {"epochs": 50, "patch": 24, "optimizer": "rmsprop"},
+        },
+    }
+    return build(SystemsConfig, values, "test")
+
+
+def test_lessons_depend_on_seed_and_index_alone(config):
+    first, again, other = (config.lessons.draw(1, k) for k in (5, 5, 6))
+    np.testing.assert_array_equal(first.views, again.views)
+    np.testing.assert_array_equal(first.slopes, again.slopes)
+    assert first.views.shape != other.views.shape or np.any(first.views != other.views)
+
+
+def test_lessons_show_leaves_and_scenes_at_new_depths(config):
+    drawn = [config.lessons.draw(1, k) for k in range(30)]
+    kinds = {lesson.block for lesson in drawn}
+    assert kinds == {(1, 1), (2, 2)}
+    slopes = np.concatenate([lesson.slopes / lesson.block[0] for lesson in drawn])
+    assert slopes.min() < -0.1
+    assert slopes.max() > 0.1
+    assert len(np.unique(slopes)) == len(slopes)
+
+
+def test_something_is_sharp_at_half_of_a_scenes_slopes(config):
+    """Sharper than at the same slope with the views taken the wrong way round."""
+    scene = next(
+        lesson
+        for lesson in (Lessons(config.lessons.data, leaves=0).draw(2, k) for k in range(9))
+        if np.abs(lesson.slopes[0]) > 0.3
+    )
+    sharp = scene.truth(scene.slopes[:1])
+    wrong = scene.truth(-scene.slopes[:1])
+    assert np.square(np.diff(sharp)).sum() > np.square(np.diff(wrong)).sum()
+
+
+def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
+    for name, network in NETWORKS.items():
+        system = network.build(0)
+        shown, truth = teach(config.lessons, system, 1, range(2))
+        assert shown.shape[:3] == truth.shape[:3] == ((2 if name == "refnet" else 6), 24, 48)
+        assert shown.dtype == truth.dtype == np.float32
+        assert system.model.predict_on_batch(shown[:1, :24, :24]).shape[3] == truth.shape[3]
+
+
+def test_refnet_learns_its_own_slopes(config):
+    lesson = config.lessons.draw(1, 0)
+    slopes = NETWORKS["refnet"].build(0).slopes_to_learn(lesson.slopes, (3, 3))
+    np.testing.assert_allclose(slopes, 3 * SLOPES)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
+    path = train_system(config, name, "smoke", tmp_path / name, show=False)
+    record = json.loads((path.parent / "run.json").read_text())
+    history = pd.read_csv(path.parent / "history.csv")
+    assert list(history.epoch) == [0, 1, 2]
+    assert record["best_validation_loss"] == pytest.approx(history.val_loss.min(), rel=1e-5)
+    system = load_system(path.parent)
+    assert record["parameters"] == system.parameters == system.model.count_params()
+    views = DeadLeaves().draw((9, 9), (30, 40), np.random.default_rng(1)).views
+    assert system.refocus(views, 0.2).shape == (1, 30, 40)
+    # The best weights of the run are those in the file.
+    arrays = teach(config.lessons, system, config.seed, range(1_000_000, 1_000_002))
+    images = np.clip(system.predict(arrays[0]), 0, 1)
+    assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
+
+
+def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monkeypatch):
+    train_system(config, "volumetric", "smoke", tmp_path / "whole", show=False)
+    run_epoch = runs._run_epoch
+
+    def cut_in_epoch_2(trainer, seed, epoch):
+        if epoch == 2:
+            raise KeyboardInterrupt
+        return run_epoch(trainer, seed, epoch)
+
+    monkeypatch.setattr(runs, "_run_epoch", cut_in_epoch_2)
+    with pytest.raises(KeyboardInterrupt):
+        train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+    monkeypatch.undo()
+    train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+    losses = [pd.read_csv(tmp_path / x / "history.csv").loss for x in ("whole", "cut")]
+    np.testing.assert_allclose(losses[0], losses[1], rtol=1e-4)
+
+
+def test_a_network_learns(config):
+    """From one lesson, by the trainer, RefocusNet gets better than plain averaging's error."""
+    system = NETWORKS["refocusnet"].build(1)
+    pair = teach(config.lessons, system, 1, range(1))
+    recipe = SystemRecipe(epochs=30, patch=24, batch_size=4, schedule="constant")
+    trainer = PatchTrainer(
+        system, "mean_squared_error", recipe, {"train": pair, "validation": pair}
+    )
+    start = trainer.evaluate("validation")
+    for epoch in range(30):
+        trainer.train_epoch(np.random.default_rng(epoch))
+    assert trainer.evaluate("validation") < start / 20
+
+
+def test_weights_come_from_the_seed(config):
+    first, again, other = (NETWORKS["refnet"].build(seed).model.get_weights() for seed in (1, 1, 2))
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0], other[0])
+
+
+def test_another_run_in_the_folder_is_refused(config, tmp_path):
+    train_system(config, "volumetric", "smoke", tmp_path, show=False)
+    with pytest.raises(InputError, match="holds a run with another system"):
+        train_system(config, "refnet", "smoke", tmp_path, show=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "preset", "words"),
+    [
+        ("refocus", "smoke", "system must be one of refocusnet, refnet, volumetric, got 'refocus'"),
+        ("refnet", "slow", "preset must be one of smoke, got 'slow'"),
+    ],
+)
+def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
+    with pytest.raises(InputError, match=words):
+        train_system(config, name, preset, tmp_path)
+
+
+def test_a_folder_without_a_system_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no finished run"):
+        load_system(tmp_path)
+    keras.Sequential([keras.layers.Input((1,)), keras.layers.Dense(1)]).save(
+        tmp_path / "model.keras"
+    )
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(InputError, match="holds no run of a refocusing system"):
+        load_system(tmp_path)
+
+
+def test_the_experiment_names_every_network():
+    config = read_systems_config("experiments/systems.toml")
+    assert set(config.systems) == set(NETWORKS)
+    assert config.lessons.configs[0].image == (90, 180)
