@@ -32,14 +32,14 @@ OPPONENTS := .venv-opponents
 # Every target uses all cores.
 .NOTPARALLEL:
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: train-refocusnet train-refnet train-volumetric latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
+.PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
 	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
 $(INSTALLED): setup.cfg pyproject.toml
@@ -70,13 +70,18 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
-# Refocusing systems, all from the same lessons: train-refocusnet, train-refnet, train-volumetric.
+# Refocusing systems learn from the same lessons, with objects at new depths in every light field.
+train-aperturenet: $(RUNS)/aperturenet/model.keras  ## train ours: nine aligned views
 train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
 train-refnet: $(RUNS)/refnet/model.keras  ## train RefNet, in our reading: 7 x 7 views, sixteen images
 train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
-SYSTEMS := $(addprefix $(RUNS)/,$(addsuffix /model.keras,refocusnet refnet volumetric))
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$*
+# PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand.
+compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
+	$(LF) compare $(RUNS) --out experiments/results/compare $(PHOTOGRAPHS) \
+	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(LF) costs --out experiments/results/costs

@@ -15,7 +15,7 @@ from lf_flame.keras_loading import load_keras
 from lf_flame.light_field_commands import FILE, FOLDER, convert, refocus
 from lf_flame.model_commands import export, latency, predict
 from lf_flame.study_commands import study, swap_test
-from lf_flame.system_commands import train_system
+from lf_flame.system_commands import compare, train_system
 
 PAPER = NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -311,6 +311,7 @@ commands.add_command(latency)
 commands.add_command(study)
 commands.add_command(swap_test)
 commands.add_command(train_system)
+commands.add_command(compare)
 
 
 if __name__ == "__main__":

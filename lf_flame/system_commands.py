@@ -1,12 +1,14 @@
-"""The commands of `lf-flame` for refocusing systems: train-system.
+"""The commands of `lf-flame` for refocusing systems: train-system and compare.
 
 As in `lf_flame.cli`, heavy modules are imported inside the commands.
 """
 
+import logging
 from pathlib import Path
 
 import click
 
+from lf_flame.errors import InputError
 from lf_flame.keras_loading import load_keras
 from lf_flame.light_field_commands import FILE, FOLDER
 
@@ -24,6 +26,7 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
     draw is shift-and-sum of all views.
 
     \b
+      aperturenet  ours: nine aligned views, each for a ninth of the aperture
       refocusnet   four aligned views (Ben Dayan et al. 2020), the published layers
       refnet       7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
       volumetric   a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
@@ -33,3 +36,71 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
 
     path = train_system(read_systems_config(config), system, preset, out)
     click.echo(f"{path} is trained")
+
+
+@click.command()
+@click.argument("runs", type=FOLDER)
+@click.option("--out", type=FOLDER, required=True, help="Results folder.")
+@click.option(
+    "--data",
+    type=FILE,
+    multiple=True,
+    default=["data_gen/shapes.toml", "data_gen/flames.toml"],
+    show_default=True,
+    help="Data set whose scenes are refocused; may be repeated.",
+)
+@click.option("--preset", default="quick", show_default=True, help="Whose test split it is.")
+@click.option("--seed", default=1, show_default=True, help="Of the split.")
+@click.option("--light-fields", default=8, show_default=True, help="Of each test set.")
+@click.option(
+    "--photograph",
+    "photographs",
+    type=(click.Path(path_type=Path), str),
+    multiple=True,
+    metavar="LIGHT_FIELD SLOPES",
+    help="Light field of a camera, and slopes such as -1,0,1; may be repeated.",
+)
+@click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
+def compare(runs, out, data, preset, seed, light_fields, photographs, refocusnet_weights) -> None:
+    """Set refocusing systems side by side: accuracy, views, time and memory.
+
+    RUNS holds the trained networks, one folder each, as `make train-refocusnet` and the like, and
+    `make tables`, leave them. What is missing shows as missing.
+
+    Test sets are light fields that no network was trained on: the test splits of the data sets,
+    the same scenes with their objects at other depths, and photographs. Right is shift-and-sum of
+    all views. Run it on a machine that does nothing else.
+
+    \b
+      lf-flame compare runs/quick --out compare
+      lf-flame compare runs/quick --out compare --photograph FOLDER_OF_VIEWS -1,0,1
+    """  # noqa: D301 - click reads the backspace
+    if light_fields < 1:
+        raise InputError(f"light-fields must be 1 or more, got {light_fields}.")
+    load_keras()
+    # TensorFlow finds it odd that network after network is compiled.
+    logging.getLogger("tensorflow").setLevel(logging.ERROR)
+    from lf_flame.datasets import read_config
+    from lf_flame.formats import read_light_field
+    from lf_flame.report import step_bar
+    from lf_flame.systems import contest
+
+    test_sets = [
+        test_set
+        for path in data
+        for test_set in contest.paper_sets(read_config(path), preset, seed, light_fields)
+    ]
+    for path, slopes in photographs:
+        light_field = read_light_field(path)
+        test_sets.append(contest.photograph_set(path.name, light_field, _as_numbers(slopes)))
+    contestants = contest.classical_contestants()
+    contestants += contest.trained_contestants(runs, refocusnet_weights)
+    path = contest.run_contest(contestants, test_sets, out, step_bar)
+    click.echo(path.read_text(encoding="utf-8"))
+
+
+def _as_numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"Slopes are numbers with commas between, got {text!r}.") from None

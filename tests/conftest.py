@@ -1,4 +1,5 @@
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,32 @@ def small_camera():
         views=5,
         lenslets=(24, 30),
     )
+
+
+COARSE_CAMERA = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.672
+views = 9
+lenslets = [48, 96]
+"""
+
+
+@pytest.fixture(scope="session")
+def coarse_data(tmp_path_factory):
+    """Configurations of the paper's shapes and flames, seen in images of 24 x 48 pixels."""
+    folder = tmp_path_factory.mktemp("data_gen")
+    paths = []
+    for kind in ("shapes", "flames"):
+        text = Path(__file__).parents[1].joinpath("data_gen", f"{kind}.toml").read_text()
+        before, _, behind = text.partition("[camera]")
+        before = before.replace("[90, 180]", "[24, 48]")
+        paths.append(folder / f"{kind}.toml")
+        template = behind.partition("[template]")[2]
+        paths[-1].write_text(f"{before}{COARSE_CAMERA}[template]{template}")
+    return paths
 
 
 def pytest_collection_modifyitems(items):

@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import keras
 import numpy as np
@@ -21,36 +20,17 @@ from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.refnet import SLOPES
 
-CAMERA = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.672
-views = 9
-lenslets = [48, 96]
-"""
-
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory):
-    """The paper's shapes and flames, coarsely seen: images of 24 x 48 pixels."""
-    folder = tmp_path_factory.mktemp("data_gen")
-    paths = []
-    for kind in ("shapes", "flames"):
-        text = Path("data_gen", f"{kind}.toml").read_text()
-        before, _, behind = text.partition("[camera]")
-        text = before.replace("[90, 180]", "[24, 48]") + CAMERA
-        text += "[template]" + behind.partition("[template]")[2]
-        paths.append(folder / f"{kind}.toml")
-        paths[-1].write_text(text)
+def config(coarse_data):
     values = {
         "title": "t",
         "seed": 3,
         "checkpoint_s": 0,
-        "lessons": {"data": [str(path) for path in paths], "slopes": 3},
+        "lessons": {"data": [str(path) for path in coarse_data], "slopes": 3},
         "presets": {"smoke": {"lessons": 4, "held_out": 2, "epochs": 2}},
         "systems": {
+            "aperturenet": {"epochs": 50, "patch": 20},
             "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
             "refnet": {"epochs": 50, "patch": 24},
             "volumetric": {"epochs": 50, "patch": 24, "optimizer": "rmsprop"},
@@ -167,7 +147,11 @@ def test_another_run_in_the_folder_is_refused(config, tmp_path):
 @pytest.mark.parametrize(
     ("name", "preset", "words"),
     [
-        ("refocus", "smoke", "system must be one of refocusnet, refnet, volumetric, got 'refocus'"),
+        (
+            "refocus",
+            "smoke",
+            "system must be one of aperturenet, refocusnet, refnet, volumetric, got 'refocus'",
+        ),
         ("refnet", "slow", "preset must be one of smoke, got 'slow'"),
     ],
 )

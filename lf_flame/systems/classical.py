@@ -59,32 +59,24 @@ def every_view(rows: int, columns: int) -> Places:
     return [(v, u) for v in range(rows) for u in range(columns)]
 
 
-def square_of_views(side: int) -> Callable[[int, int], Places]:
+def square_of_views(rows: int, columns: int, side: int = 3) -> Places:
     """Choose side x side views, spread from the first to the last."""
-
-    def places(rows: int, columns: int) -> Places:
-        if min(rows, columns) < side:
-            raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
-        return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
-
-    return places
+    if min(rows, columns) < side:
+        raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
+    return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
 
 
-def cross_of_views(arm: int) -> Callable[[int, int], Places]:
+def cross_of_views(rows: int, columns: int, arm: int = 4) -> Places:
     """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
 
     With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).
     """
-
-    def places(rows: int, columns: int) -> Places:
-        need = 2 * arm + 1
-        if min(rows, columns) < need:
-            raise InputError(f"A cross of {need} views each way is needed, got {rows} x {columns}.")
-        down, across = spread(rows, need), spread(columns, need)
-        middle = down[arm], across[arm]
-        return [(v, middle[1]) for v in down] + [(middle[0], u) for u in across if u != middle[1]]
-
-    return places
+    need = 2 * arm + 1
+    if min(rows, columns) < need:
+        raise InputError(f"A cross of {need} views each way is needed, got {rows} x {columns}.")
+    down, across = spread(rows, need), spread(columns, need)
+    middle = down[arm], across[arm]
+    return [(v, middle[1]) for v in down] + [(middle[0], u) for u in across if u != middle[1]]
 
 
 def lattice_of_views(rows: int, columns: int) -> Places:
@@ -99,7 +91,7 @@ def lattice_of_views(rows: int, columns: int) -> Places:
         raise InputError(
             f"The lattice needs {LATTICE} x {LATTICE} views or more, got {rows} x {columns}."
         )
-    down, across = (_cell_middles(n) for n in (rows, columns))
+    down, across = (middles(n, LATTICE) for n in (rows, columns))
     half = LATTICE // 2
     return [(down[(2 * (k - half) + half) % LATTICE], across[k]) for k in range(LATTICE)]
 
@@ -107,7 +99,6 @@ def lattice_of_views(rows: int, columns: int) -> Places:
 LATTICE = 9
 
 
-def _cell_middles(count: int) -> list[int]:
-    """Find the views nearest to the middles of nine equal parts of the aperture."""
-    middles = (np.arange(LATTICE) + 0.5) * count / LATTICE - 0.5
-    return np.floor(middles + 0.5).astype(int).tolist()
+def middles(count: int, parts: int) -> list[int]:
+    """Find the views nearest to the middles of equal parts of the aperture."""
+    return np.floor((np.arange(parts) + 0.5) * count / parts).astype(int).tolist()

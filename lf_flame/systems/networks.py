@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 from lf_flame.systems.system import NetworkSystem
@@ -31,6 +32,7 @@ class Network:
 
 
 NETWORKS = {
+    "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
     "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
     "refnet": Network(RefNet, build_refnet, refnet_loss),
     "volumetric": Network(SparseUNet, build_unet, unet_loss),

@@ -79,7 +79,7 @@ class RefNet(NetworkSystem):
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose 7 x 7 views, from the first to the last."""
-        return square_of_views(SIDE)(rows, columns)
+        return square_of_views(rows, columns, SIDE)
 
     def slope_range(self, rows: int, columns: int) -> tuple[float, float]:
         """Range of the sixteen slopes."""

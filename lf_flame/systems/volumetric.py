@@ -19,7 +19,6 @@ from lf_flame.systems.classical import ShiftAndSum, cross_of_views
 from lf_flame.systems.similarity import ms_ssim, scales
 from lf_flame.systems.system import NetworkSystem, Places
 
-ARM = 4
 FILTERS = (16, 32, 64)
 STEP, SHARE, PSNR_WEIGHT = 0.1, 0.65, 500.0
 SOFTEN = 5.0
@@ -92,7 +91,7 @@ class SparseUNet(NetworkSystem):
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose the cross."""
-        return cross_of_views(ARM)(rows, columns)
+        return cross_of_views(rows, columns)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus with the cross alone."""
@@ -146,7 +145,7 @@ def search_region_slope(
     if not -np.inf < low < high < np.inf:
         raise InputError(f"slopes to search must be two rising numbers, got {low} and {high}.")
     middle = views[views.shape[0] // 2, views.shape[1] // 2]
-    system = ShiftAndSum(places=(lambda *_: places) if places else cross_of_views(ARM))
+    system = ShiftAndSum(places=(lambda *_: places) if places else cross_of_views)
 
     def likeness(some: np.ndarray) -> np.ndarray:
         stack = system.refocus(views, some)[:, t0:t1, s0:s1]
@@ -197,5 +196,5 @@ def refocus_regions(
     rest = slopes[0] if background is None else background
     surface = region_slopes(views.shape[2:4], found, rest, SOFTEN)
     weights = np.zeros(views.shape[:2])
-    weights[tuple(np.transpose(places or cross_of_views(ARM)(*views.shape[:2])))] = 1
+    weights[tuple(np.transpose(places or cross_of_views(*views.shape[:2])))] = 1
     return refocus_surface(views, surface, weights=weights), surface

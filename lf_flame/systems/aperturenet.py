@@ -1,0 +1,113 @@
+"""ApertureNet, ours: nine views, each for a ninth of the aperture, and how wide to blur them.
+
+Cut the square aperture of the main lens into 3 x 3 squares, and take the view in the middle of
+each. Something out of focus, whose image moves by d pixels over the whole aperture, moves by d / 3
+within a square. So what all the views of a square would have drawn is its middle view, blurred by
+a box d / 3 wide; and the mean of the nine, so blurred, is what all views together give. That is
+exact for light that adds up; only d, for each pixel, is not known. (Shift-and-sum of nine views
+takes it for 0, and shows ghosts.)
+
+So the network has one thing to find: how wide. From the aligned views it draws, for each pixel, the
+shares of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
+filters: S. Bako et al., ACM Transactions on Graphics 36(4), 2017); a small correction is added for
+what no box does, such as edges that hide something. It is fully convolutional and sees slopes only
+through the alignment: any slope and any size will do.
+"""
+
+import keras
+import numpy as np
+from keras import layers
+
+from lf_flame.errors import InputError
+from lf_flame.refocus import align_views
+from lf_flame.systems.classical import middles
+from lf_flame.systems.system import NetworkSystem, Places
+
+SIDE = 3
+VIEWS = SIDE**2
+
+WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
+"""Of the boxes, in pixels; the first leaves the picture as it is."""
+
+REACH = 9
+FILTERS = 48
+CONVINCED = 4.0
+"""Logit by which the first box is preferred at the start: training starts from shift-and-sum."""
+
+
+def build_aperturenet(seed: int = 0) -> keras.Model:
+    """Build the network.
+
+    Half the resolution is enough to see how far the views disagree; all that is sharp comes from
+    the mean of the views, at full resolution.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the initial weights, He-normal.
+
+    Returns
+    -------
+    keras.Model
+        Input (h, w, 9), the aligned views; sides even. Output (h, w, 1), not clipped.
+    """
+    numbers = iter(range(1000 * seed, 1000 * seed + 1000))
+
+    def convolution(side: int, **options):
+        initial = keras.initializers.HeNormal(seed=next(numbers))
+        return layers.Conv2D(
+            FILTERS, side, padding="same", activation="relu", kernel_initializer=initial, **options
+        )
+
+    seen = keras.Input((None, None, VIEWS), name="aligned_views")
+    mean = keras.ops.mean(seen, axis=-1, keepdims=True)
+    boxes = layers.Conv2D(len(WIDTHS), REACH, padding="same", use_bias=False, name="boxes")
+    blurred = boxes(mean)
+    boxes.set_weights([make_boxes()])
+    boxes.trainable = False
+    x = convolution(4, strides=2)(seen - mean)
+    x = convolution(3)(convolution(3)(x))
+    x = layers.Conv2DTranspose(
+        len(WIDTHS) + 1, 4, strides=2, padding="same", kernel_initializer="zeros", name="shares"
+    )(x)
+    first = np.float32([CONVINCED, *[0] * (len(WIDTHS) - 1)])
+    shares = keras.ops.softmax(x[..., :-1] + first)
+    image = keras.ops.sum(shares * blurred, axis=-1, keepdims=True) + x[..., -1:]
+    return keras.Model(seen, image, name="aperturenet")
+
+
+def make_boxes() -> np.ndarray:
+    """Make boxes of `WIDTHS`, in pixels that they cover in part: float32, (9, 9, 1, boxes)."""
+    places = np.abs(np.arange(REACH) - REACH // 2)
+    lines = [np.clip(width / 2 - places + 0.5, 0, 1) for width in WIDTHS]
+    squares = [np.outer(line, line) / line.sum() ** 2 for line in lines]
+    return np.stack(squares, axis=-1)[:, :, None].astype(np.float32)
+
+
+class ApertureNet(NetworkSystem):
+    """ApertureNet on a light field."""
+
+    name = "ApertureNet (ours)"
+    smallest = 16
+    multiple = 2
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
+        if min(rows, columns) < SIDE:
+            raise InputError(
+                f"{self.name} needs {SIDE} x {SIDE} views or more, got {rows} x {columns}."
+            )
+        down, across = (middles(n, SIDE) for n in (rows, columns))
+        return [(v, u) for v in down for u in across]
+
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Align them."""
+        aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
+        return np.moveaxis(aligned, 1, -1)
+
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Give the images a channel."""
+        return stack[..., None]
+
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        return self.predict(self.show(views, slopes, block))[..., 0]

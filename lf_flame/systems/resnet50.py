@@ -1,0 +1,86 @@
+"""The paper's ResNet-50, as a system: all views in one picture, four images at slopes of its own.
+
+A network of this kind is for one camera and for the depths that it was trained on.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.datasets import DatasetConfig
+from lf_flame.errors import InputError
+from lf_flame.evaluation import open_run
+from lf_flame.lightfield import LightField
+from lf_flame.systems.classical import every_view
+from lf_flame.systems.system import NetworkSystem, Places
+
+NEAR = 0.02
+"""How far a slope that is asked for may be from the network's own, in lenslets per view step."""
+
+
+class ResNet50(NetworkSystem):
+    """A trained run of the paper's network, whatever it is shown.
+
+    Parameters
+    ----------
+    model : keras.Model
+    config : DatasetConfig
+        Of the data set that it was trained on.
+    slopes : sequence of float
+        Its own, in lenslets per view step.
+    """
+
+    name = "ResNet-50 (the paper's)"
+
+    def __init__(self, model, config: DatasetConfig, slopes):
+        super().__init__(model, None)
+        self.config, self.slopes = config, np.asarray(slopes, float)
+
+    @classmethod
+    def of_run(cls, folder: str | Path) -> "ResNet50":
+        """Load a finished run."""
+        import keras
+
+        _, dataset = open_run(folder)
+        model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
+        return cls(model, dataset.config, dataset.attrs["slopes"])
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose all views of its own camera, or those that its encoding shows."""
+        own = self.config.camera.views
+        if (rows, columns) != (own, own):
+            raise InputError(
+                f"{self.name} was trained on a camera of {own} x {own} views, got {rows} x "
+                f"{columns}."
+            )
+        if self.config.input.kind == "raw":
+            return every_view(rows, columns)
+        down, across = self.config.input.chosen(rows, columns)
+        return [(int(v), int(u)) for v in down.ravel() for u in across.ravel()]
+
+    def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
+        super()._check(shape, slopes, block)
+        lenslets, own = self.config.camera.lenslets, self.config.block
+        if tuple(shape[2:4]) != tuple(lenslets) or tuple(block) != own or len(shape) != 4:
+            raise InputError(
+                f"{self.name} was trained on grey light fields of {lenslets[0]} x {lenslets[1]} "
+                f"lenslets, {own[0]} x {own[1]} to a pixel, got an array of shape {tuple(shape)} "
+                f"and {block[0]} x {block[1]}."
+            )
+        for slope in slopes:
+            if np.abs(self.slopes - slope).min() > NEAR:
+                known = ", ".join(f"{x:.2f}" for x in self.slopes)
+                raise InputError(f"{self.name} only does the slopes {known}, got {slope:.3g}.")
+
+    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        """Encode the light field as in training."""
+        return self.config.encode(LightField.trusted(views))[None]
+
+    def truth(self, stack: np.ndarray) -> np.ndarray:
+        """Arrange images as the network draws them."""
+        return stack[None, ..., None]
+
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        views = np.ascontiguousarray(views, np.float32)
+        planes = self.model.predict_on_batch(self.show(views, slopes, block))[0, ..., 0]
+        return planes[[int(np.abs(self.slopes - slope).argmin()) for slope in slopes]]

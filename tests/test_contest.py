@@ -1,0 +1,183 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from lf_flame import InputError, LightField
+from lf_flame.cli import commands
+from lf_flame.datasets import make_dataset, read_config
+from lf_flame.leaves import DeadLeaves
+from lf_flame.systems import contest
+from lf_flame.systems.classical import ShiftAndSum
+from lf_flame.systems.learning import read_systems_config, train_system
+from lf_flame.systems.resnet50 import ResNet50
+
+
+@pytest.fixture(scope="module")
+def flames(coarse_data):
+    return read_config(coarse_data[1])
+
+
+@pytest.fixture(scope="module")
+def sets(flames):
+    return contest.paper_sets(flames, "smoke", 1, 2)
+
+
+class Dim(ShiftAndSum):
+    """A system whose error is known: everything is 0.01 too dark."""
+
+    def _refocus(self, views, slopes, block):
+        return super()._refocus(views, slopes, block) - 0.01
+
+
+class Blind(ShiftAndSum):
+    def chosen(self, rows, columns):
+        raise InputError("Blind sees nothing.")
+
+
+def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
+    assert [one.name for one in sets] == [
+        "flames",
+        "flames, first and last exchanged",
+        "flames, order reversed",
+        "flames, all 5 mm nearer",
+    ]
+    assert sets[0].planes == sets[1].planes == ["20 mm", "10 mm", "0 mm", "-10 mm"]
+    assert sets[3].planes == ["15 mm", "5 mm", "-5 mm", "-15 mm"]
+    for one in sets:
+        scenes = list(one.scenes())
+        assert len(scenes) == 2
+        assert all(scene.truth().shape == (4, 24, 48) for scene in scenes)
+        assert np.any(scenes[0].views != scenes[1].views)
+    np.testing.assert_allclose(
+        next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
+    )
+
+
+def test_shift_and_sum_of_all_views_is_right(sets):
+    table = contest.score_system(ShiftAndSum(), "all", sets[0])
+    assert list(table.columns) == contest.COLUMNS
+    assert np.all(np.isinf(table.psnr_db))
+    assert table.ssim.tolist() == pytest.approx([1] * 4)
+    assert list(table.views) == [81] * 4
+    assert list(table.light_fields) == [2] * 4
+
+
+def test_scores_are_those_of_a_known_error(sets):
+    """Where the truth is black nothing can be darker, so 0.01 counts where something is lit."""
+    table = contest.score_system(Dim(), "dim", sets[0])
+    np.testing.assert_allclose(table.psnr_lit_db, 40, atol=0.5)
+
+
+def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
+    table = contest.score_system(Blind(), "blind", sets[0])
+    assert list(table.why_missing) == ["Blind sees nothing."]
+    assert table.psnr_db.isna().all()
+
+
+def test_the_border_of_photographs_is_not_scored():
+    views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
+    photographs = contest.photograph_set("leaves", LightField(views), [-0.5, 0.5])
+
+    class WrongAtTheEdge(ShiftAndSum):
+        def _refocus(self, views, slopes, block):
+            images = super()._refocus(views, slopes, block)
+            images[:, :12] = 0
+            return images
+
+    table = contest.score_system(WrongAtTheEdge(), "edge", photographs)
+    assert np.all(np.isinf(table.psnr_db))
+    assert list(table.plane) == ["slope -0.5", "slope 0.5"]
+
+
+def test_a_price_is_measured_in_a_process_of_its_own(sets):
+    one = contest.Contestant("all", ShiftAndSum, {})
+    price = contest.price(one, next(sets[0].scenes()))
+    assert price.milliseconds > 0
+    assert price.memory_mb > 10
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory, coarse_data):
+    """A folder of runs in which one network was trained, for a moment."""
+    folder = tmp_path_factory.mktemp("runs")
+    text = "\n".join(
+        [
+            'title = "t"\nseed = 1\n[lessons]',
+            f"data = {json.dumps([str(path) for path in coarse_data])}",
+            "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
+            "[systems.aperturenet]\nepochs = 1\npatch = 24",
+        ]
+    )
+    (folder / "systems.toml").write_text(text)
+    config = read_systems_config(folder / "systems.toml")
+    train_system(config, "aperturenet", "smoke", folder / "aperturenet", show=False)
+    return folder
+
+
+def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_path):
+    views = DeadLeaves().draw((9, 9), (40, 48), np.random.default_rng(3)).views
+    leaves = tmp_path / "leaves.npy"
+    np.save(leaves, views)
+    arguments = ["compare", runs, "--out", tmp_path / "out", "--data", coarse_data[1], "--preset",
+                 "smoke", "--light-fields", 1, "--photograph", leaves, "-0.5,1"]  # fmt: skip
+    shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
+    assert shown.exit_code == 0
+    scores = pd.read_csv(tmp_path / "out/compare.csv")
+    ours = scores[scores.system == "ApertureNet (ours)"]
+    assert set(ours.test_set) == set(scores.test_set)
+    assert ours.psnr_db.notna().all()
+    absent = scores[scores.system.str.startswith("RefNet")]
+    assert absent.psnr_db.isna().all()
+    assert absent.why_missing.str.contains("no finished run").all()
+    prices = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
+    assert prices.milliseconds["ApertureNet (ours)"] > 0
+    assert prices.training_s["ApertureNet (ours)"] > 0
+    assert prices.views["ApertureNet (ours)"] == 9
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "compare.csv", "compare.json", "compare.md", "compare.png", "systems.csv"
+    }  # fmt: skip
+    text = (tmp_path / "out/compare.md").read_text()
+    assert "missing" in text
+    assert "slopes" not in text.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--light-fields", "0"], "1 or more, got 0"),
+        (["--photograph", "x.npy", "1;2"], "got '1;2'"),
+    ],
+)
+def test_bad_input_is_one_sentence(runs, tmp_path, options, words):
+    np.save(tmp_path / "x.npy", np.zeros((3, 3, 20, 20)))
+    options = [str(tmp_path / x) if x == "x.npy" else x for x in options]
+    with pytest.raises(InputError, match=words):
+        CliRunner().invoke(
+            commands, ["compare", str(runs), "--out", str(tmp_path), *options],
+            catch_exceptions=False, standalone_mode=False,
+        )  # fmt: skip
+
+
+def test_the_papers_network_is_for_its_own_camera_and_slopes(flames, tmp_path):
+    """What it refuses needs no training: a network that draws black."""
+    import keras
+
+    make_dataset(flames, 2, tmp_path / "data")
+    seen = keras.Input((24, 48, 1))
+    black = keras.layers.Reshape((4, 24, 48, 1))(
+        keras.ops.zeros_like(keras.ops.repeat(seen, 4, axis=-1))
+    )
+    system = ResNet50(keras.Model(seen, black), flames, [1.0, 0.5, 0.0, -0.5])
+    views = np.zeros((9, 9, 48, 96), np.float32)
+    assert system.refocus(views, [0.5, -0.5], (2, 2)).shape == (2, 24, 48)
+    for wrong, slope, block, words in [
+        (views, 0.3, (2, 2), "only does the slopes 1.00, 0.50, 0.00, -0.50, got 0.3"),
+        (views[:5, :5], 0.5, (2, 2), "a camera of 9 x 9 views, got 5 x 5"),
+        (views, 0.5, (1, 1), "48 x 96 lenslets, 2 x 2 to a pixel, got .* and 1 x 1"),
+        (views[..., None].repeat(3, -1), 0.5, (2, 2), "trained on grey light fields"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            system.refocus(wrong, slope, block)
