@@ -60,8 +60,16 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
     metavar="LIGHT_FIELD SLOPES",
     help="Light field of a camera, and slopes such as -1,0,1; may be repeated.",
 )
+@click.option(
+    "--electrons",
+    type=click.FloatRange(min=1),
+    multiple=True,
+    help="Also in less light: electrons of a pixel at full scale; may be repeated.",
+)
 @click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
-def compare(runs, out, data, preset, seed, light_fields, photographs, refocusnet_weights) -> None:
+def compare(
+    runs, out, data, preset, seed, light_fields, photographs, electrons, refocusnet_weights
+) -> None:
     """Set refocusing systems side by side: accuracy, views, time and memory.
 
     RUNS holds the trained networks, one folder each, as `make train-refocusnet` and the like, and
@@ -73,6 +81,7 @@ def compare(runs, out, data, preset, seed, light_fields, photographs, refocusnet
 
     \b
       lf-flame compare runs/quick --out compare
+      lf-flame compare runs/quick --out compare --electrons 30 --electrons 300 --electrons 3000
       lf-flame compare runs/quick --out compare --photograph FOLDER_OF_VIEWS -1,0,1
     """  # noqa: D301 - click reads the backspace
     if light_fields < 1:
@@ -85,11 +94,10 @@ def compare(runs, out, data, preset, seed, light_fields, photographs, refocusnet
     from lf_flame.report import step_bar
     from lf_flame.systems import contest
 
-    test_sets = [
-        test_set
-        for path in data
-        for test_set in contest.paper_sets(read_config(path), preset, seed, light_fields)
-    ]
+    configs = [read_config(path) for path in data]
+    by_data = [contest.paper_sets(config, preset, seed, light_fields) for config in configs]
+    test_sets = [test_set for sets in by_data for test_set in sets]
+    test_sets += [sets[0].in_the_dark(light, seed) for light in electrons for sets in by_data]
     for path, slopes in photographs:
         light_field = read_light_field(path)
         test_sets.append(contest.photograph_set(path.name, light_field, _as_numbers(slopes)))

@@ -12,6 +12,7 @@ from lf_flame.leaves import DeadLeaves
 from lf_flame.systems import contest
 from lf_flame.systems.classical import ShiftAndSum
 from lf_flame.systems.learning import read_systems_config, train_system
+from lf_flame.systems.price import price
 from lf_flame.systems.resnet50 import ResNet50
 
 
@@ -92,11 +93,25 @@ def test_the_border_of_photographs_is_not_scored():
     assert list(table.plane) == ["slope -0.5", "slope 0.5"]
 
 
+def test_less_light_is_shot_noise_of_the_same_scenes(sets):
+    """Its variance is the mean over the electrons; the truth stays that of the clean views."""
+    dark = sets[0].in_the_dark(100, seed=4)
+    for scene, clean, again in zip(dark.scenes(), sets[0].scenes(), dark.scenes(), strict=True):
+        error = scene.views - clean.views
+        assert abs(error.mean()) < 1e-4
+        assert np.var(error) == pytest.approx(clean.views.mean() / 100, rel=0.02)
+        np.testing.assert_array_equal(scene.truth(), clean.truth())
+        np.testing.assert_array_equal(scene.views, again.views)
+    table = contest.score_system(ShiftAndSum(), "all", dark)
+    assert set(table.electrons) == {100}
+    assert np.all(table.psnr_db.between(40, 70))
+
+
 def test_a_price_is_measured_in_a_process_of_its_own(sets):
-    one = contest.Contestant("all", ShiftAndSum, {})
-    price = contest.price(one, next(sets[0].scenes()))
-    assert price.milliseconds > 0
-    assert price.memory_mb > 10
+    scene = next(sets[0].scenes())
+    found = price(ShiftAndSum, scene.views, scene.slopes, scene.block)
+    assert found.milliseconds > 0
+    assert 10 < found.memory_mb < 400  # no network was loaded
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +137,8 @@ def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_pa
     leaves = tmp_path / "leaves.npy"
     np.save(leaves, views)
     arguments = ["compare", runs, "--out", tmp_path / "out", "--data", coarse_data[1], "--preset",
-                 "smoke", "--light-fields", 1, "--photograph", leaves, "-0.5,1"]  # fmt: skip
+                 "smoke", "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
+                 50]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     scores = pd.read_csv(tmp_path / "out/compare.csv")
@@ -137,11 +153,12 @@ def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_pa
     assert prices.training_s["ApertureNet (ours)"] > 0
     assert prices.views["ApertureNet (ours)"] == 9
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "compare.csv", "compare.json", "compare.md", "compare.png", "systems.csv"
+        "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
+        "systems.csv",
     }  # fmt: skip
     text = (tmp_path / "out/compare.md").read_text()
     assert "missing" in text
-    assert "slopes" not in text.splitlines()[0]
+    assert "50 electrons" in text
 
 
 @pytest.mark.parametrize(

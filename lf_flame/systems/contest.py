@@ -6,11 +6,9 @@ from views in memory to images in memory, on all cores; each is timed in a proce
 peak memory is what it takes.
 """
 
-import multiprocessing
-import resource
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -37,19 +35,18 @@ from lf_flame.systems.classical import (
 )
 from lf_flame.systems.learning import load_system
 from lf_flame.systems.networks import NETWORKS
+from lf_flame.systems.price import price
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem
 
 COLUMNS = [
-    "test_set", "system", "views", "slope", "plane", "psnr_db", "psnr_sd", "psnr_lit_db", "ssim",
-    "ssim_sd", "light_fields", "why_missing",
+    "test_set", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
+    "psnr_lit_db", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
 
 BORDER = 12
 """Pixels that are cut off a photograph's images before they are scored: views end there."""
-
-REPEATS = 15
 
 
 @dataclass(frozen=True)
@@ -85,16 +82,20 @@ class Scene:
         Lenslets in a pixel of the images.
     border : int
         Pixels of the images that are not scored.
+    clean : ndarray, optional
+        The views without noise, where these have some.
     """
 
     views: np.ndarray
     slopes: np.ndarray
     block: tuple[int, int] = (1, 1)
     border: int = 0
+    clean: np.ndarray | None = None
 
     def truth(self) -> np.ndarray:
-        """Refocus with all views."""
-        return average(shift_and_sum(self.views, self.slopes), self.block)
+        """Refocus with all views, without noise."""
+        views = self.views if self.clean is None else self.clean
+        return average(shift_and_sum(views, self.slopes), self.block)
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,8 @@ class TestSet:
         What the planes are called.
     scenes : callable
         Takes nothing, yields scenes.
+    electrons : float
+        That a pixel at full scale holds; infinite: no noise.
     """
 
     __test__ = False  # for pytest, which would collect it
@@ -115,6 +118,28 @@ class TestSet:
     name: str
     planes: list[str]
     scenes: Callable[[], Iterator[Scene]]
+    electrons: float = np.inf
+
+    def in_the_dark(self, electrons: float, seed: int) -> "TestSet":
+        """Take the same scenes in less light: with shot noise, as in a short exposure.
+
+        Parameters
+        ----------
+        electrons : float
+            That a pixel at full scale holds.
+        seed : int
+            Of the noise.
+        """
+        return replace(
+            self, scenes=partial(_noisy, self.scenes, electrons, seed), electrons=electrons
+        )
+
+
+def _noisy(scenes: Callable[[], Iterator[Scene]], electrons: float, seed: int) -> Iterator[Scene]:
+    for index, scene in enumerate(scenes()):
+        rng = np.random.default_rng([seed, index])
+        counted = rng.poisson(scene.views * np.float64(electrons)) / electrons
+        yield replace(scene, views=counted.astype(np.float32), clean=scene.views)
 
 
 def paper_sets(config: DatasetConfig, preset: str, seed: int, count: int) -> list[TestSet]:
@@ -262,7 +287,8 @@ def score_system(
     table = scores[["slope", "psnr_db", "psnr_lit_db", "ssim"]].mean()
     table = table.assign(
         psnr_sd=scores["psnr_db"].std(), ssim_sd=scores["ssim"].std(), light_fields=scores.size(),
-        test_set=test_set.name, system=name, views=views, plane=test_set.planes, why_missing="",
+        test_set=test_set.name, electrons=test_set.electrons, system=name, views=views,
+        plane=test_set.planes, why_missing="",
     )  # fmt: skip
     return table.reset_index(drop=True)[COLUMNS]
 
@@ -276,7 +302,8 @@ def _with_truth(test_set: TestSet, truths) -> Iterator[tuple[Scene, np.ndarray]]
 
 
 def _missing(test_set: TestSet, name: str, reason: str) -> pd.DataFrame:
-    row = {"test_set": test_set.name, "system": name, "why_missing": reason}
+    row = {"test_set": test_set.name, "electrons": test_set.electrons, "system": name}
+    row["why_missing"] = reason
     return pd.DataFrame([row]).reindex(columns=COLUMNS)
 
 
@@ -288,40 +315,6 @@ def _ssim(truth: np.ndarray, image: np.ndarray) -> float:
     if truth.ndim == 2:
         return ssim(truth, image)
     return float(np.mean([ssim(truth[..., c], image[..., c]) for c in range(truth.shape[2])]))
-
-
-@dataclass(frozen=True)
-class Price:
-    """What a system takes.
-
-    Attributes
-    ----------
-    milliseconds : float
-        For a frame, the fastest of some.
-    memory_mb : float
-        Peak of its process, less the light field.
-    """
-
-    milliseconds: float
-    memory_mb: float
-
-
-def price(contestant: Contestant, scene: Scene) -> Price:
-    """Time a system on a frame, in a process of its own that does nothing else."""
-    context = multiprocessing.get_context("spawn")
-    with context.Pool(1) as pool:
-        return pool.apply(_price, (contestant.load, scene))
-
-
-def _price(load: Callable[[], RefocusingSystem], scene: Scene) -> Price:
-    system = load()
-    seconds = []
-    for _ in range(REPEATS + 1):  # the first compiles
-        started = time.perf_counter()
-        system.refocus(scene.views, scene.slopes, scene.block)
-        seconds.append(time.perf_counter() - started)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - scene.views.nbytes
-    return Price(1e3 * min(seconds[1:]), peak / 1e6)
 
 
 def run_contest(
@@ -356,7 +349,7 @@ def run_contest(
     prices = pd.DataFrame([x for x in results if isinstance(x, dict)])
     record = {
         "systems": {one.name: one.about for one in contestants},
-        "test_sets": [one.name for one in test_sets],
+        "test_sets": list(dict.fromkeys(one.name for one in test_sets)),
         "frame": {
             "planes": len(frame.slopes),
             "image": " x ".join(str(n) for n in frame.truth().shape[1:]),
@@ -369,6 +362,8 @@ def run_contest(
     write_text(out / "systems.csv", prices.round(3).to_csv(index=False))
     write_text(out / "compare.md", contest_report.text(scores, prices, record))
     figures.save(contest_report.figure(scores, prices), out / "compare.png")
+    if np.isfinite(scores.electrons).any():
+        figures.save(contest_report.noise_figure(scores), out / "compare_noise.png")
     write_json(out / "compare.json", record)
     return out / "compare.md"
 
@@ -409,4 +404,4 @@ def _described(contestant: Contestant, system, frame: Scene) -> dict:
         system.refocus(frame.views, frame.slopes, frame.block)
     except InputError:
         return row
-    return row | asdict(price(contestant, frame))
+    return row | asdict(price(contestant.load, frame.views, frame.slopes, frame.block))

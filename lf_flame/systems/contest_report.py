@@ -1,6 +1,7 @@
 """Table, text and picture of the contest (`lf_flame.systems.contest`)."""
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 
 MISSING = "missing"
@@ -18,6 +19,7 @@ def text(scores: pd.DataFrame, prices: pd.DataFrame, record: dict) -> str:
     record : dict
         As it is written.
     """
+    clean = scores[np.isinf(scores.electrons)]
     missing = scores[scores.psnr_db.isna()].drop_duplicates(["system", "why_missing"])
     reasons = "\n".join(
         f"- {row.system}, {row.test_set}: {row.why_missing}" for row in missing.itertuples()
@@ -37,20 +39,70 @@ views in memory, each system in a process of its own.
 
 ## PSNR (dB)
 
-{_pivot(scores, "psnr_db", "{:.2f}")}
+{_pivot(clean, "psnr_db", "{:.2f}")}
 
 ## SSIM
 
-{_pivot(scores, "ssim", "{:.3f}")}
+{_pivot(clean, "ssim", "{:.3f}")}
 
 ## The weakest plane, PSNR (dB)
 
-{_pivot(scores, "psnr_db", "{:.2f}", "min")}
+{_pivot(clean, "psnr_db", "{:.2f}", "min")}
 
-## What is missing
+{_noise(scores)}## What is missing
 
 {reasons or "Nothing."}
 """
+
+
+def _noise(scores: pd.DataFrame) -> str:
+    """Write a table for each test set that was seen in less light; nothing where none was."""
+    seen = scores[np.isfinite(scores.electrons)]
+    if seen.empty:
+        return ""
+    parts = [
+        "## In less light, PSNR (dB)",
+        "Shot noise of as many electrons as a pixel at full scale holds; right is what all views "
+        "show without noise.",
+    ]
+    for name in seen.test_set.unique():
+        rows = scores[scores.test_set == name]
+        rows = rows.assign(test_set=[_light(value) for value in rows.electrons])
+        parts += [f"### {name}", _pivot(rows, "psnr_db", "{:.2f}")]
+    return "\n\n".join(parts) + "\n\n"
+
+
+def _light(electrons: float) -> str:
+    return "no noise" if np.isinf(electrons) else f"{electrons:g} electrons"
+
+
+def noise_figure(scores: pd.DataFrame):
+    """Draw PSNR against light: one panel a test set, one curve a system.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    seen = scores[np.isfinite(scores.electrons) & scores.psnr_db.notna()]
+    sets = list(seen.test_set.unique())
+    drawn, axes = plt.subplots(
+        1, len(sets), figsize=(1.5 + 4.6 * len(sets), 5.5), sharey=True, squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    names = list(seen.system.unique())
+    for axis, test_set in zip(axes[0], sets, strict=True):
+        rows = seen[seen.test_set == test_set]
+        for k, name in enumerate(names):
+            curve = rows[rows.system == name].groupby("electrons")["psnr_db"].mean()
+            axis.plot(curve.index, curve, "o-", color=f"C{k % 10}", label=name)
+        axis.set_xscale("log")
+        axis.set_title(test_set, fontsize=10)
+        axis.set_xlabel("electrons in a pixel at full scale")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("PSNR against all views without noise (dB)")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    drawn.legend(handles, labels, ncols=2, loc="outside lower center", fontsize=9)
+    return drawn
 
 
 def _prices(prices: pd.DataFrame) -> str:
@@ -79,6 +131,7 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
+    scores = scores[np.isinf(scores.electrons)]
     sets = list(scores.test_set.unique())
     columns = min(len(sets), 3)
     rows = -(-len(sets) // columns)

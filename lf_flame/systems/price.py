@@ -1,0 +1,71 @@
+"""What a refocusing system takes: milliseconds and memory, in a process of its own.
+
+This module imports nothing heavy, so that a process that runs no network does not load one.
+"""
+
+import multiprocessing
+import os
+import resource
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.systems.system import RefocusingSystem
+
+REPEATS = 15
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a system takes.
+
+    Attributes
+    ----------
+    milliseconds : float
+        For a frame, the fastest of some.
+    memory_mb : float
+        Peak of its process, less the light field.
+    """
+
+    milliseconds: float
+    memory_mb: float
+
+
+def price(
+    load: Callable[[], RefocusingSystem],
+    views: np.ndarray,
+    slopes: np.ndarray,
+    block: tuple[int, int],
+) -> Price:
+    """Time a system on a frame, in a process of its own that does nothing else.
+
+    Parameters
+    ----------
+    load : callable
+        Gives the system; can be pickled.
+    views, slopes, block
+        The frame, see `RefocusingSystem.refocus`.
+    """
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1, initializer=_shut_standard_error) as pool:
+        return pool.apply(_measure, (load, views, slopes, block))
+
+
+def _shut_standard_error() -> None:
+    """Keep TensorFlow's pages back; what goes wrong still comes back as an exception."""
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+
+
+def _measure(load, views, slopes, block) -> Price:
+    system = load()
+    seconds = []
+    for _ in range(REPEATS + 1):  # the first compiles
+        started = time.perf_counter()
+        system.refocus(views, slopes, block)
+        seconds.append(time.perf_counter() - started)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 - views.nbytes
+    return Price(1e3 * min(seconds[1:]), peak / 1e6)
