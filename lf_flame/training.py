@@ -13,15 +13,12 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame import provenance
 from lf_flame.backbone import ImagenetUnavailable, describe_weights
-from lf_flame.checkpoints import Checkpoint, load_checkpoint
 from lf_flame.config import build, read_toml
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
-from lf_flame.files import write_json, written_aside
 from lf_flame.models import build_refocus_resnet50
-from lf_flame.runs import claim_folder, fit, is_done
+from lf_flame.runs import Job, assign, carry_out
 from lf_flame.trainers import decoder_variables, make_trainer
 from lf_flame.warmstart import freeze_normalisations, warm_start
 
@@ -223,7 +220,7 @@ def train(
     InputError
         If the run folder holds a run with another configuration, or the loss stops being a number.
     """
-    started, out, recipe = time.perf_counter(), Path(out), config.recipe(preset)
+    started, recipe = time.perf_counter(), config.recipe(preset)
     config = config.with_recipe(preset)
     dataset = Dataset(data)
     parts = split_indices(len(dataset), config.split, config.seed)
@@ -243,58 +240,38 @@ def train(
         "backbone_weights": weights,
         "data_sha256": dataset.attrs["sha256"],
     }
-    out.mkdir(parents=True, exist_ok=True)
-    if is_done(out, asked):
-        tqdm.write(f"{out} holds this run, finished.")
-        (out / "model.keras").touch()  # make compares it with the configuration file
-        return out / "model.keras"
-    claim_folder(out, asked)
-    run = load_checkpoint(out)
-    if run.history:
-        tqdm.write(f"Going on behind epoch {run.epochs_done} of {recipe.epochs}.")
     decoder = model.get_layer("decoder")
-    if run.next_epoch <= recipe.epochs:
+
+    def start(new: bool):
         features = compute_features(model, dataset.inputs)
         arrays = {
             name: (features[indices], dataset.targets[indices][..., None])
             for name, indices in parts.items()
         }
-        trainer = _start(decoder, recipe, arrays, run)
-        fit(run, trainer, recipe, config.seed, out, show, started)
-    for variable, value in zip(decoder_variables(decoder), run.best, strict=True):
-        variable.assign(value)
-    record = {
-        **asked,
-        "epochs": recipe.epochs,
+        return _start(decoder, recipe, arrays, new)
+
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        assign(decoder_variables(decoder), best)
+        return model
+
+    about = {
         "backbone_depth": config.model.backbone_depth,
-        "best_epoch": run.best_row["epoch"],
-        "best_validation_loss": run.best_row["val_loss"],
         "parts": {name: len(indices) for name, indices in parts.items()},
         "test_indices": parts["test"].tolist(),
         "data": str(data),
-        "keras_backend": keras.backend.backend(),
-        "start_s": run.history[0]["seconds"],
-        "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
-        "wall_s": round(time.perf_counter() - started, 2),
-        **provenance.environment(),
     }
-    write_json(out / "run.json", record)
-    with written_aside(out / "model.keras") as aside:  # last: make looks at this file
-        model.save(aside)
-    return out / "model.keras"
+    job = Job(asked, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, about)
+    return carry_out(job, Path(out), started, show)
 
 
-def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, run: Checkpoint):
-    """Make the trainer, at the start or where the checkpoint left it."""
+def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, new: bool):
+    """Make the trainer; a new run may start from the training images."""
     if recipe.warm_start:
         freeze_normalisations(decoder)
-        if not run.history:
+        if new:
             warm_start(decoder, arrays["train"], arrays["validation"], recipe.bands)
     steps = -(-len(arrays["train"][0]) // recipe.batch_size)
-    trainer = make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
-    if run.state:
-        trainer.state = run.state
-    return trainer
+    return make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
 
 
 def _learning_rate(recipe: Recipe, steps_per_epoch: int):

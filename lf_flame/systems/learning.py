@@ -13,13 +13,10 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame import provenance
-from lf_flame.checkpoints import load_checkpoint
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run
-from lf_flame.files import write_json, written_aside
-from lf_flame.runs import claim_folder, fit, is_done
+from lf_flame.runs import Job, assign, carry_out
 from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.system import NetworkSystem
@@ -164,7 +161,7 @@ def train_system(
         If there is no such system or preset, the run folder holds another run, or the loss stops
         being a number.
     """
-    started, out, recipe = time.perf_counter(), Path(out), config.recipe(name, preset)
+    started, recipe = time.perf_counter(), config.recipe(name, preset)
     course = config.presets[preset]
     asked = {
         "system": name,
@@ -175,51 +172,20 @@ def train_system(
         "course": {"lessons": course.lessons, "held_out": course.held_out},
         "recipe": asdict(recipe),
     }
-    out.mkdir(parents=True, exist_ok=True)
-    if is_done(out, asked):
-        tqdm.write(f"{out} holds this run, finished.")
-        (out / "model.keras").touch()  # make compares it with the configuration file
-        return out / "model.keras"
-    claim_folder(out, asked)
-    system = NETWORKS[name].build(config.seed)
-    run = load_checkpoint(out)
-    if run.history:
-        tqdm.write(f"Going on behind epoch {run.epochs_done} of {recipe.epochs}.")
-    if run.next_epoch <= recipe.epochs:
-        arrays = _teach(config, course, system, show)
-        trainer = PatchTrainer(system, NETWORKS[name].loss, recipe, arrays)
-        if run.state:
-            trainer.state = run.state
-        pace = Pace(recipe.epochs, config.checkpoint_s)
-        fit(run, trainer, pace, config.seed, out, show, started)
-    finished = NETWORKS[name].build(config.seed)  # anew: without the optimiser
-    for variable, value in zip(_variables(finished.model), run.best, strict=True):
-        variable.assign(value)
-    record = {
-        **asked,
-        "title": system.name,
-        "parameters": system.parameters,
-        "epochs": recipe.epochs,
-        "best_epoch": run.best_row["epoch"],
-        "best_validation_loss": run.best_row["val_loss"],
-        "keras_backend": keras.backend.backend(),
-        "start_s": run.history[0]["seconds"],
-        "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
-        "wall_s": round(time.perf_counter() - started, 2),
-        **provenance.environment(),
-    }
-    write_json(out / "run.json", record)
-    with written_aside(out / "model.keras") as aside:  # last: make looks at this file
-        finished.model.save(aside)
-    return out / "model.keras"
+    network = NETWORKS[name]
+    system = network.build(config.seed)
 
+    def start(new: bool) -> PatchTrainer:
+        return PatchTrainer(system, network.loss, recipe, _teach(config, course, system, show))
 
-@dataclass(frozen=True)
-class Pace:
-    """What `lf_flame.runs.fit` asks of a recipe."""
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        model = network.model(config.seed)  # anew: without the optimiser
+        assign(_variables(model), best)
+        return model
 
-    epochs: int
-    checkpoint_s: float
+    about = {"title": system.name, "parameters": system.parameters}
+    job = Job(asked, recipe.epochs, config.seed, config.checkpoint_s, start, finish, about)
+    return carry_out(job, Path(out), started, show)
 
 
 def _teach(config: SystemsConfig, course: Course, system: NetworkSystem, show: bool) -> dict:
