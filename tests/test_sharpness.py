@@ -1,6 +1,9 @@
 """The slope of sharpest focus: planted ones are found, and how sure the search says it is."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -352,3 +355,21 @@ def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
         assert printed == [2.1, 1.15, 0.0, -1.25]
         assert [text.get_text() for text in axis.texts] == [f"paper {2.1 - geometry[0]:+.2f}"]
     figures.plt.close(figure)
+
+
+def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_path):
+    """In processes of their own: BLAS takes its number of threads when it is loaded."""
+    code = (
+        "import numpy as np; from lf_flame.leaves import DeadLeaves;"
+        "from lf_flame.refocus import find_sharpest_slope;"
+        "lf = DeadLeaves(slopes=(0.4, 0.6)).draw((7, 7), (120, 90), np.random.default_rng(2));"
+        "found = find_sharpest_slope(lf); print(found.slope.hex(), found.sharpness.tobytes().hex())"
+    )
+    found = set()
+    for threads in ("1", "2"):
+        environment = os.environ | dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), threads
+        )
+        command = [sys.executable, "-c", code]
+        found.add(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
+    assert len(found) == 1

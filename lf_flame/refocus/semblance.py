@@ -20,6 +20,7 @@ from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 from lf_flame.footprint import centred
+from lf_flame.refocus import _semblance_kernels
 from lf_flame.refocus._arguments import refuse_not_finite
 
 PASS_BAND = 0.15
@@ -145,13 +146,19 @@ def _energies(gradients: np.ndarray, axes: list["_Axis"], batches: list) -> Iter
     for slopes in batches:
         turns = down.turns(slopes), across.turns(slopes)
         image = _refocused(spectra, *turns)[:, :height, :width].astype(np.complex128)
-        refocused = down.covered @ (image.real**2 + image.imag**2) @ across.covered.T
+        light = image.real**2 + image.imag**2
+        # Not by BLAS, whose sums depend on the number of its threads.
+        refocused = np.einsum("it,nts->nis", down.covered, light)
+        refocused = np.einsum("nis,js->nij", refocused, across.covered)
         (by_row, seen_down), (by_column, seen_across) = (
             axis.weights(turn) for axis, turn in zip(axes, turns, strict=True)
         )
-        row_sums = by_row.reshape(-1, rows * height).astype(np.float32) @ energy
-        row_sums = row_sums.reshape(len(slopes), -1, columns * width).astype(np.float64)
-        alike = row_sums @ by_column.reshape(len(slopes), -1, columns * width).transpose(0, 2, 1)
+        row_sums = np.empty((by_row.shape[0] * by_row.shape[1], columns * width))
+        by_row = np.ascontiguousarray(by_row.reshape(len(row_sums), rows * height))
+        _semblance_kernels.multiply(by_row, energy, row_sums)
+        row_sums = row_sums.reshape(len(slopes), -1, columns * width)
+        by_column = by_column.reshape(len(slopes), -1, columns * width)
+        alike = np.einsum("nix,njx->nij", row_sums, by_column)
         yield refocused, alike, seen_down[:, :, None] * seen_across[:, None, :]
 
 
@@ -204,4 +211,4 @@ class _Axis:
         seen = fft.ifft(taper[:, None] * turns.sum(axis=1), axis=0).real[: self.length]
         back = fft.fft(self.covered[:, :, None] * seen, self.period, axis=1)[:, :, None]
         weights = fft.ifft(back * turns.conj(), axis=1).real[:, : self.length]
-        return weights.transpose(3, 0, 2, 1), (self.covered @ seen**2).T
+        return weights.transpose(3, 0, 2, 1), np.einsum("it,tn->ni", self.covered, seen**2)

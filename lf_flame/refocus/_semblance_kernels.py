@@ -1,0 +1,30 @@
+"""Compiled loop of the slope search: arrays in, output array filled, nothing returned.
+
+A matrix product that BLAS would do too, but in another order on another number of threads; this one
+sums in one order, in float64, and the bits stay the same.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+BLOCK = 512
+"""Columns that are worked on together."""
+
+
+def _multiply(left, right, out):
+    """Matrix product left[i, k] @ right[k, x]: out[i, x]."""
+    rows, columns = out.shape
+    for block in prange(-(-columns // BLOCK)):
+        start = block * BLOCK
+        size = min(BLOCK, columns - start)
+        total = np.zeros((rows, size))
+        for k in range(left.shape[1]):
+            line = right[k, start : start + size]
+            for i in range(rows):
+                weight = left[i, k]
+                for x in range(np.uint64(size)):
+                    total[i, x] += weight * line[x]
+        out[:, start : start + size] = total
+
+
+multiply = njit(parallel=True, cache=True)(_multiply)
