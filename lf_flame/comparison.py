@@ -20,9 +20,11 @@ COLUMNS = [
     "paper_ssim", "paper_psnr_db",
 ]  # fmt: skip
 ASKED = (
-    "seed", "preset", "split", "model", "recipe", "epochs", "backbone_weights", "data_sha256"
+    "seed", "preset", "split", "model", "recipe", "epochs", "backbone_weights", "scenes_sha256",
+    "data_sha256",
 )  # fmt: skip
-"""What was asked of a run: runs that agree in all but the seed are pooled."""
+"""What was asked of a run: runs that agree in all but the seed are pooled. The same scenes may
+differ in their last bits from machine to machine, and so in the hash of their data."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ class Result:
 
     @property
     def recipe(self) -> dict:
-        """What was asked, but for the seed."""
-        return {**self.asked, "seed": None, "backbone_weights": self.weights}
+        """What was asked, but for the seed and the data set's last bits."""
+        return {**self.asked, "seed": None, "backbone_weights": self.weights, "data_sha256": None}
 
 
 def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
@@ -156,9 +158,10 @@ def _describe(pool: list[Result]) -> str:
     if len(pool) > 1:
         listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))
         seeds = f"mean ± standard deviation over the seeds {listed}"
+    data = ", ".join(dict.fromkeys(result.asked["data_sha256"][:8] for result in pool))
     return (
         f"{seeds}; preset {asked['preset']}, {asked['epochs']} epochs, batch "
-        f"{asked['recipe']['batch_size']}; data set {asked['data_sha256'][:8]}; "
+        f"{asked['recipe']['batch_size']}; data set {data}; "
         f"backbone weights: {pool[0].weights}"
     )
 

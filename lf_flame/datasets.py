@@ -9,6 +9,7 @@ renamed when it is whole.
 """
 
 import hashlib
+import json
 import multiprocessing
 import time
 from collections.abc import Callable, Iterable
@@ -422,6 +423,12 @@ class Dataset:
 
     def __len__(self) -> int:
         return self._group["complete"].shape[0]
+
+    @property
+    def scenes_sha256(self) -> str:
+        """Hash of what was asked for: the same on every machine, whose rounding may differ."""
+        asked = {**to_json(self.config), "samples": len(self)}
+        return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @cached_property
     def inputs(self) -> np.ndarray:

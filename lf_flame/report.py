@@ -122,6 +122,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     paper = read_paper_values(paper_values, table)
     tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
     dataset, indices, predictions = evaluation.predict_test_split(run)
+    record["scenes_sha256"] = dataset.scenes_sha256
     targets = dataset.targets[indices]
     scores = evaluation.compare_with_paper(evaluation.score(targets, predictions), paper)
     picture = figures.result_figure(

@@ -32,7 +32,7 @@ def make_results(folder, seed=1, error=0.1, **changed):
         "seed": seed, "preset": "paper", "split": [0.8, 0.1, 0.1], "epochs": 7, "best_epoch": 6,
         "model": {"dropout": 0.3}, "recipe": {"batch_size": 2}, "data_sha256": "c0ffee00" * 8,
         "backbone_weights": f"random (seed {seed}), conv5", "train_s": 3.0 + seed,
-        "machine": f"machine {seed}",
+        "machine": f"machine {seed}", "scenes_sha256": "5ce9e5" * 8,
     }  # fmt: skip
     baselines = scores.assign(baseline="the same", depth_mm=PRINTED["depth_mm"])
     table = compare_with_paper(scores, PRINTED)
@@ -77,7 +77,7 @@ def test_seeds_of_one_recipe_are_pooled(tmp_path):
         {"preset": "quick"},
         {"recipe": {"batch_size": 4}},
         {"model": {"dropout": 0.0}},
-        {"data_sha256": "0ddba115" * 8},
+        {"scenes_sha256": "0ddba115" * 8},
         {"backbone_weights": "imagenet, conv5"},
         {"backbone_weights": "random (seed 2), conv4"},
     ],
@@ -89,6 +89,14 @@ def test_other_recipes_stand_apart(tmp_path, changed):
     make_results(tmp_path / "c", 3)
     pools = pool_seeds(read(tmp_path / "a", tmp_path / "b", tmp_path / "c"))
     assert names(pools) == [["a", "c"], ["b"]]
+
+
+def test_the_same_scenes_from_another_machine_are_pooled(tmp_path):
+    """Whose rounding differs, and so the hash of the data."""
+    make_results(tmp_path / "a")
+    make_results(tmp_path / "b", 2, data_sha256="0ddba115" * 8)
+    assert names(pool_seeds(read(tmp_path / "a", tmp_path / "b"))) == [["a", "b"]]
+    assert "data set c0ffee00, 0ddba115;" in report_tables([tmp_path / "a", tmp_path / "b"], PAPER)
 
 
 def test_a_seed_counts_once(tmp_path):

@@ -251,3 +251,14 @@ def test_shuffled_objects_stand_at_depths_of_others_but_look_the_same(tiny, tmp_
     np.testing.assert_array_equal(  # what was drawn before the depths stays
         dataset.parameters("size_mm")[1], render_sample(tiny, 1)[1]["size_mm"]
     )
+
+
+def test_scenes_are_named_by_what_was_asked_for(tiny, tmp_path):
+    """Not by the bytes, which another machine may round otherwise."""
+    make_dataset(tiny, 2, tmp_path / "a")
+    make_dataset(tiny, 2, tmp_path / "b", workers=2)
+    make_dataset(tiny, 3, tmp_path / "more")
+    make_dataset(replace(tiny, seed=tiny.seed + 1), 2, tmp_path / "other")
+    names = [Dataset(tmp_path / x).scenes_sha256 for x in ("a", "b", "more", "other")]
+    assert names[0] == names[1]
+    assert len(set(names)) == 3
