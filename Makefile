@@ -32,7 +32,8 @@ OPPONENTS := .venv-opponents
 # Every target uses all cores.
 .NOTPARALLEL:
 .PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
-.PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
+.PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
+.PHONY: latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -71,13 +72,13 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
 	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
 # Refocusing systems learn from the same lessons, with objects at new depths in every light field.
-train-aperturenet: $(RUNS)/aperturenet/model.keras  ## train ours: nine aligned views
+train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark)  ## train ours: nine aligned views, in light and in little light
 train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
-train-refnet: $(RUNS)/refnet/model.keras  ## train RefNet, in our reading: 7 x 7 views, sixteen images
+train-refnet: $(patsubst %,$(RUNS)/%/model.keras,refnet refnet-fourier)  ## train RefNet, in our reading, on shift-and-sum and on the Fourier slice
 train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
-SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet refocusnet refnet volumetric)
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
-	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$*
+	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand.
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
 	$(LF) compare $(RUNS) --out experiments/results/compare $(PHOTOGRAPHS) \

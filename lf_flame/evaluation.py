@@ -29,12 +29,14 @@ comes out 4 to 6 dB higher, the more so the smaller the object."""
 def ssim(truth: np.ndarray, image: np.ndarray) -> float:
     """Structural similarity as Wang et al. (2004) define it, for values in [0, 1].
 
+    Of colours, a third axis, the mean over the channels.
     Gaussian window of standard deviation 1.5 pixels, K1 = 0.01, K2 = 0.03, population covariance:
     the paper does not state its constants (deviation 12).
     """
     return structural_similarity(
-        truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
-    )
+        truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
+        channel_axis=-1 if np.ndim(truth) == 3 else None,
+    )  # fmt: skip
 
 
 def _uniform_ssim(side: int):
@@ -67,7 +69,7 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
 
     Parameters
     ----------
-    targets, predictions : ndarray, shape (n, planes, h, w)
+    targets, predictions : ndarray, shape (n, planes, h, w) or (n, planes, h, w, channels)
 
     Returns
     -------

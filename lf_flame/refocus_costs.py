@@ -90,7 +90,7 @@ class HeldOut:
     origin: str
 
 
-def find_scenes(config: DatasetConfig, run: Path) -> HeldOut:
+def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> HeldOut:
     """Take the test split of a finished run, or, without a run, the last samples of a preset.
 
     Parameters
@@ -99,19 +99,21 @@ def find_scenes(config: DatasetConfig, run: Path) -> HeldOut:
         Which data set it is, and what it is made of where there is no run.
     run : Path
         Folder of a training run.
+    samples : int, optional
+        As many of them, or fewer where there are not as many.
     """
     try:
         record, dataset = open_run(run)
     except InputError as error:
         count = min(config.samples.values())
         slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
-        indices = tuple(range(max(count - SAMPLES, 0), count))
+        indices = tuple(range(max(count - samples, 0), count))
         return HeldOut(config.kind, config, slopes, indices, None, f"missing. {error}")
     origin = (
         f"preset {record['preset']}, {record['epochs']} epochs, backbone "
         f"{record['backbone_weights']}"
     )
-    indices = tuple(record["test_indices"][:SAMPLES])
+    indices = tuple(record["test_indices"][:samples])
     slopes = tuple(dataset.attrs["slopes"])
     return HeldOut(config.kind, dataset.config, slopes, indices, run, origin)
 

@@ -20,6 +20,15 @@ from lf_flame.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from lf_flame.errors import InputError
 from lf_flame.files import read_json, write_json, written_aside
 
+MAX_SEED = 1_000_000
+"""Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is out of range."""
+    if not 0 <= seed <= MAX_SEED:
+        raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
+
 
 @dataclass(frozen=True)
 class Job:

@@ -17,6 +17,7 @@ that cannot tell, and was trained with objects at all depths, draws something be
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, score
 from lf_flame.lightfield import LightField
 from lf_flame.plan import plan_effects
-from lf_flame.refocus import shift_and_sum
+from lf_flame.refocus import shift_and_sum, sparse_aperture
 from lf_flame.scene import Scene
 
 FIRST_SAMPLE = 1_000_000
@@ -181,8 +182,8 @@ def _scenes(config: DatasetConfig) -> dict:
 def _sparse(dataset, encoding: InputEncoding) -> System:
     """Shift-and-sum of those views alone that an encoding shows, all as bright as they are."""
     views, slopes = dataset.config.camera.views, dataset.attrs["slopes"]
-    weights = np.zeros((views, views))
-    weights[encoding.chosen(views, views)] = 1
+    down, across = encoding.chosen(views, views)
+    weights = sparse_aperture((views, views), list(product(down.ravel(), across.ravel())))
     count = int(weights.sum())
 
     def refocus(light_field: LightField) -> np.ndarray:
@@ -228,13 +229,23 @@ def run_cases(
         yield Outcome(case, truth, learnt, drawn)
 
 
-def _render_case(config, slopes, case: Case, systems, samples: int):
+def draw_case(config: DatasetConfig, case: Case, samples: int) -> Iterator[LightField]:
+    """Draw light fields whose objects are placed so, of the same scenes for every case.
+
+    Yields
+    ------
+    LightField
+    """
     mean, _ = config.template.draw(None)
     plan = plan_effects(case.place(mean, config), config.camera, effects=config.effects)
-    truth, shown = [], [[] for _ in systems]
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
         scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
-        light_field = render_drawn(case.place(scene, config), config, plan, index)
+        yield render_drawn(case.place(scene, config), config, plan, index)
+
+
+def _render_case(config, slopes, case: Case, systems, samples: int):
+    truth, shown = [], [[] for _ in systems]
+    for light_field in draw_case(config, case, samples):
         truth.append(area_average(shift_and_sum(light_field, slopes), config.image))
         for seen, system in zip(shown, systems, strict=True):
             seen.append(system.encode(light_field))

@@ -4,6 +4,7 @@ As in `lf_flame.cli`, heavy modules are imported inside the commands.
 """
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -17,8 +18,9 @@ from lf_flame.light_field_commands import FILE, FOLDER
 @click.argument("system")
 @click.option("--config", type=FILE, default="experiments/systems.toml", show_default=True)
 @click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
+@click.option("--seed", type=int, help="Of lessons, weights and patches, instead of CONFIG's.")
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
-def train_system(system: str, config: Path, preset: str, out: Path) -> None:
+def train_system(system: str, config: Path, preset: str, seed: int | None, out: Path) -> None:
     """Train a refocusing SYSTEM; goes on where a run was cut off.
 
     SYSTEM is a key of [systems] in CONFIG. All learn from the same lessons: light fields drawn
@@ -26,15 +28,19 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
     draw is shift-and-sum of all views.
 
     \b
-      aperturenet  ours: nine aligned views, each for a ninth of the aperture
-      refocusnet   four aligned views (Ben Dayan et al. 2020), the published layers
-      refnet       7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
-      volumetric   a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
+      aperturenet       ours: nine aligned views, each for a ninth of the aperture
+      aperturenet-dark  the same, from lessons in little light
+      refocusnet        four aligned views (Ben Dayan et al. 2020), the published layers
+      refnet            7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
+      refnet-fourier    the same, from the Fourier slice instead of shift-and-sum
+      volumetric        a cross of 17 views, ghosts removed by a U-Net (Samarakoon et al. 2025)
     """  # noqa: D301 - click reads the backspace
     load_keras()
     from lf_flame.systems.learning import read_systems_config, train_system
 
-    path = train_system(read_systems_config(config), system, preset, out)
+    asked = read_systems_config(config)
+    asked = asked if seed is None else replace(asked, seed=seed)
+    path = train_system(asked, system, preset, out)
     click.echo(f"{path} is trained")
 
 
@@ -49,8 +55,6 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
     show_default=True,
     help="Data set whose scenes are refocused; may be repeated.",
 )
-@click.option("--preset", default="quick", show_default=True, help="Whose test split it is.")
-@click.option("--seed", default=1, show_default=True, help="Of the split.")
 @click.option("--light-fields", default=8, show_default=True, help="Of each test set.")
 @click.option(
     "--photograph",
@@ -62,26 +66,30 @@ def train_system(system: str, config: Path, preset: str, out: Path) -> None:
 )
 @click.option(
     "--electrons",
-    type=click.FloatRange(min=1),
+    type=click.FloatRange(min=0, min_open=True),
     multiple=True,
+    default=[1, 10, 100, 1000],
+    show_default=True,
     help="Also in less light: electrons of a pixel at full scale; may be repeated.",
 )
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of that noise.")
 @click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
 def compare(
-    runs, out, data, preset, seed, light_fields, photographs, electrons, refocusnet_weights
+    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights
 ) -> None:
     """Set refocusing systems side by side: accuracy, views, time and memory.
 
     RUNS holds the trained networks, one folder each, as `make train-refocusnet` and the like, and
     `make tables`, leave them. What is missing shows as missing.
 
-    Test sets are light fields that no network was trained on: the test splits of the data sets,
-    the same scenes with their objects at other depths, and photographs. Right is shift-and-sum of
-    all views. Run it on a machine that does nothing else.
+    Test sets are light fields that no network was trained on: the test splits of the ResNet-50s in
+    RUNS (where there is none, the last light fields of a data set), the same scenes with their
+    objects at other depths, and photographs. Right is shift-and-sum of all views. Run it on a
+    machine that does nothing else.
 
     \b
       lf-flame compare runs/quick --out compare
-      lf-flame compare runs/quick --out compare --electrons 30 --electrons 300 --electrons 3000
+      lf-flame compare runs/quick --out compare --electrons 0.3 --electrons 3
       lf-flame compare runs/quick --out compare --photograph FOLDER_OF_VIEWS -1,0,1
     """  # noqa: D301 - click reads the backspace
     if light_fields < 1:
@@ -95,7 +103,7 @@ def compare(
     from lf_flame.systems import contest
 
     configs = [read_config(path) for path in data]
-    by_data = [contest.paper_sets(config, preset, seed, light_fields) for config in configs]
+    by_data = [contest.paper_sets(config, runs / config.kind, light_fields) for config in configs]
     test_sets = [test_set for sets in by_data for test_set in sets]
     test_sets += [sets[0].in_the_dark(light, seed) for light in electrons for sets in by_data]
     for path, slopes in photographs:

@@ -18,12 +18,9 @@ from lf_flame.config import build, read_toml
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.models import build_refocus_resnet50
-from lf_flame.runs import Job, assign, carry_out
+from lf_flame.runs import Job, assign, carry_out, check_seed
 from lf_flame.trainers import decoder_variables, make_trainer
 from lf_flame.warmstart import freeze_normalisations, warm_start
-
-MAX_SEED = 1_000_000
-"""Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +109,7 @@ class TrainingConfig:
     def __post_init__(self):
         if min(self.split) <= 0 or abs(sum(self.split) - 1) > 1e-9:
             raise InputError(f"split must be three positive shares of 1, got {self.split}.")
-        if not 0 <= self.seed <= MAX_SEED:
-            raise InputError(f"seed must be 0 to {MAX_SEED}, got {self.seed}.")
+        check_seed(self.seed)
 
     def recipe(self, preset: str) -> Recipe:
         """Recipe of a preset."""

@@ -43,7 +43,7 @@ def test_boxes_are_of_their_widths():
 
 
 def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
-    views = rng.uniform(size=(3, 3, 20, 24)).astype(np.float32)
+    views = rng.uniform(size=(3, 3, 48, 52)).astype(np.float32)
     drawn = system.refocus(views, 0.4)[0]
     plain = align_views(views, 0.4, system.chosen(3, 3))[0].mean(axis=0)
     assert np.abs(drawn - plain).max() < 0.1
@@ -65,5 +65,5 @@ def test_fewer_views_are_refused(system):
 
 
 def test_an_odd_size_is_filled_up_and_cut(system, rng):
-    views = rng.uniform(size=(3, 3, 21, 23)).astype(np.float32)
-    assert system.refocus(views, 0.0).shape == (1, 21, 23)
+    views = rng.uniform(size=(3, 3, 49, 53)).astype(np.float32)
+    assert system.refocus(views, 0.0).shape == (1, 49, 53)

@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,6 @@ from lf_flame.datasets import make_dataset, read_config
 from lf_flame.leaves import DeadLeaves
 from lf_flame.systems import contest
 from lf_flame.systems.classical import ShiftAndSum
-from lf_flame.systems.learning import read_systems_config, train_system
 from lf_flame.systems.price import price
 from lf_flame.systems.resnet50 import ResNet50
 
@@ -23,7 +23,7 @@ def flames(coarse_data):
 
 @pytest.fixture(scope="module")
 def sets(flames):
-    return contest.paper_sets(flames, "smoke", 1, 2)
+    return contest.paper_sets(flames, Path("no run"), 2)
 
 
 class Dim(ShiftAndSum):
@@ -44,13 +44,19 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
         "flames, first and last exchanged",
         "flames, order reversed",
         "flames, all 5 mm nearer",
+        "flames, RefNet's slopes",
+        "flames, RefNet's slopes",
     ]
+    assert [one.truth for one in sets] == ["shift-and-sum"] * 5 + ["Fourier slice"]
+    assert sets[4].planes[7] == "alpha 1"
+    assert next(sets[4].scenes()).slopes[7] == 0
     assert sets[0].planes == sets[1].planes == ["20 mm", "10 mm", "0 mm", "-10 mm"]
     assert sets[3].planes == ["15 mm", "5 mm", "-5 mm", "-15 mm"]
     for one in sets:
         scenes = list(one.scenes())
         assert len(scenes) == 2
-        assert all(scene.truth().shape == (4, 24, 48) for scene in scenes)
+        size = (len(one.planes), 24, 48)
+        assert all(scene.truth(one.truth).shape == size for scene in scenes)
         assert np.any(scenes[0].views != scenes[1].views)
     np.testing.assert_allclose(
         next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
@@ -93,6 +99,17 @@ def test_the_border_of_photographs_is_not_scored():
     assert list(table.plane) == ["slope -0.5", "slope 0.5"]
 
 
+def test_a_photograph_too_small_to_be_scored_is_refused():
+    """After the border is cut off, a window of the structural similarity must be left."""
+    views = np.zeros((3, 3, 35, 35), np.float32)
+    (scene,) = contest.photograph_set("dark", LightField(views), [0.0]).scenes()
+    assert contest.score_system(ShiftAndSum(), "all", contest.photograph_set(
+        "dark", LightField(views), [0.0])).ssim.tolist() == [1.0]  # fmt: skip
+    assert scene.views.shape == views.shape
+    with pytest.raises(InputError, match="35 pixels or more along each side, dark has 34 x 40"):
+        contest.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
+
+
 def test_less_light_is_shot_noise_of_the_same_scenes(sets):
     """Its variance is the mean over the electrons; the truth stays that of the clean views."""
     dark = sets[0].in_the_dark(100, seed=4)
@@ -121,15 +138,17 @@ def runs(tmp_path_factory, coarse_data):
     folder = tmp_path_factory.mktemp("runs")
     text = "\n".join(
         [
-            'title = "t"\nseed = 1\n[lessons]',
+            "seed = 1\n[lessons]",
             f"data = {json.dumps([str(path) for path in coarse_data])}",
             "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
-            "[systems.aperturenet]\nepochs = 1\npatch = 24",
+            "[systems.refocusnet]\nepochs = 1\npatch = 24",
         ]
     )
     (folder / "systems.toml").write_text(text)
-    config = read_systems_config(folder / "systems.toml")
-    train_system(config, "aperturenet", "smoke", folder / "aperturenet", show=False)
+    arguments = ["train-system", "refocusnet", "--config", folder / "systems.toml", "--preset",
+                 "smoke", "--seed", 9, "--out", folder / "refocusnet"]  # fmt: skip
+    CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
+    assert json.loads((folder / "refocusnet" / "run.json").read_text())["seed"] == 9
     return folder
 
 
@@ -137,22 +156,22 @@ def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_pa
     views = DeadLeaves().draw((9, 9), (40, 48), np.random.default_rng(3)).views
     leaves = tmp_path / "leaves.npy"
     np.save(leaves, views)
-    arguments = ["compare", runs, "--out", tmp_path / "out", "--data", coarse_data[1], "--preset",
-                 "smoke", "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
+    arguments = ["compare", runs, "--out", tmp_path / "out", "--data", coarse_data[1],
+                 "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
                  50]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     scores = pd.read_csv(tmp_path / "out/compare.csv")
-    ours = scores[scores.system == "ApertureNet (ours)"]
-    assert set(ours.test_set) == set(scores.test_set)
-    assert ours.psnr_db.notna().all()
+    trained = scores[scores.system == "RefocusNet"]
+    assert set(trained.test_set) == set(scores.test_set)
+    assert trained.psnr_db.notna().all()
     absent = scores[scores.system.str.startswith("RefNet")]
     assert absent.psnr_db.isna().all()
     assert absent.why_missing.str.contains("no finished run").all()
     prices = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
-    assert prices.milliseconds["ApertureNet (ours)"] > 0
-    assert prices.training_s["ApertureNet (ours)"] > 0
-    assert prices.views["ApertureNet (ours)"] == 9
+    assert prices.milliseconds["RefocusNet"] > 0
+    assert prices.training_s["RefocusNet"] > 0
+    assert prices.views["RefocusNet"] == 4
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
         "systems.csv",

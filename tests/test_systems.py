@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import keras
 import numpy as np
 import pytest
 
@@ -43,13 +44,13 @@ def network(request):
 
 @pytest.fixture(scope="module")
 def views():
-    return np.random.default_rng(4).uniform(size=(9, 9, 40, 54)).astype(np.float32)
+    return np.random.default_rng(4).uniform(size=(9, 9, 100, 108)).astype(np.float32)
 
 
 def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
     stack = system.refocus(views, [-0.4, 0.0, 0.3])
     assert stack.dtype == np.float32
-    assert stack.shape == (3, 40, 54)
+    assert stack.shape == (3, 100, 108)
     assert 0 <= stack.min() <= stack.max() <= 1
     np.testing.assert_allclose(system.refocus(views, 0.3)[0], stack[2], atol=2e-6)
 
@@ -57,13 +58,13 @@ def test_images_are_float32_from_0_to_1_for_every_slope(system, views):
 def test_colours_come_out_as_they_went_in(system, views):
     colours = np.stack([views, views[::-1], views * 0.5], axis=-1)
     stack = system.refocus(colours, 0.25)
-    assert stack.shape == (1, 40, 54, 3)
+    assert stack.shape == (1, 100, 108, 3)
     if system.name != "RefocusNet":  # whose three colours are mixed
         np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
 
 
 def test_blocks_give_smaller_images(system, views):
-    assert system.refocus(views, 0.5, (2, 2)).shape == (1, 20, 27)
+    assert system.refocus(views, 0.5, (2, 2)).shape == (1, 50, 54)
 
 
 def test_views_that_are_not_chosen_do_not_count(system, views):
@@ -137,3 +138,20 @@ def test_unet_works_on_any_size(views):
     cut = system.predict(shown[:, :33, :30])
     assert cut.shape == (1, 33, 30, 1)
     np.testing.assert_allclose(cut[:, :8, :8], system.predict(shown)[:, :8, :8], atol=1e-5)
+
+
+def test_smallest_is_the_receptive_field(network):
+    """A changed pixel changes the image as far as half of it, and no farther."""
+    rng = np.random.default_rng(5)
+    model = keras.models.clone_model(network.model)
+    model.set_weights([w + rng.normal(0, 0.1, w.shape) for w in network.model.get_weights()])
+    system = type(network)(model)
+    side = 2 * (network.smallest // network.multiple + 1) * network.multiple
+    shown = rng.uniform(size=(1, side, side, model.input_shape[-1])).astype(np.float32)
+    before, reaches = system.predict(shown), []
+    for at in range(side // 2, side // 2 + network.multiple):
+        other = shown.copy()
+        other[0, at, at] += 1
+        changed = np.flatnonzero(np.any(system.predict(other) != before, axis=(0, 2, 3)))
+        reaches += [at - changed.min(), changed.max() - at]
+    assert 2 * max(reaches) + 1 == network.smallest

@@ -4,9 +4,13 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.leaves import DeadLeaves
-from lf_flame.systems.classical import every_view
 from lf_flame.systems.similarity import ms_ssim
-from lf_flame.systems.volumetric import refocus_regions, search_region_slope, unet_loss
+from lf_flame.systems.volumetric import (
+    most_common_slope,
+    refocus_regions,
+    search_region_slope,
+    unet_loss,
+)
 
 
 @pytest.fixture(scope="module")
@@ -20,18 +24,19 @@ def two_depths():
     return np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
 
 
-@pytest.mark.parametrize("places", [None, every_view(9, 9)])
-def test_slope_of_a_region_is_found(two_depths, places):
+def test_slope_of_a_region_is_found(two_depths):
     found = [
-        search_region_slope(two_depths, region, (-2.0, 2.0), places)
+        search_region_slope(two_depths, region, (-2.0, 2.0))
         for region in [(10, 50, 10, 50), (10, 50, 70, 110)]
     ]
     assert found == pytest.approx([0.83, -0.61], abs=0.1)
 
 
-def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths):
+@pytest.mark.parametrize("dense", [False, True])
+def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, dense):
     regions = [(10, 50, 10, 50), (10, 50, 70, 110)]
-    image, slopes = refocus_regions(two_depths, regions, (-2.0, 2.0))
+    image, slopes = refocus_regions(two_depths, regions, (-2.0, 2.0), dense=dense)
+    assert [slopes[30, 30], slopes[30, 90]] == pytest.approx([0.83, -0.61], abs=0.1)
     middle = two_depths[4, 4]
     inner = [(slice(t0 + 8, t1 - 8), slice(s0 + 8, s1 - 8)) for t0, t1, s0, s1 in regions]
     for region in inner:
@@ -51,6 +56,16 @@ def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths):
 def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
     with pytest.raises(InputError, match=words):
         search_region_slope(two_depths, region, slopes)
+    with pytest.raises(InputError, match=words):
+        refocus_regions(two_depths, [region], slopes)
+
+
+def test_the_most_common_slope_is_not_the_mean():
+    slopes = np.array([[0.5, 0.52, 0.49, 0.51], [3.0, 2.0, -1.0, 0.5]])
+    assert most_common_slope(slopes, (0, 2, 0, 4)) == pytest.approx(
+        np.mean([0.5, 0.52, 0.49, 0.51, 0.5])
+    )
+    assert most_common_slope(slopes, (1, 2, 0, 1)) == pytest.approx(3.0)
 
 
 def test_loss_is_the_published_sum(rng):

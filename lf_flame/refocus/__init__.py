@@ -8,7 +8,12 @@ constant light field keeps its value.
 
 from lf_flame.refocus._arguments import farthest_slope
 from lf_flame.refocus.alignment import align_views
-from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
+from lf_flame.refocus.aperture import (
+    annular_aperture,
+    f_number_aperture,
+    round_aperture,
+    sparse_aperture,
+)
 from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.methods import refocus
@@ -40,5 +45,6 @@ __all__ = [
     "region_slopes",
     "round_aperture",
     "shift_and_sum",
+    "sparse_aperture",
     "tilted_plane",
 ]

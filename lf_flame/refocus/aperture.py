@@ -44,6 +44,24 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     return np.clip(inside * views[0] * views[1] * (diameter / 2) ** 2, 0, 1)
 
 
+def sparse_aperture(views: tuple[int, int], places) -> np.ndarray:
+    """Weights of the views where only some are used, all alike.
+
+    Parameters
+    ----------
+    views : (int, int)
+    places : sequence of (int, int)
+        Row and column of each view that is used.
+
+    Returns
+    -------
+    ndarray of float64, shape (v, u), 0 or 1
+    """
+    weights = np.zeros(views)
+    weights[tuple(np.transpose(places))] = 1
+    return weights
+
+
 def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -> np.ndarray:
     """Weights of the views for a ring: a round aperture with its middle covered.
 

@@ -30,7 +30,9 @@ WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
 """Of the boxes, in pixels; the first leaves the picture as it is."""
 
 REACH = 9
-FILTERS = 48
+FILTERS = 32, 48
+"""At half and at a quarter of the resolution."""
+
 CONVINCED = 4.0
 """Logit by which the first box is preferred at the start: training starts from shift-and-sum."""
 
@@ -38,8 +40,8 @@ CONVINCED = 4.0
 def build_aperturenet(seed: int = 0) -> keras.Model:
     """Build the network.
 
-    Half the resolution is enough to see how far the views disagree; all that is sharp comes from
-    the mean of the views, at full resolution.
+    Half the resolution, and a quarter for what moves far, is enough to see how far the views
+    disagree; all that is sharp comes from the mean of the views, at full resolution.
 
     Parameters
     ----------
@@ -49,15 +51,13 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     Returns
     -------
     keras.Model
-        Input (h, w, 9), the aligned views; sides even. Output (h, w, 1), not clipped.
+        Input (h, w, 9), the aligned views; sides multiples of 4. Output (h, w, 1), not clipped.
     """
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
-    def convolution(side: int, **options):
+    def convolution(filters: int, side: int, kind=layers.Conv2D, **options):
         initial = keras.initializers.HeNormal(seed=next(numbers))
-        return layers.Conv2D(
-            FILTERS, side, padding="same", activation="relu", kernel_initializer=initial, **options
-        )
+        return kind(filters, side, padding="same", kernel_initializer=initial, **options)
 
     seen = keras.Input((None, None, VIEWS), name="aligned_views")
     mean = keras.ops.mean(seen, axis=-1, keepdims=True)
@@ -65,8 +65,14 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     blurred = boxes(mean)
     boxes.set_weights([make_boxes()])
     boxes.trainable = False
-    x = convolution(4, strides=2)(seen - mean)
-    x = convolution(3)(convolution(3)(x))
+    half, quarter = FILTERS
+    near = convolution(half, 4, strides=2, activation="relu")(seen - mean)
+    far = convolution(quarter, 3, strides=2, activation="relu")(near)
+    for _ in range(2):
+        far = convolution(quarter, 3, activation="relu")(far)
+    far = convolution(half, 2, layers.Conv2DTranspose, strides=2)(far)
+    x = layers.ReLU()(layers.Add()([near, far]))
+    x = convolution(half, 3, activation="relu")(x)
     x = layers.Conv2DTranspose(
         len(WIDTHS) + 1, 4, strides=2, padding="same", kernel_initializer="zeros", name="shares"
     )(x)
@@ -88,8 +94,8 @@ class ApertureNet(NetworkSystem):
     """ApertureNet on a light field."""
 
     name = "ApertureNet (ours)"
-    smallest = 16
-    multiple = 2
+    smallest = 35
+    multiple = 4
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
@@ -104,10 +110,3 @@ class ApertureNet(NetworkSystem):
         """Align them."""
         aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
         return np.moveaxis(aligned, 1, -1)
-
-    def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Give the images a channel."""
-        return stack[..., None]
-
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return self.predict(self.show(views, slopes, block))[..., 0]

@@ -1,12 +1,13 @@
 """Refocusing by formula, as systems beside the learned ones."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from lf_flame.encodings import area_average, spread
 from lf_flame.errors import InputError
-from lf_flame.refocus import fourier_slice, shift_and_sum
+from lf_flame.refocus import fourier_slice, shift_and_sum, sparse_aperture
 from lf_flame.systems.system import Places, RefocusingSystem
 
 
@@ -28,8 +29,7 @@ class ShiftAndSum(RefocusingSystem):
         return self._places(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        weights = np.zeros(views.shape[:2])
-        weights[tuple(np.transpose(self.chosen(*views.shape[:2])))] = 1
+        weights = sparse_aperture(views.shape[:2], self.chosen(*views.shape[:2]))
         return average(shift_and_sum(views, slopes, weights=weights), block)
 
 
@@ -44,6 +44,13 @@ class FourierSlice(RefocusingSystem):
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         return average(fourier_slice(views, slopes), block)
+
+
+TRUTHS = {
+    "shift-and-sum": shift_and_sum,
+    "Fourier slice": partial(fourier_slice, edges="clamp"),
+}
+"""What all views together give: what is right, by two names."""
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:

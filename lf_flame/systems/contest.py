@@ -16,16 +16,17 @@ import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
-from lf_flame.datasets import DatasetConfig, render_drawn, render_sample, split_indices
+from lf_flame.datasets import DatasetConfig, render_sample
 from lf_flame.errors import InputError
-from lf_flame.evaluation import load_run, psnr, psnr_lit, ssim
+from lf_flame.evaluation import load_run, score
 from lf_flame.files import write_json, write_text
 from lf_flame.lightfield import LightField
-from lf_flame.plan import plan_effects
-from lf_flame.refocus import shift_and_sum
-from lf_flame.swaptest import FIRST_SAMPLE, make_cases
+from lf_flame.refocus_costs import find_scenes
+from lf_flame.sensor import Sensor, expose
+from lf_flame.swaptest import draw_case, make_cases
 from lf_flame.systems import contest_report
 from lf_flame.systems.classical import (
+    TRUTHS,
     FourierSlice,
     ShiftAndSum,
     average,
@@ -36,17 +37,21 @@ from lf_flame.systems.classical import (
 from lf_flame.systems.learning import load_system
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.price import price
+from lf_flame.systems.refnet import ALPHAS, SLOPES
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem
 
 COLUMNS = [
-    "test_set", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
-    "psnr_lit_db", "ssim", "ssim_sd", "light_fields", "why_missing",
+    "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
+    "psnr_lit_db", "psnr_lit_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
 
 BORDER = 12
 """Pixels that are cut off a photograph's images before they are scored: views end there."""
+
+SMALLEST = 2 * BORDER + 11
+"""Side of a photograph that leaves a window of the structural similarity."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,10 @@ class Scene:
     border: int = 0
     clean: np.ndarray | None = None
 
-    def truth(self) -> np.ndarray:
-        """Refocus with all views, without noise."""
+    def truth(self, right: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, without noise, by one of the `TRUTHS`."""
         views = self.views if self.clean is None else self.clean
-        return average(shift_and_sum(views, self.slopes), self.block)
+        return average(TRUTHS[right](views, self.slopes), self.block)
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,8 @@ class TestSet:
         Takes nothing, yields scenes.
     electrons : float
         That a pixel at full scale holds; infinite: no noise.
+    truth : str
+        What is right: a key of `lf_flame.systems.classical.TRUTHS`.
     """
 
     __test__ = False  # for pytest, which would collect it
@@ -119,6 +126,7 @@ class TestSet:
     planes: list[str]
     scenes: Callable[[], Iterator[Scene]]
     electrons: float = np.inf
+    truth: str = "shift-and-sum"
 
     def in_the_dark(self, electrons: float, seed: int) -> "TestSet":
         """Take the same scenes in less light: with shot noise, as in a short exposure.
@@ -136,31 +144,32 @@ class TestSet:
 
 
 def _noisy(scenes: Callable[[], Iterator[Scene]], electrons: float, seed: int) -> Iterator[Scene]:
+    sensor = Sensor(exposure_e=electrons)
     for index, scene in enumerate(scenes()):
         rng = np.random.default_rng([seed, index])
-        counted = rng.poisson(scene.views * np.float64(electrons)) / electrons
-        yield replace(scene, views=counted.astype(np.float32), clean=scene.views)
+        seen = expose(scene.views, sensor, {"shot_noise"}, rng)
+        yield replace(scene, views=seen, clean=scene.views)
 
 
-def paper_sets(config: DatasetConfig, preset: str, seed: int, count: int) -> list[TestSet]:
+def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
     """Make the test sets of a data set: its own test split, and its objects at other depths.
 
     Parameters
     ----------
     config : DatasetConfig
-    preset : str
-        Whose test split it is.
-    seed : int
-        Of the split, as the ResNet-50 was trained with.
+        What light fields are drawn from where there is no run.
+    run : Path
+        Of the paper's network, whose test split it is, see `lf_flame.refocus_costs.find_scenes`.
     count : int
         Light fields of each set.
     """
-    slopes = np.array([config.camera.depth_to_slope(z) for z in config.depths_mm])
+    held_out = find_scenes(config, run, count)
+    config, slopes = held_out.config, np.array(held_out.slopes)
     planes = [f"{z:g} mm" for z in config.depths_mm]
-    split = split_indices(config.sample_count(preset), (0.8, 0.1, 0.1), seed)
-    own = partial(_own_scenes, config, slopes, split["test"][:count].tolist())
+    own = partial(_own_scenes, config, slopes, held_out.indices)
     sets = [TestSet(config.kind, planes, own)]
-    for case in make_cases(config)[1:4]:
+    whole = [case for case in make_cases(config) if len(case.present) == len(config.depths_mm)]
+    for case in whole[1:]:  # the first is as trained
         # Of those that keep the depths, the planes stay; else they move with the objects.
         depths = (
             case.depths_mm if set(case.depths_mm) != set(config.depths_mm) else config.depths_mm
@@ -168,7 +177,15 @@ def paper_sets(config: DatasetConfig, preset: str, seed: int, count: int) -> lis
         at = np.array([config.camera.depth_to_slope(z) for z in depths])
         placed = partial(_placed_scenes, config, case, at, count)
         sets.append(TestSet(f"{config.kind}, {case.name}", [f"{z:g} mm" for z in depths], placed))
-    return sets
+    return [*sets, *_at_sixteen_slopes(config, held_out.indices)]
+
+
+def _at_sixteen_slopes(config: DatasetConfig, indices: Sequence[int]) -> Iterator[TestSet]:
+    """Take the test split at RefNet's own slopes, and what is right by both ways."""
+    slopes, planes = SLOPES * config.block[0], [f"alpha {alpha:g}" for alpha in ALPHAS]
+    for truth in TRUTHS:
+        scenes = partial(_own_scenes, config, slopes, indices)
+        yield TestSet(f"{config.kind}{contest_report.SIXTEEN}", planes, scenes, truth=truth)
 
 
 def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
@@ -177,16 +194,24 @@ def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
 
 
 def _placed_scenes(config, case, slopes, count) -> Iterator[Scene]:
-    mean, _ = config.template.draw(None)
-    plan = plan_effects(case.place(mean, config), config.camera, effects=config.effects)
-    for index in range(FIRST_SAMPLE, FIRST_SAMPLE + count):
-        scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
-        light_field = render_drawn(case.place(scene, config), config, plan, index)
+    for light_field in draw_case(config, case, count):
         yield Scene(light_field.views, slopes, config.block)
 
 
 def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
-    """Make a test set of a photographed light field."""
+    """Make a test set of a photographed light field.
+
+    Raises
+    ------
+    InputError
+        If its images are too small to be scored.
+    """
+    height, width = light_field.views.shape[2:4]
+    if min(height, width) < SMALLEST:
+        raise InputError(
+            f"A photograph to compare on needs views of {SMALLEST} pixels or more along each side, "
+            f"{name} has {height} x {width}."
+        )
     slopes = np.array(slopes, float)
     scene = Scene(light_field.views, slopes, border=BORDER)
     return TestSet(name, [f"slope {slope:g}" for slope in slopes], lambda: iter([scene]))
@@ -201,7 +226,7 @@ def classical_contestants() -> list[Contestant]:
         "shift-and-sum, 7 x 7 views": partial(square_of_views, side=7),
     }
     return [
-        Contestant("shift-and-sum, all views", partial(ShiftAndSum), {}),
+        Contestant("shift-and-sum, all views", ShiftAndSum, {}),
         Contestant("Fourier slice, all views", FourierSlice, {}),
         *(
             Contestant(name, partial(ShiftAndSum, name, places), {})
@@ -224,7 +249,7 @@ def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> 
     found = []
     for name, network in NETWORKS.items():
         load = partial(load_system, runs / name)
-        found.append(Contestant(network.system.name, load, _about(runs / name)))
+        found.append(Contestant(network.title, load, _about(runs / name)))
     if official_refocusnet:
         load = partial(load_official, official_refocusnet)
         found.append(Contestant("RefocusNet, the authors' weights", load, {}))
@@ -271,26 +296,20 @@ def score_system(
     truths : iterable of ndarray, optional
         Of its scenes, where they are known already.
     """
-    rows, views = [], 0
+    pairs = []
     for scene, truth in _with_truth(test_set, truths):
         try:
             images = system.refocus(scene.views, scene.slopes, scene.block)
         except InputError as error:
             return _missing(test_set, name, str(error))
-        views = len(set(system.chosen(*scene.views.shape[:2])))
-        for plane, (image, right) in enumerate(zip(images, truth, strict=True)):
-            pair = [_inner(x, scene.border) for x in (right, image)]
-            rows.append({"at": plane, "slope": scene.slopes[plane] / scene.block[0],
-                         "psnr_db": psnr(*pair), "psnr_lit_db": psnr_lit(*pair),
-                         "ssim": _ssim(*pair)})  # fmt: skip
-    scores = pd.DataFrame(rows).groupby("at")
-    table = scores[["slope", "psnr_db", "psnr_lit_db", "ssim"]].mean()
-    table = table.assign(
-        psnr_sd=scores["psnr_db"].std(), ssim_sd=scores["ssim"].std(), light_fields=scores.size(),
-        test_set=test_set.name, electrons=test_set.electrons, system=name, views=views,
-        plane=test_set.planes, why_missing="",
+        pairs.append([_inner(stack, scene.border) for stack in (truth, images)])
+    table = score(*(np.stack(stacks) for stacks in zip(*pairs, strict=True)))
+    table = table.rename(columns={"n_test": "light_fields"}).assign(
+        test_set=test_set.name, truth=test_set.truth, electrons=test_set.electrons, system=name,
+        views=len(set(system.chosen(*scene.views.shape[:2]))),
+        slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
     )  # fmt: skip
-    return table.reset_index(drop=True)[COLUMNS]
+    return table[COLUMNS]
 
 
 def _with_truth(test_set: TestSet, truths) -> Iterator[tuple[Scene, np.ndarray]]:
@@ -298,23 +317,17 @@ def _with_truth(test_set: TestSet, truths) -> Iterator[tuple[Scene, np.ndarray]]
         yield from zip(test_set.scenes(), truths, strict=True)
         return
     for scene in test_set.scenes():
-        yield scene, scene.truth()
+        yield scene, scene.truth(test_set.truth)
 
 
 def _missing(test_set: TestSet, name: str, reason: str) -> pd.DataFrame:
-    row = {"test_set": test_set.name, "electrons": test_set.electrons, "system": name}
-    row["why_missing"] = reason
+    row = {"test_set": test_set.name, "truth": test_set.truth, "electrons": test_set.electrons}
+    row |= {"system": name, "why_missing": reason}
     return pd.DataFrame([row]).reindex(columns=COLUMNS)
 
 
-def _inner(image: np.ndarray, border: int) -> np.ndarray:
-    return image[border:-border, border:-border] if border else image
-
-
-def _ssim(truth: np.ndarray, image: np.ndarray) -> float:
-    if truth.ndim == 2:
-        return ssim(truth, image)
-    return float(np.mean([ssim(truth[..., c], image[..., c]) for c in range(truth.shape[2])]))
+def _inner(stack: np.ndarray, border: int) -> np.ndarray:
+    return stack[:, border:-border, border:-border] if border else stack
 
 
 def run_contest(
@@ -375,7 +388,7 @@ def _compete(contestants, test_sets, frame: Scene) -> Iterator[pd.DataFrame | di
         loaded[one.name] = _loaded(one)
         yield _described(one, loaded[one.name], frame)
     for test_set in test_sets:
-        truths = [scene.truth() for scene in test_set.scenes()]
+        truths = [scene.truth(test_set.truth) for scene in test_set.scenes()]
         for one in contestants:
             system = loaded[one.name]
             if isinstance(system, InputError):

@@ -1,9 +1,10 @@
 """Training refocusing networks: every one from the same lessons, by the same program.
 
-Batches are patches cut out at random, where something is lit more often than not; the run folder is
+Batches are patches cut out at random, sooner where there is something to see; the run folder is
 that of `lf_flame.runs`.
 """
 
+import math
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from tqdm import tqdm
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run
-from lf_flame.runs import Job, assign, carry_out
+from lf_flame.runs import Job, assign, carry_out, check_seed
 from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.system import NetworkSystem
@@ -42,6 +43,8 @@ class SystemRecipe:
         Of the optimiser; with "cosine" its first value, falling to zero.
     schedule : {"constant", "cosine"}
     optimizer : {"adam", "rmsprop"}
+    dark : float
+        Share of the lessons that are seen in little light, with shot noise.
     """
 
     epochs: int
@@ -50,6 +53,7 @@ class SystemRecipe:
     learning_rate: float = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
     optimizer: Literal["adam", "rmsprop"] = "adam"
+    dark: float = 0.0
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -59,6 +63,8 @@ class SystemRecipe:
                 f"epochs, batch_size and patch must be at least 1 and learning_rate above 0, got "
                 f"{self.epochs}, {self.batch_size}, {self.patch}, {self.learning_rate}."
             )
+        if not 0 <= self.dark <= 1:
+            raise InputError(f"dark must be a share from 0 to 1, got {self.dark}.")
 
 
 @dataclass(frozen=True)
@@ -92,15 +98,15 @@ class SystemsConfig:
 
     Parameters
     ----------
-    title : str
     seed : int
         Of lessons, initial weights and patches.
     lessons : Lessons
     presets : dict of Course
     systems : dict of SystemRecipe
+    checkpoint_s : float, optional
+        Seconds between checkpoints; 0 writes one after every epoch.
     """
 
-    title: str
     seed: int
     lessons: Lessons
     presets: dict[str, Course]
@@ -110,6 +116,7 @@ class SystemsConfig:
     __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
+        check_seed(self.seed)
         unknown = set(self.systems) - set(NETWORKS)
         if unknown:
             raise InputError(
@@ -176,7 +183,9 @@ def train_system(
     system = network.build(config.seed)
 
     def start(new: bool) -> PatchTrainer:
-        return PatchTrainer(system, network.loss, recipe, _teach(config, course, system, show))
+        return PatchTrainer(
+            system, network.loss, recipe, _teach(config, name, preset, system, show)
+        )
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         model = network.model(config.seed)  # anew: without the optimiser
@@ -188,18 +197,17 @@ def train_system(
     return carry_out(job, Path(out), started, show)
 
 
-def _teach(config: SystemsConfig, course: Course, system: NetworkSystem, show: bool) -> dict:
-    def progress(indices):
-        return tqdm(indices, "lessons", unit="light field", disable=not show)
-
+def _teach(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
+    course, recipe = config.presets[preset], config.recipe(name, preset)
     indices = {
         "train": range(course.lessons),
         "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + course.held_out),
     }
-    return {
-        part: teach(config.lessons, system, config.seed, some, progress)
-        for part, some in indices.items()
-    }
+    truth, arrays = NETWORKS[name].truth, {}
+    for part, some in indices.items():
+        some = tqdm(some, f"lessons, {part}", unit="light field", disable=not show)
+        arrays[part] = teach(config.lessons, system, config.seed, some, truth, recipe.dark)
+    return arrays
 
 
 def _variables(model: keras.Model) -> list[keras.Variable]:
@@ -227,10 +235,10 @@ class PatchTrainer:
     def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
         self.system, self.model = system, system.model
         self.recipe, self.arrays = recipe, arrays
-        patches = recipe.patch * recipe.patch
-        size = arrays["train"][0].shape[1] * arrays["train"][0].shape[2]
+        count, *size = arrays["train"][0].shape[:3]
+        self.side = [min(recipe.patch, n) // system.multiple * system.multiple for n in size]
         # As many patches in an epoch as cover the images once.
-        self.patches = max(len(arrays["train"][0]) * size // patches, 1)
+        self.patches = max(count * math.prod(size) // math.prod(self.side), 1)
         rate = recipe.learning_rate
         if recipe.schedule == "cosine":
             steps = recipe.epochs * -(-self.patches // recipe.batch_size)
@@ -253,17 +261,16 @@ class PatchTrainer:
     def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Cut patches out of images drawn at random, never turned or mirrored: views have sides.
 
-        Of two places the one with more light is taken.
+        Of two places the one with more contrast is taken: where all is black or even, nothing can
+        be learnt.
         """
         shown, truth = self.arrays["train"]
-        multiple = self.system.multiple
-        side = [min(self.recipe.patch, n) // multiple * multiple for n in shown.shape[1:3]]
         cuts = []
         for _ in range(count):
             k = rng.integers(len(shown))
             places = [
-                tuple(slice(at, at + n) for at, n in zip(corner, side, strict=True))
-                for corner in rng.integers(0, np.array(shown.shape[1:3]) - side + 1, (2, 2))
+                tuple(slice(at, at + n) for at, n in zip(corner, self.side, strict=True))
+                for corner in rng.integers(0, np.array(shown.shape[1:3]) - self.side + 1, (2, 2))
             ]
             cuts.append((k, *max(places, key=lambda place: truth[k][place].std())))
         return np.stack([shown[cut] for cut in cuts]), np.stack([truth[cut] for cut in cuts])
@@ -291,9 +298,7 @@ class PatchTrainer:
 
     @state.setter
     def state(self, values) -> None:
-        variables = (*_variables(self.model), *self.optimizer.variables)
-        for variable, value in zip(variables, values, strict=True):
-            variable.assign(value)
+        assign([*_variables(self.model), *self.optimizer.variables], values)
 
 
 def load_system(folder: str | Path) -> NetworkSystem:
@@ -309,4 +314,5 @@ def load_system(folder: str | Path) -> NetworkSystem:
     if record.get("system") not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
     model = keras.saving.load_model(folder / "model.keras", compile=False, safe_mode=True)
-    return NETWORKS[record["system"]].system(model)
+    network = NETWORKS[record["system"]]
+    return network.system(model, network.title)

@@ -1,8 +1,8 @@
 """Lessons: light fields to learn refocusing from, each seen at several slopes.
 
-Half to two thirds of them show the paper's scenes with every object at a depth drawn anew, so that
+Most of them show the paper's scenes with every object at a depth drawn anew, so that
 nothing can be learnt by heart; the rest are dead leaves, which look like photographs. What a system
-should draw is shift-and-sum of all views.
+should draw is what all views give, by shift-and-sum or by the Fourier slice.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ import numpy as np
 from lf_flame.datasets import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.leaves import DeadLeaves
-from lf_flame.refocus import shift_and_sum
 from lf_flame.render import render_plan
-from lf_flame.systems.classical import average
+from lf_flame.sensor import Sensor, expose
+from lf_flame.systems.classical import TRUTHS, average
 
 BEYOND_MM = 3.0
 """How far beyond the depths of a template its objects may stand."""
@@ -36,15 +36,18 @@ class Lesson:
         In lenslets per view step.
     block : (int, int)
         Lenslets in a pixel of the images.
+    seen : ndarray of float32, shape (v, u, t, s)
+        The views with noise; without any they are `views`.
     """
 
     views: np.ndarray
     slopes: np.ndarray
     block: tuple[int, int]
+    seen: np.ndarray
 
-    def truth(self, slopes: np.ndarray) -> np.ndarray:
-        """Refocus with all views: float32, shape (n, h, w)."""
-        return average(shift_and_sum(self.views, slopes), self.block)
+    def truth(self, slopes: np.ndarray, right: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, without noise: float32, shape (n, h, w); see `TRUTHS`."""
+        return average(TRUTHS[right](self.views, slopes), self.block)
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class Lessons:
         At which each light field is seen: half of them where something is sharp, the rest anywhere
         between.
     look : DeadLeaves
+    electrons : (float, float)
+        That a pixel at full scale holds in little light; drawn evenly in its logarithm.
     """
 
     data: list[str]
@@ -70,6 +75,7 @@ class Lessons:
     leaf_views: int = 9
     slopes: int = 6
     look: DeadLeaves = DeadLeaves()
+    electrons: tuple[float, float] = (0.3, 300.0)
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -79,6 +85,8 @@ class Lessons:
                 f"Lessons need a data set, a share of leaves from 0 to 1, and slopes and views of "
                 f"1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
             )
+        if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
+            raise InputError(f"electrons must be two rising numbers above 0, got {self.electrons}.")
 
     @cached_property
     def configs(self) -> list[DatasetConfig]:
@@ -89,20 +97,26 @@ class Lessons:
             raise InputError(f"Lessons need images of one size, {self.data} have {sorted(sizes)}.")
         return configs
 
-    def draw(self, seed: int, index: int) -> Lesson:
-        """Draw a lesson that depends on these two numbers alone."""
+    def draw(self, seed: int, index: int, dark: float = 0.0) -> Lesson:
+        """Draw a lesson that depends on these numbers alone; a share of them is in little light."""
         rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
         if rng.uniform() < self.leaves:
-            return self._draw_leaves(rng)
-        config = self.configs[rng.integers(len(self.configs))]
-        return self._draw_scene(config, rng)
+            views, slopes, block = self._draw_leaves(rng)
+        else:
+            config = self.configs[rng.integers(len(self.configs))]
+            views, slopes, block = self._draw_scene(config, rng)
+        seen = views
+        if rng.uniform() < dark:
+            light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
+            seen = expose(views, light, {"shot_noise"}, rng)
+        return Lesson(views, slopes, block, seen)
 
-    def _draw_leaves(self, rng: np.random.Generator) -> Lesson:
+    def _draw_leaves(self, rng: np.random.Generator):
         image = self.configs[0].image
         views = self.look.draw((self.leaf_views,) * 2, image, rng).views
-        return Lesson(views, rng.uniform(*self.look.slopes, self.slopes), (1, 1))
+        return views, rng.uniform(*self.look.slopes, self.slopes), (1, 1)
 
-    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator) -> Lesson:
+    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator):
         scene, _ = config.template.draw(rng)
         own = np.array(config.depths_mm)
         depths = rng.permutation(own)
@@ -114,10 +128,10 @@ class Lessons:
         low, high = sharp.min() - 0.2, sharp.max() + 0.2
         chosen = rng.permutation(np.resize(sharp, self.slopes // 2))
         between = rng.uniform(low, high, self.slopes - len(chosen))
-        return Lesson(light_field.views, np.concatenate([chosen, between]), config.block)
+        return light_field.views, np.concatenate([chosen, between]), config.block
 
 
-def teach(lessons: Lessons, system, seed: int, indices, progress=iter):
+def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", dark: float = 0.0):
     """Make what a network is shown, and what it should draw.
 
     Parameters
@@ -125,10 +139,12 @@ def teach(lessons: Lessons, system, seed: int, indices, progress=iter):
     lessons : Lessons
     system : lf_flame.systems.system.NetworkSystem
     seed : int
-    indices : sequence of int
+    indices : iterable of int
         Of the lessons.
-    progress : callable, optional
-        Wraps the iterable of indices.
+    right : str, optional
+        What all views give: a key of `lf_flame.systems.classical.TRUTHS`.
+    dark : float, optional
+        Share of the light fields that are seen in little light, with shot noise.
 
     Returns
     -------
@@ -136,9 +152,9 @@ def teach(lessons: Lessons, system, seed: int, indices, progress=iter):
     ndarray of float32, shape (n, h, w, channels)
     """
     shown, truths = [], []
-    for index in progress(indices):
-        lesson = lessons.draw(seed, index)
+    for index in indices:
+        lesson = lessons.draw(seed, index, dark)
         slopes = system.slopes_to_learn(lesson.slopes, lesson.block)
-        shown.append(system.show(lesson.views, slopes, lesson.block))
-        truths.append(system.truth(lesson.truth(slopes)))
+        shown.append(system.show(lesson.seen, slopes, lesson.block))
+        truths.append(system.truth(lesson.truth(slopes, right)))
     return np.concatenate(shown), np.concatenate(truths)

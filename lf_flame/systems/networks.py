@@ -20,20 +20,37 @@ class Network:
     model : callable
         Takes a seed, builds the Keras model.
     loss : str or callable
+    truth : str
+        What it learns to draw: a key of `lf_flame.systems.classical.TRUTHS`.
+    note : str
+        What sets it apart from others of its kind.
     """
 
     system: type[NetworkSystem]
     model: Callable
     loss: str | Callable
+    truth: str = "shift-and-sum"
+    note: str = ""
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return f"{self.system.name}, {self.note}" if self.note else self.system.name
 
     def build(self, seed: int) -> NetworkSystem:
         """Build the system, untrained."""
-        return self.system(self.model(seed))
+        return self.system(self.model(seed), self.title)
 
 
 NETWORKS = {
     "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
+    "aperturenet-dark": Network(
+        ApertureNet, build_aperturenet, "mean_squared_error", note="trained in little light"
+    ),
     "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
     "refnet": Network(RefNet, build_refnet, refnet_loss),
+    "refnet-fourier": Network(
+        RefNet, build_refnet, refnet_loss, "Fourier slice", "trained on the Fourier slice"
+    ),
     "volumetric": Network(SparseUNet, build_unet, unet_loss),
 }

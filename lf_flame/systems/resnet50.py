@@ -33,7 +33,7 @@ class ResNet50(NetworkSystem):
     name = "ResNet-50 (the paper's)"
 
     def __init__(self, model, config: DatasetConfig, slopes):
-        super().__init__(model, None)
+        super().__init__(model)
         self.config, self.slopes = config, np.asarray(slopes, float)
 
     @classmethod

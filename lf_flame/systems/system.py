@@ -26,7 +26,8 @@ class RefocusingSystem(ABC):
     name : str
         What tables call it.
     smallest : int
-        Side of the smallest image that it takes: its receptive field, for a network.
+        Side of the smallest image that it takes: its receptive field, for a network. On less it
+        would see nothing but the border.
     parameters : int
         Trained numbers; 0 for a formula.
     """
@@ -138,25 +139,23 @@ class NetworkSystem(RefocusingSystem):
             As for `refocus`.
         """
 
-    @abstractmethod
     def truth(self, stack: np.ndarray) -> np.ndarray:
         """Arrange refocused images (n, h, w) as the network should draw them, (m, h, w, c)."""
+        return stack[..., None]
 
     def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Choose the slopes to learn from a light field, where others propose some."""
         return slopes
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        if views.ndim == 4:
+        if views.ndim == 4 or self.colours > 1:
             return self._draw(views, slopes, block)
-        if self.colours == 1:
-            channels = [self._draw(views[..., c], slopes, block) for c in range(views.shape[4])]
-            return np.stack(channels, axis=-1)
-        return self._draw(views, slopes, block)
+        channels = [self._draw(views[..., c], slopes, block) for c in range(views.shape[4])]
+        return np.stack(channels, axis=-1)
 
-    @abstractmethod
     def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus a light field that the network can see as it is."""
+        return self.predict(self.show(views, slopes, block))[..., 0]
 
     def predict(self, shown: np.ndarray) -> np.ndarray:
         """Run the network on images (m, h, w, channels), as many at once as fit.

@@ -1,9 +1,10 @@
 """Volumetric refocusing: regions each at a slope of their own, from few views, ghosts removed.
 
 T. Samarakoon, K. Abeywardena, C. U. S. Edussooriya, "Arbitrary Volumetric Refocusing of Dense and
-Sparse Light Fields", arXiv 2502.19238. A region's slope is the one at which it looks most like the
-middle view; a cross of 17 views replaces all 81; and a U-Net turns what that gives into what all
-views would have given. The U-Net's depth and channels are not published; ours are our choice.
+Sparse Light Fields", arXiv 2502.19238. From all views a region's slope is read off a slope map;
+from a cross of 17, which replaces all 81, it is the one at which the region looks most like the
+middle view, and a U-Net turns what the cross gives into what all views would have given. The
+U-Net's depth and channels are not published; ours are our choice.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.errors import InputError
-from lf_flame.refocus import refocus_surface, region_slopes
+from lf_flame.refocus import all_in_focus, refocus_surface, region_slopes, sparse_aperture
 from lf_flame.refocus._arguments import as_views
 from lf_flame.systems.classical import ShiftAndSum, cross_of_views
 from lf_flame.systems.similarity import ms_ssim, scales
@@ -86,7 +87,7 @@ class SparseUNet(NetworkSystem):
     """Shift-and-sum of a cross of 17 views, and the U-Net behind it."""
 
     name = "Volumetric: cross of 17 views, U-Net"
-    smallest = 8
+    smallest = 49
     multiple = 4
 
     def chosen(self, rows: int, columns: int) -> Places:
@@ -97,18 +98,11 @@ class SparseUNet(NetworkSystem):
         """Refocus with the cross alone."""
         return ShiftAndSum(places=self.chosen).refocus(views, slopes, block)[..., None]
 
-    def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Give the images a channel."""
-        return stack[..., None]
-
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return self.predict(self.show(views, slopes, block))[..., 0]
-
 
 def search_region_slope(
-    views, region: tuple[int, int, int, int], slopes: tuple[float, float], places=None
+    views, region: tuple[int, int, int, int], slopes: tuple[float, float]
 ) -> float:
-    """Find the slope at which a region looks most like the middle view.
+    """Find the slope at which a region, refocused with the cross alone, looks most like the middle.
 
     By MS-SSIM, which has a single peak there: the range is divided into ten, the best place and its
     neighbours bracket the peak, and are divided again, until steps are at most 0.1.
@@ -121,8 +115,6 @@ def search_region_slope(
         First and last but one row, first and last but one column; 11 pixels or more each way.
     slopes : (float, float)
         Range, in pixels per view step.
-    places : sequence of (int, int), optional
-        Views to refocus with. Default: the cross of 17.
 
     Returns
     -------
@@ -134,18 +126,11 @@ def search_region_slope(
         If the region does not lie in the image or is too small, or the range is empty.
     """
     views = as_views(views)
+    _check(views, region, slopes)
     t0, t1, s0, s1 = region
-    if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
-        raise InputError(
-            f"A region must be (t_start, t_stop, s_start, s_stop) inside the {views.shape[2]} x "
-            f"{views.shape[3]} pixels of the views, got {tuple(region)}."
-        )
     scales((t1 - t0, s1 - s0))
-    low, high = slopes
-    if not -np.inf < low < high < np.inf:
-        raise InputError(f"slopes to search must be two rising numbers, got {low} and {high}.")
     middle = views[views.shape[0] // 2, views.shape[1] // 2]
-    system = ShiftAndSum(places=(lambda *_: places) if places else cross_of_views)
+    system = ShiftAndSum(places=cross_of_views)
 
     def likeness(some: np.ndarray) -> np.ndarray:
         stack = system.refocus(views, some)[:, t0:t1, s0:s1]
@@ -155,6 +140,7 @@ def search_region_slope(
             ms_ssim(np.reshape(same, shape).astype(np.float32), np.reshape(stack, shape))
         )
 
+    low, high = slopes
     while True:
         steps = np.linspace(low, high, 11)
         best = int(np.argmax(likeness(steps)))
@@ -163,12 +149,34 @@ def search_region_slope(
         low, high = steps[max(best - 1, 0)], steps[min(best + 1, 10)]
 
 
+def most_common_slope(slope_map: np.ndarray, region: tuple[int, int, int, int]) -> float:
+    """Find the slope that most pixels of a region share, to within a step of 0.1."""
+    t0, t1, s0, s1 = region
+    inside = slope_map[t0:t1, s0:s1].ravel()
+    steps = np.round(inside / STEP)
+    values, counts = np.unique(steps, return_counts=True)
+    return float(inside[steps == values[counts.argmax()]].mean())
+
+
+def _check(views: np.ndarray, region, slopes) -> None:
+    t0, t1, s0, s1 = region
+    if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
+        raise InputError(
+            f"A region must be (t_start, t_stop, s_start, s_stop) inside the {views.shape[2]} x "
+            f"{views.shape[3]} pixels of the views, got {tuple(region)}."
+        )
+    if not -np.inf < slopes[0] < slopes[1] < np.inf:
+        raise InputError(
+            f"slopes to search must be two rising numbers, got {slopes[0]} and {slopes[1]}."
+        )
+
+
 def refocus_regions(
     views,
     regions: Iterable[Sequence[int]],
     slopes: tuple[float, float],
     background: float | None = None,
-    places=None,
+    dense: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bring several regions into focus at once, whatever their depths; the rest is blurred.
 
@@ -182,19 +190,34 @@ def refocus_regions(
     background : float, optional
         Slope of all that is no region. Default: the lowest, as Samarakoon et al. choose a smaller
         one.
-    places : sequence of (int, int), optional
-        Views to use. Default: the cross of 17.
+    dense : bool, optional
+        Use all views: a region's slope is then the one that most of its pixels have in a slope map
+        (`lf_flame.refocus.all_in_focus`, where the authors have a map of their own). Otherwise the
+        cross of 17 views alone is used, and `search_region_slope`.
 
     Returns
     -------
     ndarray of float32, shape (t, s) or (t, s, channels)
     ndarray of float64, shape (t, s)
         Slope of every pixel.
+
+    Raises
+    ------
+    InputError
+        If a region does not lie in the image, or is too small, the range is empty, or views are
+        missing.
     """
-    views = as_views(views)
-    found = [(region, search_region_slope(views, region, slopes, places)) for region in regions]
+    views, regions = as_views(views), list(regions)
+    for region in regions:
+        _check(views, region, slopes)
+    if dense:
+        steps = np.linspace(*slopes, max(round((slopes[1] - slopes[0]) / STEP), 2) + 1)
+        slope_map = all_in_focus(views, steps).slope
+        found = [(region, most_common_slope(slope_map, region)) for region in regions]
+    else:
+        found = [(region, search_region_slope(views, region, slopes)) for region in regions]
     rest = slopes[0] if background is None else background
     surface = region_slopes(views.shape[2:4], found, rest, SOFTEN)
-    weights = np.zeros(views.shape[:2])
-    weights[tuple(np.transpose(places or cross_of_views(*views.shape[:2])))] = 1
+    shape = views.shape[:2]
+    weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
     return refocus_surface(views, surface, weights=weights), surface
