@@ -24,7 +24,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus_costs import find_scenes
 from lf_flame.sensor import Sensor, expose
 from lf_flame.swaptest import draw_case, make_cases
-from lf_flame.systems import contest_report
+from lf_flame.systems import contest_figures, contest_report
 from lf_flame.systems.classical import (
     TRUTHS,
     FourierSlice,
@@ -374,9 +374,10 @@ def run_contest(
     write_text(out / "compare.csv", scores.round(5).to_csv(index=False))
     write_text(out / "systems.csv", prices.round(3).to_csv(index=False))
     write_text(out / "compare.md", contest_report.text(scores, prices, record))
-    figures.save(contest_report.figure(scores, prices), out / "compare.png")
-    if np.isfinite(scores.electrons).any():
-        figures.save(contest_report.noise_figure(scores), out / "compare_noise.png")
+    clean, dark = contest_report.without_noise(scores), scores[np.isfinite(scores.electrons)]
+    figures.save(contest_figures.figure(clean, prices), out / "compare.png")
+    if len(dark):
+        figures.save(contest_figures.noise_figure(dark), out / "compare_noise.png")
     write_json(out / "compare.json", record)
     return out / "compare.md"
 

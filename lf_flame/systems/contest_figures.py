@@ -1,0 +1,127 @@
+"""Pictures of the contest (`lf_flame.systems.contest`)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.ticker import LogLocator, NullFormatter
+
+SHOWN_DB = (15.0, 65.0)
+"""Range of the axis; what is better, or exact, or worse stands at its edge as a triangle."""
+
+COLUMNS = 4
+
+
+def figure(scores: pd.DataFrame, prices: pd.DataFrame):
+    """Draw accuracy against time: one panel a test set, one mark a system.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        Columns as in `lf_flame.systems.contest.COLUMNS`; without noise.
+    prices : DataFrame
+        See `lf_flame.systems.contest_report.text`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    sets = list(scores.test_set.unique())
+    rows = len(sets) // COLUMNS + 1  # with a place for the legend
+    drawn, axes = plt.subplots(
+        rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows), sharex=True, sharey=True,
+        layout="constrained",
+    )  # fmt: skip
+    axes, shown = axes.ravel(), prices.set_index("system").dropna(subset="milliseconds")
+    for axis, test_set in zip(axes, sets, strict=False):
+        means = scores[scores.test_set == test_set].groupby("system")["psnr_db"].mean()
+        _panel(axis, means, shown)
+        axis.set_title(test_set, fontsize=10)
+    for k, axis in enumerate(axes):
+        if k % COLUMNS == 0:
+            axis.set_ylabel("PSNR against all views (dB)")
+        if len(sets) - COLUMNS <= k < len(sets):  # the last of its column
+            axis.set_xlabel("milliseconds for a frame")
+            axis.tick_params(labelbottom=True)
+        if k >= len(sets):
+            axis.axis("off")
+    handles = [
+        plt.Line2D([], [], ls="", label=name, **_mark(k, name, shown, 0.5 * sum(SHOWN_DB)))
+        for k, name in enumerate(shown.index)
+    ]
+    legend = axes[len(sets)].legend(handles=handles, loc="upper left", frameon=False, fontsize=9)
+    legend.set_in_layout(False)  # it may reach into the next empty panel
+    return drawn
+
+
+def _panel(axis, means: pd.Series, shown: pd.DataFrame) -> None:
+    for k, name in enumerate(shown.index):
+        value = means.get(name, np.nan)
+        axis.plot(
+            shown.milliseconds[name], np.clip(value, *SHOWN_DB), ls="", clip_on=False, zorder=3,
+            **_mark(k, name, shown, value),
+        )  # fmt: skip
+    axis.set(xscale="log", ylim=SHOWN_DB)
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
+    axis.grid(alpha=0.3)
+
+
+def _mark(number: int, name: str, shown: pd.DataFrame, value: float) -> dict:
+    """Choose how a system is drawn: ours as stars, formulas as squares, networks as dots."""
+    style = {"color": _colour(number), "markersize": 8, "markeredgecolor": "black"}
+    style["markeredgewidth"] = 0.5
+    if _is_ours(name):
+        style |= {"marker": "*", "markersize": 16}
+    else:
+        style["marker"] = "s" if shown.parameters[name] == 0 else "o"
+    if not SHOWN_DB[0] <= value <= SHOWN_DB[1]:
+        style["marker"] = "^" if value > SHOWN_DB[1] else "v"
+    return style
+
+
+def noise_figure(scores: pd.DataFrame):
+    """Draw PSNR against light: one panel a test set, one curve a system.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        Columns as in `lf_flame.systems.contest.COLUMNS`; with noise.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    seen = scores[scores.psnr_db.notna()]
+    sets, names = list(seen.test_set.unique()), list(scores.system.unique())
+    drawn, axes = plt.subplots(
+        1, len(sets), figsize=(5.4 * len(sets), 7.0), sharey=True, squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    handles = {}
+    for axis, test_set in zip(axes[0], sets, strict=True):
+        rows = seen[seen.test_set == test_set]
+        for k, name in enumerate(names):
+            curve = rows[rows.system == name].groupby("electrons")["psnr_db"].mean()
+            if len(curve):
+                style = {"marker": "*", "markersize": 13, "lw": 2} if _is_ours(name) else {}
+                style = {"marker": "o", "markersize": 5, "lw": 1.2} | style
+                (handles[name],) = axis.plot(curve.index, curve, color=_colour(k), **style)
+        axis.set(xscale="log", title=test_set, xlabel="electrons in a pixel at full scale")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("PSNR against all views without noise (dB)")
+    axes[0, 0].set_ylim(bottom=max(axes[0, 0].get_ylim()[0], SHOWN_DB[0]))
+    drawn.legend(
+        handles.values(), handles.keys(), ncols=2, loc="outside lower center", fontsize=9,
+        frameon=False,
+    )  # fmt: skip
+    return drawn
+
+
+def _is_ours(name: str) -> bool:
+    return "(ours)" in name
+
+
+def _colour(number: int):
+    """Take one of twenty colours, the strong ones first."""
+    return plt.get_cmap("tab20")((2 * number + number // 10) % 20)
