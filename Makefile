@@ -79,9 +79,10 @@ train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cr
 SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
+COMPARE := experiments/results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand.
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
-	$(LF) compare $(RUNS) --out experiments/results/compare $(PHOTOGRAPHS) \
+	$(LF) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)

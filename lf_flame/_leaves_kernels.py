@@ -24,8 +24,8 @@ def _shade(leaf, y, x):
     right = leaf[6] * y + leaf[5] * x
     p = leaf[7]
     rho = (abs(down / leaf[3]) ** p + abs(right / leaf[4]) ** p) ** (1.0 / p)
-    # About the distance to the edge in pixels; the edge itself is a pixel wide.
-    inside = 0.5 + (1.0 - rho) * min(leaf[3], leaf[4])
+    # Distance to the edge along the ray from the middle, in pixels; the edge is a pixel wide.
+    inside = 0.5 + math.hypot(down, right) * (1.0 - rho) / rho if rho > 0.0 else 1.0
     cover = min(max(inside, 0.0), 1.0)
     if cover == 0.0:
         return 0.0, 0.0

@@ -251,10 +251,11 @@ def curve_figure(study, rows: pd.DataFrame, paper: dict):
     axes[0].plot(bound.index, bound, "k--", label="bound of 256 pictures")
     axes[0].set_ylim(top=min(top, axes[0].get_ylim()[1]))
     if study.x.scale == "log":  # linear below the first point, because x may be 0
-        positive = [variant.x for variant in study.variants if variant.x > 0]
-        axes[1].set_xscale("symlog", linthresh=min(positive, default=1.0))
         ticks = sorted({variant.x for variant in study.variants})
+        least = min((x for x in ticks if x > 0), default=1.0)
+        axes[1].set_xscale("symlog", linthresh=least, linscale=0.4)
         axes[1].set_xticks(ticks, [f"{x:g}" for x in ticks])
+        axes[1].set_xlim(-least / 4 if ticks[0] == 0 else least / 1.3, 1.3 * ticks[-1])
     axes[1].set_xlabel(f"{study.x.label} ({study.x.unit})" if study.x.unit else study.x.label)
     figure.suptitle(study.title, fontsize=11)
     handles = axes[0].get_legend_handles_labels()
@@ -278,6 +279,7 @@ def bar_figure(title: str, rows: pd.DataFrame, paper: dict):
     at = range(len(names))
     for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
         low, high = (extreme.reindex(names) for extreme in (planes[name].min(), planes[name].max()))
+        axis.use_sticky_edges = False  # leave room beyond the first and the last bar
         axis.barh(at, high - low, left=low, height=0.5, alpha=0.35, label="range of the planes")
         axis.plot(means[name], at, "o", color="C0", label="mean")
         axis.axvline(np.mean(paper[name]), color="black", ls="--", lw=1, label="the paper's mean")

@@ -163,7 +163,7 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list
         _sparse(first, encoding) for encoding in (InputEncoding("views"), InputEncoding("grid"))
     ]
     for run, (record, dataset) in zip(runs, opened, strict=True):
-        if _scenes(dataset.config) != _scenes(first.config):
+        if scene_settings(dataset.config) != scene_settings(first.config):
             raise InputError(
                 f"{run} was trained on other scenes than {runs[0]}, or for another camera; "
                 f"test them one by one."
@@ -173,7 +173,7 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list
     return first.config, first.attrs["slopes"], systems
 
 
-def _scenes(config: DatasetConfig) -> dict:
+def scene_settings(config: DatasetConfig) -> dict:
     """Keep what makes two data sets hold the same scenes, but for the depths of the objects."""
     free = ("input", "shuffled_depths", "samples")
     return {key: value for key, value in to_json(config).items() if key not in free}

@@ -25,7 +25,7 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
 
     SYSTEM is a key of [systems] in CONFIG. All learn from the same lessons: light fields drawn
     anew, with every object at a depth of its own, each seen at several slopes; what they should
-    draw is shift-and-sum of all views.
+    draw is what all views give.
 
     \b
       aperturenet       ours: nine aligned views, each for a ninth of the aperture
@@ -45,7 +45,7 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
 
 
 @click.command()
-@click.argument("runs", type=FOLDER)
+@click.argument("runs", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--out", type=FOLDER, required=True, help="Results folder.")
 @click.option(
     "--data",
@@ -101,14 +101,15 @@ def compare(
     from lf_flame.formats import read_light_field
     from lf_flame.report import step_bar
     from lf_flame.systems import contest
+    from lf_flame.systems.contest_scenes import paper_sets, photograph_set
 
     configs = [read_config(path) for path in data]
-    by_data = [contest.paper_sets(config, runs / config.kind, light_fields) for config in configs]
+    by_data = [paper_sets(config, runs / config.kind, light_fields) for config in configs]
     test_sets = [test_set for sets in by_data for test_set in sets]
     test_sets += [sets[0].in_the_dark(light, seed) for light in electrons for sets in by_data]
     for path, slopes in photographs:
         light_field = read_light_field(path)
-        test_sets.append(contest.photograph_set(path.name, light_field, _as_numbers(slopes)))
+        test_sets.append(photograph_set(path.name, light_field, _as_numbers(slopes)))
     contestants = contest.classical_contestants()
     contestants += contest.trained_contestants(runs, refocusnet_weights)
     path = contest.run_contest(contestants, test_sets, out, step_bar)

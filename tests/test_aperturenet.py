@@ -52,7 +52,9 @@ def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
         model.get_layer("shares").set_weights([kernel, sure])
         image = model.predict_on_batch(views)[0, ..., 0]
         boxes = make_boxes()[:, :, 0, k]
-        blurred = convolve(views[0].mean(axis=-1), boxes, mode="constant")
+        mean = views[0].mean(axis=-1)
+        shares = convolve(np.ones_like(mean), boxes, mode="constant")  # of a box in the image
+        blurred = convolve(mean, boxes, mode="constant") / shares
         np.testing.assert_allclose(image, blurred, atol=1e-6)
 
 
@@ -63,7 +65,7 @@ def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
     assert np.abs(drawn - plain).max() < 0.1
     assert np.corrcoef(drawn.ravel(), plain.ravel())[0, 1] > 0.99
     assert {x.path.split("/")[0] for x in system.model.non_trainable_variables} == {
-        "mean_in_quads", "boxes", "mixed", "whole", "image",
+        "mean_in_quads", "boxes", "over_boxes", "image",
     }  # fmt: skip
     assert system.parameters < 1_000_000
 

@@ -10,7 +10,7 @@ from lf_flame import InputError, LightField
 from lf_flame.cli import commands
 from lf_flame.datasets import make_dataset, read_config
 from lf_flame.leaves import DeadLeaves
-from lf_flame.systems import contest
+from lf_flame.systems import contest, contest_scenes
 from lf_flame.systems.classical import ShiftAndSum
 from lf_flame.systems.price import price
 from lf_flame.systems.resnet50 import ResNet50
@@ -23,7 +23,7 @@ def flames(coarse_data):
 
 @pytest.fixture(scope="module")
 def sets(flames):
-    return contest.paper_sets(flames, Path("no run"), 2)
+    return contest_scenes.paper_sets(flames, Path("no run"), 2)
 
 
 class Dim(ShiftAndSum):
@@ -64,7 +64,7 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
 
 
 def test_shift_and_sum_of_all_views_is_right(sets):
-    table = contest.score_system(ShiftAndSum(), "all", sets[0])
+    table = contest.score_systems({"all": ShiftAndSum()}, sets[0])
     assert list(table.columns) == contest.COLUMNS
     assert np.all(np.isinf(table.psnr_db))
     assert table.ssim.tolist() == pytest.approx([1] * 4)
@@ -74,19 +74,19 @@ def test_shift_and_sum_of_all_views_is_right(sets):
 
 def test_scores_are_those_of_a_known_error(sets):
     """Where the truth is black nothing can be darker, so 0.01 counts where something is lit."""
-    table = contest.score_system(Dim(), "dim", sets[0])
+    table = contest.score_systems({"dim": Dim()}, sets[0])
     np.testing.assert_allclose(table.psnr_lit_db, 40, atol=0.5)
 
 
 def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
-    table = contest.score_system(Blind(), "blind", sets[0])
+    table = contest.score_systems({"blind": Blind()}, sets[0])
     assert list(table.why_missing) == ["Blind sees nothing."]
     assert table.psnr_db.isna().all()
 
 
 def test_the_border_of_photographs_is_not_scored():
     views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
-    photographs = contest.photograph_set("leaves", LightField(views), [-0.5, 0.5])
+    photographs = contest_scenes.photograph_set("leaves", LightField(views), [-0.5, 0.5])
 
     class WrongAtTheEdge(ShiftAndSum):
         def _refocus(self, views, slopes, block):
@@ -94,7 +94,7 @@ def test_the_border_of_photographs_is_not_scored():
             images[:, :12] = 0
             return images
 
-    table = contest.score_system(WrongAtTheEdge(), "edge", photographs)
+    table = contest.score_systems({"edge": WrongAtTheEdge()}, photographs)
     assert np.all(np.isinf(table.psnr_db))
     assert list(table.plane) == ["slope -0.5", "slope 0.5"]
 
@@ -102,12 +102,14 @@ def test_the_border_of_photographs_is_not_scored():
 def test_a_photograph_too_small_to_be_scored_is_refused():
     """After the border is cut off, a window of the structural similarity must be left."""
     views = np.zeros((3, 3, 35, 35), np.float32)
-    (scene,) = contest.photograph_set("dark", LightField(views), [0.0]).scenes()
-    assert contest.score_system(ShiftAndSum(), "all", contest.photograph_set(
+    (scene,) = contest_scenes.photograph_set("dark", LightField(views), [0.0]).scenes()
+    assert contest.score_systems({"all": ShiftAndSum()}, contest_scenes.photograph_set(
         "dark", LightField(views), [0.0])).ssim.tolist() == [1.0]  # fmt: skip
     assert scene.views.shape == views.shape
-    with pytest.raises(InputError, match="35 pixels or more along each side, dark has 34 x 40"):
-        contest.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
+    with pytest.raises(
+        InputError, match="dark needs views of 35 pixels or more along each side, got 34 x 40"
+    ):
+        contest_scenes.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
 
 
 def test_less_light_is_shot_noise_of_the_same_scenes(sets):
@@ -119,7 +121,7 @@ def test_less_light_is_shot_noise_of_the_same_scenes(sets):
         assert np.var(error) == pytest.approx(clean.views.mean() / 100, rel=0.02)
         np.testing.assert_array_equal(scene.truth(), clean.truth())
         np.testing.assert_array_equal(scene.views, again.views)
-    table = contest.score_system(ShiftAndSum(), "all", dark)
+    table = contest.score_systems({"all": ShiftAndSum()}, dark)
     assert set(table.electrons) == {100}
     assert np.all(table.psnr_db.between(40, 70))
 

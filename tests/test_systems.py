@@ -59,8 +59,26 @@ def test_colours_come_out_as_they_went_in(system, views):
     colours = np.stack([views, views[::-1], views * 0.5], axis=-1)
     stack = system.refocus(colours, 0.25)
     assert stack.shape == (1, 100, 108, 3)
-    if system.name != "RefocusNet":  # whose three colours are mixed
-        np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
+    np.testing.assert_allclose(stack[..., 2], system.refocus(views * 0.5, 0.25), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        ((3, 3), "Blocks of 3 x 3 lenslets do not divide an image of 100 x 108"),
+        ((0, 1), "Blocks of 0 x 1"),
+        (3, "two whole numbers, got 3"),
+        ((1.5, 1), "two whole numbers"),
+    ],
+)
+def test_blocks_must_divide_the_image(system, views, block, words):
+    with pytest.raises(InputError, match=words):
+        system.refocus(views, 0.0, block)
+
+
+def test_whole_numbers_are_refused(system, views):
+    with pytest.raises(InputError, match=r"from 0 to 1, got whole numbers \(uint8\)"):
+        system.refocus((255 * views).astype(np.uint8), 0.0)
 
 
 def test_blocks_give_smaller_images(system, views):
@@ -124,6 +142,12 @@ def test_refnet_draws_its_sixteen_slopes_and_mixes_between(views):
     averaged = system.refocus(views, 2 * SLOPES[5], (2, 2))[0]
     shown = system.show(views, np.zeros(1), (2, 2))
     np.testing.assert_allclose(averaged, system.predict(shown)[0, ..., 5], atol=1e-6)
+
+
+def test_refnet_is_told_how_far_apart_its_views_stand(views):
+    system = RefNet(build_refnet())
+    for some, apart in ((views, 8 / 6 / 2), (views[:7, :7], 0.5)):
+        np.testing.assert_allclose(system.show(some, np.zeros(1), (1, 1))[..., 49], apart)
 
 
 def test_refnet_refuses_slopes_beyond_its_own(views):

@@ -6,6 +6,8 @@ from lf_flame import InputError
 from lf_flame.leaves import DeadLeaves
 from lf_flame.systems.similarity import ms_ssim
 from lf_flame.systems.volumetric import (
+    SparseUNet,
+    build_unet,
     most_common_slope,
     refocus_regions,
     search_region_slope,
@@ -51,6 +53,8 @@ def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, de
         ((0, 5, 0, 50), (-1, 1), "11 pixels or more along each side, got 5 x 50"),
         ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 pixels of the views, got"),
         ((0, 50, 0, 50), (1, 1), "two rising numbers, got 1 and 1"),
+        ((0, 50, 0), (-1, 1), "four whole numbers, got"),
+        ((0, 50, 0, 5.5), (-1, 1), "four whole numbers, got"),
     ],
 )
 def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
@@ -78,3 +82,17 @@ def test_loss_is_the_published_sum(rng):
     expected = squared + 0.65 * (1 - likeness) + 0.35 * absolute + 500 / psnr
     found = keras.ops.convert_to_numpy(unet_loss(truth, image))
     np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_a_trained_unet_works_on_the_regions_image(two_depths):
+    """A network whose last layer adds a tenth."""
+    system = SparseUNet(build_unet())
+    kernel, bias = system.model.layers[-2].get_weights()
+    system.model.layers[-2].set_weights([0 * kernel, bias + 0.1])
+    asked = two_depths, [(10, 50, 10, 50)], (-2.0, 2.0)
+    plain, _ = refocus_regions(*asked)
+    mended, _ = refocus_regions(*asked, unet=system)
+    np.testing.assert_allclose(mended, np.clip(plain + 0.1, 0, 1), atol=1e-6)
+    coloured = np.stack([two_depths] * 3, axis=-1)
+    mended, _ = refocus_regions(coloured, *asked[1:], unet=system)
+    assert mended.shape == (60, 120, 3)

@@ -4,8 +4,8 @@ Cut the square aperture of the main lens into 3 x 3 squares, and take the view i
 each. Something out of focus, whose image moves by d pixels over the whole aperture, moves by d / 3
 within a square. So what all the views of a square would have drawn is its middle view, blurred by
 a box d / 3 wide; and the mean of the nine, so blurred, is what all views together give. That is
-exact for light that adds up; only d, for each pixel, is not known. (Shift-and-sum of nine views
-takes it for 0, and shows ghosts.)
+exact for things at one depth and views without gaps; only d, for each pixel, is not known.
+(Shift-and-sum of nine views takes it for 0, and shows ghosts.)
 
 So the network has one thing to find: how wide. From the aligned views it draws, for each pixel, the
 shares of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
@@ -85,28 +85,30 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
         + first
     )
     shares = ops.exp(ops.clip(shares, -SURE, SURE))
-    mean = _fixed(seen, "mean_in_quads", _mean_in_quads(), strides=QUAD)
-    blurred = _fixed(mean, "boxes", _in_quads(make_boxes()))
+    mean = _fixed("mean_in_quads", _mean_in_quads(), strides=QUAD)(seen)
+    boxes = _fixed("boxes", _in_quads(make_boxes()))
+    blurred = boxes(mean) / boxes(ops.ones_like(mean))  # which at the edges is below 1
     every_box = np.tile(np.eye(pixels), (len(WIDTHS), 1))[None, None]
-    mixed = _fixed(shares * blurred, "mixed", every_box) / _fixed(shares, "whole", every_box)
+    over_boxes = _fixed("over_boxes", every_box)
+    mixed = over_boxes(shares * blurred) / over_boxes(shares)
     mended = layers.Conv2D(
         pixels, 3, padding="same", kernel_initializer="zeros", name="correction"
     )(x)
     back = np.eye(pixels).reshape(QUAD, QUAD, 1, pixels)
-    image = _fixed(mixed + mended, "image", back, layers.Conv2DTranspose, strides=QUAD)
+    image = _fixed("image", back, layers.Conv2DTranspose, strides=QUAD)(mixed + mended)
     return keras.Model(seen, image, name="aperturenet")
 
 
-def _fixed(x, name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
-    """Convolve with what is not learnt."""
-    filters = kernel.shape[2 if kind is layers.Conv2DTranspose else 3]
+def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
+    """Make a convolution that does not learn."""
+    transposed = kind is layers.Conv2DTranspose
     layer = kind(
-        filters, kernel.shape[:2], padding="same", use_bias=False, trainable=False, name=name,
-        **options,
+        kernel.shape[2 if transposed else 3], kernel.shape[:2], padding="same", use_bias=False,
+        trainable=False, name=name, **options,
     )  # fmt: skip
-    image = layer(x)
+    layer.build((None, None, None, kernel.shape[3 if transposed else 2]))
     layer.set_weights([kernel])
-    return image
+    return layer
 
 
 def _mean_in_quads() -> np.ndarray:

@@ -43,7 +43,7 @@ class FourierSlice(RefocusingSystem):
         return every_view(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return average(fourier_slice(views, slopes), block)
+        return average(TRUTHS["Fourier slice"](views, slopes), block)
 
 
 TRUTHS = {

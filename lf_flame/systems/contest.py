@@ -1,14 +1,13 @@
 """The contest: every refocusing system on the same light fields, by the same measures.
 
-Right is shift-and-sum of all views. Test sets are the paper's two, light fields that no network was
-trained on; the same scenes with their objects at other depths; and photographs. All systems refocus
+Right is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems refocus
 from views in memory to images in memory, on all cores; each is timed in a process of its own, whose
 peak memory is what it takes.
 """
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,28 +15,21 @@ import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
-from lf_flame.datasets import DatasetConfig, render_sample
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run, score
 from lf_flame.files import write_json, write_text
-from lf_flame.lightfield import LightField
-from lf_flame.refocus_costs import find_scenes
-from lf_flame.sensor import Sensor, expose
-from lf_flame.swaptest import draw_case, make_cases
 from lf_flame.systems import contest_figures, contest_report
 from lf_flame.systems.classical import (
-    TRUTHS,
     FourierSlice,
     ShiftAndSum,
-    average,
     cross_of_views,
     lattice_of_views,
     square_of_views,
 )
+from lf_flame.systems.contest_scenes import Scene, TestSet
 from lf_flame.systems.learning import load_system
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.price import price
-from lf_flame.systems.refnet import ALPHAS, SLOPES
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem
@@ -46,12 +38,6 @@ COLUMNS = [
     "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
     "psnr_lit_db", "psnr_lit_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
-
-BORDER = 12
-"""Pixels that are cut off a photograph's images before they are scored: views end there."""
-
-SMALLEST = 2 * BORDER + 11
-"""Side of a photograph that leaves a window of the structural similarity."""
 
 
 @dataclass(frozen=True)
@@ -73,148 +59,6 @@ class Contestant:
     load: Callable[[], RefocusingSystem]
     about: dict
     only: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A light field to be refocused.
-
-    Attributes
-    ----------
-    views : ndarray of float32, shape (v, u, t, s) or (v, u, t, s, channels)
-    slopes : ndarray of float64, shape (n,)
-    block : (int, int)
-        Lenslets in a pixel of the images.
-    border : int
-        Pixels of the images that are not scored.
-    clean : ndarray, optional
-        The views without noise, where these have some.
-    """
-
-    views: np.ndarray
-    slopes: np.ndarray
-    block: tuple[int, int] = (1, 1)
-    border: int = 0
-    clean: np.ndarray | None = None
-
-    def truth(self, right: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, without noise, by one of the `TRUTHS`."""
-        views = self.views if self.clean is None else self.clean
-        return average(TRUTHS[right](views, self.slopes), self.block)
-
-
-@dataclass(frozen=True)
-class TestSet:
-    """Light fields that are refocused at the same planes.
-
-    Attributes
-    ----------
-    name : str
-    planes : list of str
-        What the planes are called.
-    scenes : callable
-        Takes nothing, yields scenes.
-    electrons : float
-        That a pixel at full scale holds; infinite: no noise.
-    truth : str
-        What is right: a key of `lf_flame.systems.classical.TRUTHS`.
-    """
-
-    __test__ = False  # for pytest, which would collect it
-
-    name: str
-    planes: list[str]
-    scenes: Callable[[], Iterator[Scene]]
-    electrons: float = np.inf
-    truth: str = "shift-and-sum"
-
-    def in_the_dark(self, electrons: float, seed: int) -> "TestSet":
-        """Take the same scenes in less light: with shot noise, as in a short exposure.
-
-        Parameters
-        ----------
-        electrons : float
-            That a pixel at full scale holds.
-        seed : int
-            Of the noise.
-        """
-        return replace(
-            self, scenes=partial(_noisy, self.scenes, electrons, seed), electrons=electrons
-        )
-
-
-def _noisy(scenes: Callable[[], Iterator[Scene]], electrons: float, seed: int) -> Iterator[Scene]:
-    sensor = Sensor(exposure_e=electrons)
-    for index, scene in enumerate(scenes()):
-        rng = np.random.default_rng([seed, index])
-        seen = expose(scene.views, sensor, {"shot_noise"}, rng)
-        yield replace(scene, views=seen, clean=scene.views)
-
-
-def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
-    """Make the test sets of a data set: its own test split, and its objects at other depths.
-
-    Parameters
-    ----------
-    config : DatasetConfig
-        What light fields are drawn from where there is no run.
-    run : Path
-        Of the paper's network, whose test split it is, see `lf_flame.refocus_costs.find_scenes`.
-    count : int
-        Light fields of each set.
-    """
-    held_out = find_scenes(config, run, count)
-    config, slopes = held_out.config, np.array(held_out.slopes)
-    planes = [f"{z:g} mm" for z in config.depths_mm]
-    own = partial(_own_scenes, config, slopes, held_out.indices)
-    sets = [TestSet(config.kind, planes, own)]
-    whole = [case for case in make_cases(config) if len(case.present) == len(config.depths_mm)]
-    for case in whole[1:]:  # the first is as trained
-        # Of those that keep the depths, the planes stay; else they move with the objects.
-        depths = (
-            case.depths_mm if set(case.depths_mm) != set(config.depths_mm) else config.depths_mm
-        )
-        at = np.array([config.camera.depth_to_slope(z) for z in depths])
-        placed = partial(_placed_scenes, config, case, at, count)
-        sets.append(TestSet(f"{config.kind}, {case.name}", [f"{z:g} mm" for z in depths], placed))
-    return [*sets, *_at_sixteen_slopes(config, held_out.indices)]
-
-
-def _at_sixteen_slopes(config: DatasetConfig, indices: Sequence[int]) -> Iterator[TestSet]:
-    """Take the test split at RefNet's own slopes, and what is right by both ways."""
-    slopes, planes = SLOPES * config.block[0], [f"alpha {alpha:g}" for alpha in ALPHAS]
-    for truth in TRUTHS:
-        scenes = partial(_own_scenes, config, slopes, indices)
-        yield TestSet(f"{config.kind}{contest_report.SIXTEEN}", planes, scenes, truth=truth)
-
-
-def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
-    for index in indices:
-        yield Scene(render_sample(config, index)[0].views, slopes, config.block)
-
-
-def _placed_scenes(config, case, slopes, count) -> Iterator[Scene]:
-    for light_field in draw_case(config, case, count):
-        yield Scene(light_field.views, slopes, config.block)
-
-
-def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
-    """Make a test set of a photographed light field.
-
-    Raises
-    ------
-    InputError
-        If its images are too small to be scored.
-    """
-    height, width = light_field.views.shape[2:4]
-    if min(height, width) < SMALLEST:
-        raise InputError(
-            f"A photograph to compare on needs views of {SMALLEST} pixels or more along each side, "
-            f"{name} has {height} x {width}."
-        )
-    slopes = np.array(slopes, float)
-    scene = Scene(light_field.views, slopes, border=BORDER)
-    return TestSet(name, [f"slope {slope:g}" for slope in slopes], lambda: iter([scene]))
 
 
 def classical_contestants() -> list[Contestant]:
@@ -264,60 +108,53 @@ def load_official(path: Path) -> RefocusNet:
     """Load RefocusNet with the authors' weights."""
     model = build_refocusnet()
     load_official_weights(model, path)
-    return RefocusNet(model)
+    return RefocusNet(model, colours=3)
 
 
 def _about(folder: Path) -> dict:
     """Read the record of a run, with the seconds that it took; nothing where there is none."""
     try:
         record = load_run(folder)
-    except InputError:
+    except (InputError, ValueError):  # a record that cannot be read is refused when it is loaded
         return {}
     record.pop("test_indices", None)
-    return {**record, "seconds": record["start_s"] + record["train_s"]}
+    return {**record, "seconds": record.get("start_s", np.nan) + record.get("train_s", np.nan)}
 
 
-def score_system(
-    system: RefocusingSystem,
-    name: str,
-    test_set: TestSet,
-    truths: Iterable[np.ndarray] | None = None,
-) -> pd.DataFrame:
-    """Score a system on a test set, plane by plane; columns as in `COLUMNS`.
+def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
+    """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
 
-    What it refuses shows as missing, with its own words.
+    What one refuses shows as missing, with its own words.
 
     Parameters
     ----------
-    system : RefocusingSystem
-    name : str
-        What the table calls it.
+    systems : dict of RefocusingSystem or InputError
+        By the name that the table calls it; an error says why it is not there.
     test_set : TestSet
-    truths : iterable of ndarray, optional
-        Of its scenes, where they are known already.
     """
-    pairs = []
-    for scene, truth in _with_truth(test_set, truths):
-        try:
-            images = system.refocus(scene.views, scene.slopes, scene.block)
-        except InputError as error:
-            return _missing(test_set, name, str(error))
-        pairs.append([_inner(stack, scene.border) for stack in (truth, images)])
-    table = score(*(np.stack(stacks) for stacks in zip(*pairs, strict=True)))
-    table = table.rename(columns={"n_test": "light_fields"}).assign(
-        test_set=test_set.name, truth=test_set.truth, electrons=test_set.electrons, system=name,
-        views=len(set(system.chosen(*scene.views.shape[:2]))),
-        slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
-    )  # fmt: skip
-    return table[COLUMNS]
-
-
-def _with_truth(test_set: TestSet, truths) -> Iterator[tuple[Scene, np.ndarray]]:
-    if truths is not None:
-        yield from zip(test_set.scenes(), truths, strict=True)
-        return
+    refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
+    truths, drawn = [], {name: [] for name in systems}
     for scene in test_set.scenes():
-        yield scene, scene.truth(test_set.truth)
+        truths.append(_inner(scene.truth(test_set.truth), scene.border))
+        for name in set(systems) - set(refused):
+            try:
+                images = systems[name].refocus(scene.views, scene.slopes, scene.block)
+                drawn[name].append(_inner(images, scene.border))
+            except InputError as error:
+                refused[name] = str(error)
+    tables = []
+    for name, system in systems.items():
+        if name in refused:
+            tables.append(_missing(test_set, name, refused[name]))
+            continue
+        table = score(np.stack(truths), np.stack(drawn[name]))
+        table = table.rename(columns={"n_test": "light_fields"}).assign(
+            test_set=test_set.name, truth=test_set.truth, electrons=test_set.electrons,
+            system=name, views=len(set(system.chosen(*scene.views.shape[:2]))),
+            slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
+        )  # fmt: skip
+        tables.append(table[COLUMNS])
+    return pd.concat(tables, ignore_index=True)
 
 
 def _missing(test_set: TestSet, name: str, reason: str) -> pd.DataFrame:
@@ -353,16 +190,17 @@ def run_contest(
     Path
         ``compare.md``.
     """
+    _refuse_same_names(test_sets)
     started = time.perf_counter()
     frame = next(test_sets[0].scenes())
-    steps = len(test_sets) * len(contestants) + len(contestants)
     results = _compete(contestants, test_sets, frame)
+    steps = len(contestants) + len(test_sets)
     results = list(results if progress is None else progress(results, 0, steps))
     scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
     prices = pd.DataFrame([x for x in results if isinstance(x, dict)])
     record = {
         "systems": {one.name: one.about for one in contestants},
-        "test_sets": list(dict.fromkeys(one.name for one in test_sets)),
+        "test_sets": {one.name: one.origin for one in test_sets},
         "frame": {
             "planes": len(frame.slopes),
             "image": " x ".join(str(n) for n in frame.truth().shape[1:]),
@@ -382,22 +220,25 @@ def run_contest(
     return out / "compare.md"
 
 
+def _refuse_same_names(test_sets: Sequence[TestSet]) -> None:
+    names = [(one.name, one.truth, one.electrons) for one in test_sets]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"Two test sets are called {name[0]!r}; compare on one at a time.")
+
+
 def _compete(contestants, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
-    """Yield what each system takes, then its scores, test set by test set."""
+    """Yield what each system takes, then the scores of all on each test set."""
     loaded = {}
     for one in contestants:
         loaded[one.name] = _loaded(one)
         yield _described(one, loaded[one.name], frame)
     for test_set in test_sets:
-        truths = [scene.truth(test_set.truth) for scene in test_set.scenes()]
+        systems = dict(loaded)
         for one in contestants:
-            system = loaded[one.name]
-            if isinstance(system, InputError):
-                yield _missing(test_set, one.name, str(system))
-            elif not test_set.name.startswith(one.only):
-                yield _missing(test_set, one.name, f"it was trained on {one.only}.")
-            else:
-                yield score_system(system, one.name, test_set, truths)
+            if not test_set.name.startswith(one.only):
+                systems[one.name] = InputError(f"it was trained on {one.only}.")
+        yield score_systems(systems, test_set)
 
 
 def _loaded(contestant: Contestant) -> RefocusingSystem | InputError:
@@ -405,6 +246,8 @@ def _loaded(contestant: Contestant) -> RefocusingSystem | InputError:
         return contestant.load()
     except InputError as error:
         return error
+    except ValueError as error:
+        return InputError(f"its record cannot be read: {error}")
 
 
 def _described(contestant: Contestant, system, frame: Scene) -> dict:

@@ -27,6 +27,9 @@ FIRST_HELD_OUT = 1_000_000
 
 EVALUATION_BATCH = 16
 
+SMALLEST_PATCH = 12
+"""Side of a patch that holds a window of the structural similarity, and halves twice."""
+
 
 @dataclass(frozen=True)
 class SystemRecipe:
@@ -58,11 +61,13 @@ class SystemRecipe:
     __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
-        if min(self.epochs, self.batch_size, self.patch) < 1 or not self.learning_rate > 0:
+        if min(self.epochs, self.batch_size) < 1 or not self.learning_rate > 0:
             raise InputError(
-                f"epochs, batch_size and patch must be at least 1 and learning_rate above 0, got "
-                f"{self.epochs}, {self.batch_size}, {self.patch}, {self.learning_rate}."
+                f"epochs and batch_size must be at least 1 and learning_rate above 0, got "
+                f"{self.epochs}, {self.batch_size}, {self.learning_rate}."
             )
+        if self.patch < SMALLEST_PATCH:
+            raise InputError(f"patch must be {SMALLEST_PATCH} or more, got {self.patch}.")
         if not 0 <= self.dark <= 1:
             raise InputError(f"dark must be a share from 0 to 1, got {self.dark}.")
 
@@ -86,9 +91,11 @@ class Course:
     __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
-        if min(self.lessons, self.held_out) < 1:
+        epochs = 1 if self.epochs is None else self.epochs
+        if min(self.lessons, self.held_out, epochs) < 1:
             raise InputError(
-                f"lessons and held_out must be at least 1, got {self.lessons}, {self.held_out}."
+                f"lessons, held_out and epochs must be at least 1, got {self.lessons}, "
+                f"{self.held_out}, {epochs}."
             )
 
 

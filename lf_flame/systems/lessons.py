@@ -126,7 +126,7 @@ class Lessons:
         light_field = render_plan(placed, config.camera, config.plan, seed=rng.integers(2**31))
         sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
         low, high = sharp.min() - 0.2, sharp.max() + 0.2
-        chosen = rng.permutation(np.resize(sharp, self.slopes // 2))
+        chosen = np.resize(rng.permutation(sharp), self.slopes // 2)
         between = rng.uniform(low, high, self.slopes - len(chosen))
         return light_field.views, np.concatenate([chosen, between]), config.block
 

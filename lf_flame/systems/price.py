@@ -8,6 +8,9 @@ import os
 import resource
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +31,8 @@ class Price:
         For a frame, the fastest of some.
     memory_mb : float
         Peak of its process, less the light field.
+
+    Both are NaN where the process died.
     """
 
     milliseconds: float
@@ -50,8 +55,11 @@ def price(
         The frame, see `RefocusingSystem.refocus`.
     """
     context = multiprocessing.get_context("spawn")
-    with context.Pool(1, initializer=_shut_standard_error) as pool:
-        return pool.apply(_measure, (load, views, slopes, block))
+    with ProcessPoolExecutor(1, context, _shut_standard_error) as pool:
+        try:
+            return pool.submit(_measure, load, views, slopes, block).result()
+        except BrokenProcessPool:  # killed, as for want of memory
+            return Price(float("nan"), float("nan"))
 
 
 def _shut_standard_error() -> None:
@@ -61,6 +69,7 @@ def _shut_standard_error() -> None:
 
 
 def _measure(load, views, slopes, block) -> Price:
+    _forget_peak()
     system = load()
     seconds = []
     for _ in range(REPEATS + 1):  # the first compiles
@@ -68,6 +77,12 @@ def _measure(load, views, slopes, block) -> Price:
         system.refocus(views, slopes, block)
         seconds.append(time.perf_counter() - started)
     return Price(1e3 * min(seconds[1:]), (_peak_memory() - views.nbytes) / 1e6)
+
+
+def _forget_peak() -> None:
+    """Leave out what it took to bring the light field here, where the system allows (Linux)."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def _peak_memory() -> int:

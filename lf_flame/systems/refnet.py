@@ -16,6 +16,7 @@ import keras
 import numpy as np
 from keras import layers, ops
 
+from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
 from lf_flame.systems.classical import square_of_views
 from lf_flame.systems.similarity import ssim
@@ -38,8 +39,8 @@ def build_refnet(seed: int = 0) -> keras.Model:
     Returns
     -------
     keras.Model
-        Input (h, w, 49), the views row by row; output (h, w, 16), from 0 to 1, one image for each
-        of `ALPHAS`.
+        Input (h, w, 50), the views row by row, and how far apart they stand; output (h, w, 16),
+        from 0 to 1, one image for each of `ALPHAS`.
     """
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
@@ -53,7 +54,7 @@ def build_refnet(seed: int = 0) -> keras.Model:
         y = layers.BatchNormalization()(convolution(WIDE, 1)(y))
         return layers.ELU()(layers.Add()([x, y]))
 
-    seen = keras.Input((None, None, SIDE**2), name="views")
+    seen = keras.Input((None, None, SIDE**2 + 1), name="views")
     x = layers.ELU()(convolution(WIDE, 7)(seen))
     for _ in range(BLOCKS):
         x = block(x)
@@ -81,6 +82,14 @@ class RefNet(NetworkSystem):
         """Choose 7 x 7 views, from the first to the last."""
         return square_of_views(rows, columns, SIDE)
 
+    def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
+        super()._check(shape, slopes, block)
+        if shape[0] != shape[1] or block[0] != block[1]:
+            raise InputError(
+                f"{self.name} needs as many views and lenslets to a pixel down as across, got "
+                f"{shape[0]} x {shape[1]} and {block[0]} x {block[1]}."
+            )
+
     def slope_range(self, rows: int, columns: int) -> tuple[float, float]:
         """Range of the sixteen slopes."""
         return float(SLOPES.min()), float(SLOPES.max())
@@ -90,9 +99,14 @@ class RefNet(NetworkSystem):
         return SLOPES * block[0]
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Put the views behind one another, not aligned; one picture for all slopes."""
+        """Put the views behind one another, not aligned; one picture for all slopes.
+
+        Slopes are in steps of the camera's views, of which the network sees but some: a last
+        channel says how many lie from one that it sees to the next, halved to be about 1.
+        """
         shown = align_views(views, 0.0, self.chosen(*views.shape[:2]), block)
-        return np.moveaxis(shown, 1, -1)
+        apart = np.full_like(shown[:, :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
+        return np.moveaxis(np.concatenate([shown, apart], axis=1), 1, -1)
 
     def truth(self, stack: np.ndarray) -> np.ndarray:
         """Put the sixteen images behind one another."""

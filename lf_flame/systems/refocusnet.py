@@ -28,6 +28,9 @@ LAST = 15
 
 RECEPTIVE_FIELD = 17
 
+AUTHORS_RADIUS = 2 / 9
+"""Of the diamond of views, in apertures: two of nine views."""
+
 
 def build_refocusnet(seed: int = 0) -> keras.Model:
     """Build the network of the authors' program; 234,795 parameters.
@@ -100,20 +103,32 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
 
 
 class RefocusNet(NetworkSystem):
-    """RefocusNet on a light field; grey is shown to it as three equal colours."""
+    """RefocusNet on a light field; grey is shown to it as three equal colours.
+
+    Parameters
+    ----------
+    model, name : see `NetworkSystem`
+    colours : {1, 3}, optional
+        3 for weights that were trained on colours, as the authors' were. Ours have only seen grey,
+        so they work on one channel after the other.
+    """
 
     name = "RefocusNet"
-    colours = COLOURS
     smallest = RECEPTIVE_FIELD
 
+    def __init__(self, model, name: str | None = None, colours: int = 1):
+        super().__init__(model, name)
+        self.colours = colours
+
     def chosen(self, rows: int, columns: int) -> Places:
-        """Choose a diamond half-way to the outermost views, in the order of the authors."""
+        """Choose a diamond as far out in the aperture as the authors', in their order."""
         if rows != columns or rows < 3:
             raise InputError(
                 f"{self.name} needs a square of 3 x 3 views or more, got {rows} x {columns}."
             )
-        middle, step = (rows - 1) / 2, round(rows / 4 + 1e-9)
-        low, high, centre = int(middle - step), int(np.ceil(middle + step)), int(middle)
+        middle, far = (rows - 1) / 2, AUTHORS_RADIUS * rows
+        centre = int(middle)
+        low, high = min(round(middle - far), centre - 1), max(round(middle + far), centre + 1)
         return [(centre, low), (low, centre), (centre, high), (high, centre)]
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:

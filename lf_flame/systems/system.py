@@ -4,6 +4,7 @@ A system says which views it looks at, which slopes it can do and how large an i
 refuses in one sentence what it cannot do. Behind it may stand a network or a formula.
 """
 
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -29,7 +30,7 @@ class RefocusingSystem(ABC):
         Side of the smallest image that it takes: its receptive field, for a network. On less it
         would see nothing but the border.
     parameters : int
-        Trained numbers; 0 for a formula.
+        Numbers that the network holds; 0 for a formula.
     """
 
     name: str
@@ -71,10 +72,15 @@ class RefocusingSystem(ABC):
         Raises
         ------
         InputError
-            If views are missing, a slope is beyond what the system was trained for, or the image
-            is smaller than it can take.
+            If views are missing or whole numbers, a slope is beyond what the system was trained
+            for, blocks do not divide the image, or it is smaller than the system can take.
         """
         views, slopes = as_views(views), as_slopes(slopes)
+        if views.dtype.kind != "f":
+            raise InputError(
+                f"{self.name} takes values from 0 to 1, got whole numbers ({views.dtype}): divide "
+                f"them by the largest."
+            )
         self._check(views.shape, slopes, block)
         return np.clip(self._refocus(views, slopes, block), 0, 1)
 
@@ -83,6 +89,7 @@ class RefocusingSystem(ABC):
         """Refocus what has been checked."""
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
+        _check_block(block, shape[2:4])
         self.chosen(*shape[:2])
         if shape[4:] not in ((), (3,)):
             raise InputError(
@@ -101,6 +108,18 @@ class RefocusingSystem(ABC):
                 f"{self.name} needs images of {self.smallest} pixels or more along each side, got "
                 f"{height} x {width}."
             )
+
+
+def _check_block(block, lenslets: tuple[int, int]) -> None:
+    try:
+        down, across = (operator.index(n) for n in block)
+    except (TypeError, ValueError):
+        raise InputError(f"A block is two whole numbers, got {block!r}.") from None
+    if min(down, across) < 1 or lenslets[0] % down or lenslets[1] % across:
+        raise InputError(
+            f"Blocks of {down} x {across} lenslets do not divide an image of {lenslets[0]} x "
+            f"{lenslets[1]}."
+        )
 
 
 class NetworkSystem(RefocusingSystem):

@@ -21,6 +21,9 @@ from lf_flame.systems.similarity import ms_ssim, scales
 from lf_flame.systems.system import NetworkSystem, Places
 
 FILTERS = (16, 32, 64)
+ARM = 4
+"""Views of the cross beside its middle, each way."""
+
 STEP, SHARE, PSNR_WEIGHT = 0.1, 0.65, 500.0
 SOFTEN = 5.0
 """Standard deviation in pixels of the Gaussian that joins the regions."""
@@ -92,7 +95,7 @@ class SparseUNet(NetworkSystem):
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose the cross."""
-        return cross_of_views(rows, columns)
+        return cross_of_views(rows, columns, ARM)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus with the cross alone."""
@@ -129,7 +132,7 @@ def search_region_slope(
     _check(views, region, slopes)
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
-    middle = views[views.shape[0] // 2, views.shape[1] // 2]
+    middle = views[cross_of_views(*views.shape[:2])[ARM]]
     system = ShiftAndSum(places=cross_of_views)
 
     def likeness(some: np.ndarray) -> np.ndarray:
@@ -159,6 +162,8 @@ def most_common_slope(slope_map: np.ndarray, region: tuple[int, int, int, int]) 
 
 
 def _check(views: np.ndarray, region, slopes) -> None:
+    if np.shape(region) != (4,) or np.asarray(region).dtype.kind not in "iu":
+        raise InputError(f"A region must be four whole numbers, got {region!r}.")
     t0, t1, s0, s1 = region
     if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
         raise InputError(
@@ -177,6 +182,7 @@ def refocus_regions(
     slopes: tuple[float, float],
     background: float | None = None,
     dense: bool = False,
+    unet: SparseUNet | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bring several regions into focus at once, whatever their depths; the rest is blurred.
 
@@ -194,6 +200,8 @@ def refocus_regions(
         Use all views: a region's slope is then the one that most of its pixels have in a slope map
         (`lf_flame.refocus.all_in_focus`, where the authors have a map of their own). Otherwise the
         cross of 17 views alone is used, and `search_region_slope`.
+    unet : SparseUNet, optional
+        Trained, removes the ghosts that the cross leaves.
 
     Returns
     -------
@@ -220,4 +228,9 @@ def refocus_regions(
     surface = region_slopes(views.shape[2:4], found, rest, SOFTEN)
     shape = views.shape[:2]
     weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
-    return refocus_surface(views, surface, weights=weights), surface
+    image = refocus_surface(views, surface, weights=weights)
+    if unet is not None:
+        channels = np.atleast_3d(image)  # one after the other
+        image = np.moveaxis(unet.predict(np.moveaxis(channels, 2, 0)[..., None])[..., 0], 0, 2)
+        image = np.clip(image, 0, 1).reshape(*surface.shape, *views.shape[4:])
+    return image, surface
