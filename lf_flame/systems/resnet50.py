@@ -76,10 +76,6 @@ class ResNet50(NetworkSystem):
         """Encode the light field as in training."""
         return self.config.encode(LightField.trusted(views))[None]
 
-    def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Arrange images as the network draws them."""
-        return stack[None, ..., None]
-
     def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         views = np.ascontiguousarray(views, np.float32)
         planes = self.model.predict_on_batch(self.show(views, slopes, block))[0, ..., 0]
