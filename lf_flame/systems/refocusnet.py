@@ -28,9 +28,6 @@ LAST = 15
 
 RECEPTIVE_FIELD = 17
 
-AUTHORS_RADIUS = 2 / 9
-"""Of the diamond of views, in apertures: two of nine views."""
-
 
 def build_refocusnet(seed: int = 0) -> keras.Model:
     """Build the network of the authors' program; 234,795 parameters.
@@ -121,14 +118,16 @@ class RefocusNet(NetworkSystem):
         self.colours = colours
 
     def chosen(self, rows: int, columns: int) -> Places:
-        """Choose a diamond as far out in the aperture as the authors', in their order."""
+        """Choose a diamond half-way to the outermost views, in the order of the authors.
+
+        Where half-way is between two views it is the outer one, which suits their weights better.
+        """
         if rows != columns or rows < 3:
             raise InputError(
                 f"{self.name} needs a square of 3 x 3 views or more, got {rows} x {columns}."
             )
-        middle, far = (rows - 1) / 2, AUTHORS_RADIUS * rows
-        centre = int(middle)
-        low, high = min(round(middle - far), centre - 1), max(round(middle + far), centre + 1)
+        centre, low = (rows - 1) // 2, (rows - 1) // 4
+        high = rows - 1 - low
         return [(centre, low), (low, centre), (centre, high), (high, centre)]
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
