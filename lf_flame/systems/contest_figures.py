@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import LogLocator, NullFormatter
 
-SHOWN_DB = (15.0, 65.0)
+SHOWN_DB = (15.0, 70.0)
 """Range of the axis; what is better, or exact, or worse stands at its edge as a triangle."""
 
 COLUMNS = 4
