@@ -12,7 +12,7 @@ import click
 from lf_flame import __version__
 from lf_flame.errors import InputError
 from lf_flame.keras_loading import load_keras
-from lf_flame.light_field_commands import FILE, FOLDER, convert, refocus
+from lf_flame.light_field_commands import FILE, FOLDER, convert, refocus, refocus_regions
 from lf_flame.model_commands import export, latency, predict
 from lf_flame.study_commands import study, swap_test
 from lf_flame.system_commands import compare, train_system
@@ -304,6 +304,7 @@ def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
 
 
 commands.add_command(refocus)
+commands.add_command(refocus_regions)
 commands.add_command(convert)
 commands.add_command(export)
 commands.add_command(predict)

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.font_manager import FontProperties  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.patches import Rectangle  # noqa: E402
 from matplotlib.ticker import LogFormatter  # noqa: E402
 
 from lf_flame.files import written_aside  # noqa: E402
@@ -285,5 +286,36 @@ def slope_map_figure(focus_map):
     axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
     for axis in axes:
         axis.axis("off")
+    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
+    return figure
+
+
+def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
+    """Draw an image of which some regions are in focus beside the slope of each pixel.
+
+    Parameters
+    ----------
+    image : ndarray, shape (t, s) or (t, s, 3), from 0 to 1
+    surface : ndarray, shape (t, s)
+    regions : sequence of (int, int, int, int)
+        First and last but one row, first and last but one column.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    height, width = surface.shape
+    figure, axes = plt.subplots(
+        1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained"
+    )
+    axes[0].imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)
+    axes[0].set_title("the framed regions in focus", fontsize=10)
+    slopes = axes[1].imshow(surface, cmap="viridis", interpolation="none")
+    axes[1].set_title("slope that each pixel is refocused at", fontsize=10)
+    for axis in axes:
+        axis.axis("off")
+        for t0, t1, s0, s1 in regions:
+            frame = Rectangle((s0 - 0.5, t0 - 0.5), s1 - s0, t1 - t0, fill=False, color="orange")
+            axis.add_patch(frame)
     figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
     return figure

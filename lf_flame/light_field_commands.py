@@ -1,4 +1,4 @@
-"""The commands of `lf-flame` that read a light field from anywhere: refocus and convert.
+"""The commands of `lf-flame` that read a light field from anywhere: refocus, convert and so on.
 
 As in `lf_flame.cli`, heavy modules are imported inside the commands.
 """
@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from lf_flame.errors import InputError
+from lf_flame.keras_loading import load_keras
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -92,8 +93,17 @@ APPEARANCE = (
     click.option("--ring", type=float, help="Diameter of the middle that is covered."),
     click.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
     click.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
+    click.option(
+        "--network",
+        type=click.Path(exists=True, path_type=Path),
+        help="Refocus with this run of train-system, from its few views, or with RefocusNet by its "
+        "authors' weights (.npz).",
+    ),
 )
 """Options that say how refocused images are made."""
+
+READ_AS = ("views", "order", "white", "pitch", "layout")
+"""Names of the options that say how a light field is to be read."""
 
 
 def _with_options(*groups):
@@ -108,7 +118,17 @@ def _with_options(*groups):
 def _refuse_options(what: str, **options) -> None:
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"--{name} does not apply to {what}.")
+            raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
+
+
+def _open_network(path: Path | None):
+    """Load a trained system; nothing where none is asked for."""
+    if path is None:
+        return None
+    load_keras()
+    from lf_flame.systems.learning import load_system
+
+    return load_system(path)
 
 
 def _read_light_field(source: Path, views, order, white, pitch, layout):
@@ -151,6 +171,7 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
       lf-flame refocus buddha --sweep -1 2 --map -1 2      sweep.gif, slope map, all in focus
       lf-flame refocus raw.png --white white.png           any plenoptic camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
+      lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 
@@ -164,11 +185,11 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
     movie = f"sweep.{options['movie']}"
     check_movie(movie)
-    reading = ("views", "order", "white", "pitch", "layout")
-    out = out or Path("refocused") / (source.resolve().name if source.is_dir() else source.stem)
-    if out.resolve() == source.resolve():
-        raise InputError(f"The pictures cannot go into the light field's own folder, {source}.")
-    light_field = _read_light_field(source, **{name: options[name] for name in reading})
+    if options["network"]:
+        _refuse_network_options(options)
+    out = _folder_for(source, out)
+    network = _open_network(options["network"])
+    light_field = _read_light_field(source, **{name: options[name] for name in READ_AS})
     views = light_field.views.shape[:2]
     aperture = (options[name] for name in ("aperture", "ring", "f_number"))
     how = {name: options[name] for name in ("interpolation", "method")}
@@ -176,7 +197,9 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     asked = [to_slope(slope, slope_of, views[1]) for slope in slopes]
     asked += [lens.depth_to_slope(depth) for depth in depths]
     asked_for = {"source": str(source), "depths_mm": depths}
-    job = Refocusing(light_field, out, how, asked_for)
+    if network:
+        asked_for["network"] = network.name
+    job = Refocusing(light_field, out, how, network, asked_for)
     job.check_slopes([*asked, *(sweep or ()), *(slope_map or ())])
     if search or not (asked or sweep or slope_map):
         found = job.search()
@@ -189,6 +212,76 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     if slope_map:
         share = job.map_slopes(*slope_map)
         click.echo(f"slope map: {share:.0%} of the pixels are certain")
+    job.write_record()
+    click.echo(f"{', '.join(job.written)} are in {out}")
+
+
+def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
+    """Choose where pictures go."""
+    name = source.resolve().name if source.is_dir() else source.stem
+    out = out or Path("refocused") / f"{name}{ending}"
+    if out.resolve() == source.resolve():
+        raise InputError(f"The pictures cannot go into the light field's own folder, {source}.")
+    return out
+
+
+def _refuse_network_options(options: dict) -> None:
+    """Refuse what a network cannot do: it interpolates linearly, and has its own aperture."""
+    defaults = {"interpolation": "linear", "method": "auto"}
+    of_formulas = {name: options[name] for name in ("aperture", "ring", "f_number")}
+    for name, default in defaults.items():
+        of_formulas[name] = None if options[name] == default else options[name]
+    _refuse_options("a network", **of_formulas)
+
+
+@click.command("refocus-regions")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "--region",
+    "regions",
+    nargs=4,
+    type=int,
+    multiple=True,
+    required=True,
+    metavar="T0 T1 S0 S1",
+    help="Rows from T0 to before T1, columns from S0 to before S1; may be repeated.",
+)
+@click.option(
+    "--slopes", nargs=2, type=float, required=True, metavar="FROM TO", help="To search within."
+)
+@click.option("--background", type=float, help="Slope of all the rest (default: FROM).")
+@click.option("--cross", is_flag=True, help="Look at a cross of 17 views alone.")
+@click.option(
+    "--network",
+    type=click.Path(exists=True, path_type=Path),
+    help="Run of `train-system volumetric`, which removes the ghosts that the cross leaves.",
+)
+@_with_options(READING)
+@click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE-regions.")
+def refocus_regions(source, regions, slopes, background, cross, network, out, **options) -> None:
+    """Bring regions of a light field into focus at once, each at its own slope; blur the rest.
+
+    SOURCE is read as by `lf-flame refocus`. The slope of a region is read off a slope map, or, from
+    a cross of 17 views, is where the region looks most like the middle view (Samarakoon et al.,
+    "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025).
+
+    \b
+      lf-flame refocus-regions buddha --region 100 180 60 140 --region 20 90 200 300 --slopes -1 2
+      lf-flame refocus-regions buddha --region 100 180 60 140 --slopes -1 2 --network RUN
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    from lf_flame.refocusing import Refocusing
+    from lf_flame.systems.volumetric import SparseUNet, refocus_regions
+
+    out, unet = _folder_for(source, out, "-regions"), _open_network(network)
+    if unet is not None and not isinstance(unet, SparseUNet):
+        raise InputError(f"{network} holds {unet.name}, not the network of `volumetric`.")
+    job = Refocusing(_read_light_field(source, **options), out, record={"source": str(source)})
+    found = refocus_regions(
+        job.views_to_white, regions, slopes, background, not (cross or unet), unet
+    )
+    for region, slope in job.write_regions(*found, regions):
+        click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}")
     job.write_record()
     click.echo(f"{', '.join(job.written)} are in {out}")
 

@@ -85,6 +85,8 @@ class Refocusing:
         Folder for the pictures and ``refocus.json``, the record.
     options : dict
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
+    network : optional
+        A system of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
     record : dict
         What the record says beside what each call adds.
     written : list of str
@@ -94,6 +96,7 @@ class Refocusing:
     light_field: LightField
     out: Path
     options: dict = field(default_factory=dict)
+    network: object = None
     record: dict = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
@@ -101,6 +104,12 @@ class Refocusing:
     def white(self) -> float:
         """Radiance shown as white."""
         return white_level(self.light_field.views)
+
+    @property
+    def views_to_white(self) -> np.ndarray:
+        """Views from 0 to 1, as networks take them."""
+        views = self.light_field.views
+        return views if self.white == 1 else views / np.float32(self.white)
 
     def check_slopes(self, slopes: Sequence[float]) -> None:
         """Refuse slopes that shift views by more than the image, before any work is done."""
@@ -114,7 +123,7 @@ class Refocusing:
 
     def refocus_at(self, slopes: Sequence[float]) -> None:
         """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes."""
-        stack = refocus(self.light_field, slopes, **self.options)
+        stack = self._refocus(slopes)
         write_focal_stack(stack, slopes, self._path("focal_stack.tif"))
         digits = len(str(len(slopes)))
         for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
@@ -149,7 +158,7 @@ class Refocusing:
         frames = [
             self._preview(image)
             for some in progress(np.array_split(slopes, count))
-            for image in refocus(self.light_field, some, **self.options)
+            for image in self._refocus(some)
         ]
         write_movie(self._path(movie), np.stack(frames + frames[-2:0:-1]))
         self.record["sweep"] = [first, last]
@@ -173,6 +182,37 @@ class Refocusing:
         self.record["slope_map"] = [first, last]
         return float(np.mean(found.confidence >= CERTAIN))
 
+    def write_regions(
+        self, image: np.ndarray, surface: np.ndarray, regions: Sequence[Sequence[int]]
+    ) -> list[tuple[tuple[int, ...], float]]:
+        """Write an image of which some regions are in focus, and the slope of each pixel.
+
+        Parameters
+        ----------
+        image : ndarray, shape (t, s) or (t, s, channels)
+            1 is `white`.
+        surface : ndarray, shape (t, s)
+        regions : sequence of (int, int, int, int)
+            First and last but one row, first and last but one column.
+
+        Returns
+        -------
+        list of (region, float)
+            Slope in the middle of each region.
+        """
+        image = image * np.float32(self.white)
+        write_image(self._path("regions.tif"), image)
+        write_image(self._path("regions.png"), self._preview(image))
+        write_image(self._path("regions_slope.tif"), surface.astype(np.float32))
+        figure = figures.regions_figure(image / self.white, surface, regions)
+        figures.save(figure, self._path("regions_slope.png"))
+        middles = [((t0 + t1) // 2, (s0 + s1) // 2) for t0, t1, s0, s1 in regions]
+        slopes = [float(surface[middle]) for middle in middles]
+        found = list(zip(map(tuple, regions), slopes, strict=True))
+        self.record["regions"] = [{"region": region, "slope": slope} for region, slope in found]
+        self.record["radiance_of_white_in_png"] = self.white
+        return found
+
     def write_record(self) -> dict:
         """Write ``refocus.json``; returns the record."""
         path = self._path("refocus.json")
@@ -190,6 +230,11 @@ class Refocusing:
         for name in set(before) - set(self.written):  # pictures of an earlier call
             (self.out / name).unlink(missing_ok=True)
         return record
+
+    def _refocus(self, slopes: Sequence[float]) -> np.ndarray:
+        if self.network is None:
+            return refocus(self.light_field, slopes, **self.options)
+        return self.white * self.network.refocus(self.views_to_white, slopes)
 
     def _path(self, name: str) -> Path:
         self.written.append(name)

@@ -1,11 +1,14 @@
+import json
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import settings
 
 from lf_flame import PlenopticCamera
+from lf_flame.cli import commands
 
 # The same examples in every run: what fails for one fails for all. For new ones:
 # pytest --hypothesis-profile=default
@@ -64,3 +67,25 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "jit" in item.keywords:
             item.add_marker(pytest.mark.skip(reason="NUMBA_DISABLE_JIT is set"))
+
+
+@pytest.fixture(scope="session")
+def system_runs(tmp_path_factory, coarse_data):
+    """A folder of runs in which two networks were trained, for a moment."""
+    folder = tmp_path_factory.mktemp("runs")
+    text = "\n".join(
+        [
+            "seed = 1\n[lessons]",
+            f"data = {json.dumps([str(path) for path in coarse_data])}",
+            "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
+            "[systems.refocusnet]\nepochs = 1\npatch = 24",
+            "[systems.volumetric]\nepochs = 1\npatch = 24",
+        ]
+    )
+    (folder / "systems.toml").write_text(text)
+    for name in ("refocusnet", "volumetric"):
+        arguments = ["train-system", name, "--config", folder / "systems.toml", "--preset",
+                     "smoke", "--seed", 9, "--out", folder / name]  # fmt: skip
+        CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
+        assert json.loads((folder / name / "run.json").read_text())["seed"] == 9
+    return folder

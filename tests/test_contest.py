@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import keras
@@ -11,7 +10,7 @@ from lf_flame import InputError, LightField
 from lf_flame.cli import commands
 from lf_flame.datasets import read_config
 from lf_flame.leaves import DeadLeaves
-from lf_flame.systems import contest, contest_scenes
+from lf_flame.systems import contest, contest_figures, contest_scenes
 from lf_flame.systems.classical import ShiftAndSum
 from lf_flame.systems.price import price
 from lf_flame.systems.resnet50 import ResNet50
@@ -135,31 +134,11 @@ def test_a_price_is_measured_in_a_process_of_its_own(sets):
     assert 10 < found.memory_mb < 400 < large.nbytes / 1e6  # no network was loaded
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory, coarse_data):
-    """A folder of runs in which one network was trained, for a moment."""
-    folder = tmp_path_factory.mktemp("runs")
-    text = "\n".join(
-        [
-            "seed = 1\n[lessons]",
-            f"data = {json.dumps([str(path) for path in coarse_data])}",
-            "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
-            "[systems.refocusnet]\nepochs = 1\npatch = 24",
-        ]
-    )
-    (folder / "systems.toml").write_text(text)
-    arguments = ["train-system", "refocusnet", "--config", folder / "systems.toml", "--preset",
-                 "smoke", "--seed", 9, "--out", folder / "refocusnet"]  # fmt: skip
-    CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
-    assert json.loads((folder / "refocusnet" / "run.json").read_text())["seed"] == 9
-    return folder
-
-
-def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_path):
+def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data, tmp_path):
     views = DeadLeaves().draw((9, 9), (40, 48), np.random.default_rng(3)).views
     leaves = tmp_path / "leaves.npy"
     np.save(leaves, views)
-    arguments = ["compare", runs, "--out", tmp_path / "out", "--data", coarse_data[1],
+    arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
                  "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
                  50]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
@@ -184,6 +163,28 @@ def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_pa
     assert "50 electrons" in text
 
 
+def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets, tmp_path):
+    entered = [contest.Contestant(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
+    contest.run_contest(entered, sets[:1], tmp_path)
+    table = pd.read_csv(tmp_path / "compare.csv").set_index("system")
+    assert table.why_missing["shapes"] == "it was trained on shapes."
+    assert table.loc["flames", "psnr_db"].eq(np.inf).all()
+
+
+def test_a_system_has_the_same_colour_in_both_pictures(sets):
+    """Also where one before it could not be timed, and none of it is in the picture."""
+    names = ["missing", "all", "dim"]
+    systems = {"missing": InputError("gone"), "all": ShiftAndSum(), "dim": Dim()}
+    scores = contest.score_systems(systems, sets[0].in_the_dark(10, seed=1))
+    prices = pd.DataFrame({"system": names, "parameters": [np.nan, 0, 0]})
+    prices["milliseconds"] = [np.nan, 2.0, 3.0]
+    noise, times = contest_figures.noise_figure(scores), contest_figures.figure(scores, prices)
+    (curves,) = noise.axes
+    marks = times.axes[0].lines
+    assert [line.get_color() for line in curves.lines] == [line.get_color() for line in marks]
+    assert len(marks) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -191,12 +192,12 @@ def test_the_program_compares_and_says_what_is_missing(runs, coarse_data, tmp_pa
         (["--photograph", "x.npy", "1;2"], "got '1;2'"),
     ],
 )
-def test_bad_input_is_one_sentence(runs, tmp_path, options, words):
+def test_bad_input_is_one_sentence(system_runs, tmp_path, options, words):
     np.save(tmp_path / "x.npy", np.zeros((3, 3, 20, 20)))
     options = [str(tmp_path / x) if x == "x.npy" else x for x in options]
     with pytest.raises(InputError, match=words):
         CliRunner().invoke(
-            commands, ["compare", str(runs), "--out", str(tmp_path), *options],
+            commands, ["compare", str(system_runs), "--out", str(tmp_path), *options],
             catch_exceptions=False, standalone_mode=False,
         )  # fmt: skip
 

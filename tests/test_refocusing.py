@@ -18,8 +18,10 @@ from lf_flame.formats import (
     write_view_folder,
 )
 from lf_flame.formats.images import write_image
+from lf_flame.leaves import DeadLeaves
 from lf_flame.light_field_commands import SLOPE_CONVENTIONS
 from lf_flame.refocus import refocus, round_aperture, shift_and_sum
+from lf_flame.systems.learning import load_system
 
 DEPTH = 3.0
 
@@ -161,6 +163,87 @@ def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
     with pytest.raises(InputError, match=message) as caught:
         run(folder, *args, "--out", tmp_path / "out")
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.fixture
+def leaves(tmp_path):
+    """Leaves at two depths, up to three times as bright as a camera's white."""
+    rng = np.random.default_rng(8)
+    left, right = (
+        DeadLeaves(slopes=(slope, slope)).draw((9, 9), (60, 120), rng).views
+        for slope in (0.8, -0.6)
+    )
+    views = 3 * np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
+    np.save(tmp_path / "leaves.npy", views)
+    return tmp_path / "leaves.npy"
+
+
+def test_a_trained_network_refocuses(leaves, system_runs, tmp_path):
+    """It takes values from 0 to 1: brighter light fields are dimmed for it."""
+    network = system_runs / "refocusnet"
+    run(leaves, "--slope", 0.25, "--sweep", 0, 1, "--network", network, "--out", tmp_path / "out")
+    stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    views = np.load(leaves)
+    expected = views.max() * load_system(network).refocus(views / views.max(), 0.25)
+    np.testing.assert_allclose(stack, expected, rtol=1e-5, atol=1e-5)
+    assert np.abs(stack - shift_and_sum(views, 0.25)).max() > 0.1
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["network"] == "RefocusNet"
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--ring", 0.5], "--ring does not apply to a network"),
+        (["--interpolation", "sinc"], "--interpolation does not apply to a network"),
+        (["--network", "."], "no finished run"),
+    ],
+)
+def test_what_a_network_cannot_do_is_one_sentence(folder, system_runs, tmp_path, args, words):
+    args = ["--network", system_runs / "refocusnet", *args]
+    with pytest.raises(InputError, match=words):
+        run(folder, "--slope", 0, *args, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("how", ["dense", "cross", "network"])
+def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
+    options = {"dense": [], "cross": ["--cross"],
+               "network": ["--network", system_runs / "volumetric"]}[how]  # fmt: skip
+    regions = ["--region", 10, 50, 10, 50, "--region", 10, 50, 70, 110]
+    shown = run(leaves, *regions, "--slopes", -2, 2, *options, "--out", tmp_path / "out",
+                command="refocus-regions").stdout  # fmt: skip
+    assert "region 10 50 10 50: slope +0." in shown
+    assert "region 10 50 70 110: slope -0." in shown
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    slopes = [region["slope"] for region in written["regions"]]
+    assert slopes == pytest.approx([0.8, -0.6], abs=0.11)
+    assert set(written["files"]) == {"regions.tif", "regions.png", "regions_slope.tif",
+                                     "regions_slope.png", "refocus.json"}  # fmt: skip
+    views, image = np.load(leaves), imread(tmp_path / "out" / "regions.tif")
+    surface = imread(tmp_path / "out" / "regions_slope.tif")
+    assert surface[0, 60] == pytest.approx(-2, abs=0.1)
+    error = np.abs(image - views[4, 4])[18:42, 18:42].mean()
+    if how == "network":  # which has learnt next to nothing
+        assert np.isfinite(image).all()
+    else:
+        assert error < 0.1 < np.abs(image - views[4, 4])[:3].mean()
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--region", 0, 5, 0, 50], "11 pixels or more along each side, got 5 x 50"),
+        (["--region", 10, 50, 10, 500], "inside the 60 x 120 pixels"),
+        (["--region", 0, 50, 0, 50, "--network", "refocusnet"], "not the network of `volumetric`"),
+    ],
+)
+def test_mistakes_of_regions_are_one_sentence(leaves, system_runs, tmp_path, args, words):
+    args = [system_runs / x if x == "refocusnet" else x for x in args]
+    with pytest.raises(InputError, match=words):
+        run(leaves, "--slopes", -2, 2, "--cross", *args, "--out", tmp_path / "out",
+            command="refocus-regions")  # fmt: skip
+    assert not (tmp_path / "out").exists()
 
 
 def test_pictures_of_an_earlier_call_go(folder, tmp_path):

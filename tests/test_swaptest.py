@@ -11,9 +11,11 @@ from click.testing import CliRunner
 
 from lf_flame import InputError, cli, render
 from lf_flame.config import build
-from lf_flame.datasets import config_from_json, make_dataset, read_config
+from lf_flame.datasets import config_from_json, make_dataset, read_config, render_sample
 from lf_flame.encodings import InputEncoding
+from lf_flame.evaluation import open_run
 from lf_flame.swaptest import by_heart, make_cases, run_swap_test
+from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.training import TrainingConfig, train
 
 DATA = {
@@ -70,6 +72,18 @@ def runs(config, tmp_path_factory):
         make_dataset(replace(config, input=InputEncoding(kind)), 24, folder / f"{kind}.zarr")
         train(training, "smoke", folder / f"{kind}.zarr", folder / kind, show=False)
     return [folder / "raw", folder / "views"]
+
+
+def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(runs):
+    for folder in runs:
+        system, (_, dataset) = ResNet50.of_run(folder), open_run(folder)
+        views = render_sample(dataset.config, 3)[0].views
+        stack = system.refocus(views, system.slopes, dataset.config.block)
+        expected = system.model.predict(dataset.inputs[3:4], verbose=0)[0, ..., 0]
+        np.testing.assert_allclose(stack, np.clip(expected, 0, 1), atol=1e-5)
+        assert np.ptp(stack) > 0.01
+        backwards = system.refocus(views, system.slopes[::-1], dataset.config.block)
+        np.testing.assert_array_equal(backwards, stack[::-1])
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):

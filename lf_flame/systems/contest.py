@@ -30,7 +30,7 @@ from lf_flame.systems.contest_scenes import Scene, TestSet
 from lf_flame.systems.learning import load_system
 from lf_flame.systems.networks import NETWORKS
 from lf_flame.systems.price import price
-from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
+from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem
 
@@ -88,27 +88,20 @@ def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> 
         With a run folder for each network, see `lf_flame.systems.networks`, and ``shapes`` and
         ``flames``, those of the paper's.
     official_refocusnet : Path, optional
-        The authors' trained weights, see `lf_flame.systems.refocusnet.load_official_weights`.
+        The authors' trained weights, see `RefocusNet.of_weights`.
     """
     found = []
     for name, network in NETWORKS.items():
         load = partial(load_system, runs / name)
         found.append(Contestant(network.title, load, _about(runs / name)))
     if official_refocusnet:
-        load = partial(load_official, official_refocusnet)
-        found.append(Contestant("RefocusNet, the authors' weights", load, {}))
+        load = partial(RefocusNet.of_weights, official_refocusnet)
+        found.append(Contestant(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
     for kind in ("shapes", "flames"):
         load = partial(ResNet50.of_run, runs / kind)
         name = f"{ResNet50.name}, trained on {kind}"
         found.append(Contestant(name, load, _about(runs / kind), only=kind))
     return found
-
-
-def load_official(path: Path) -> RefocusNet:
-    """Load RefocusNet with the authors' weights."""
-    model = build_refocusnet()
-    load_official_weights(model, path)
-    return RefocusNet(model, colours=3)
 
 
 def _about(folder: Path) -> dict:

@@ -31,7 +31,9 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
         rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows), sharex=True, sharey=True,
         layout="constrained",
     )  # fmt: skip
-    axes, shown = axes.ravel(), prices.set_index("system").dropna(subset="milliseconds")
+    axes = axes.ravel()
+    numbered = prices.assign(number=range(len(prices))).set_index("system")
+    shown = numbered.dropna(subset="milliseconds")
     for axis, test_set in zip(axes, sets, strict=False):
         means = scores[scores.test_set == test_set].groupby("system")["psnr_db"].mean()
         _panel(axis, means, shown)
@@ -45,8 +47,8 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
         if k >= len(sets):
             axis.axis("off")
     handles = [
-        plt.Line2D([], [], ls="", label=name, **_mark(k, name, shown, 0.5 * sum(SHOWN_DB)))
-        for k, name in enumerate(shown.index)
+        plt.Line2D([], [], ls="", label=name, **_mark(name, shown, 0.5 * sum(SHOWN_DB)))
+        for name in shown.index
     ]
     legend = axes[len(sets)].legend(handles=handles, loc="upper left", frameon=False, fontsize=9)
     legend.set_in_layout(False)  # it may reach into the next empty panel
@@ -54,11 +56,11 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
 
 
 def _panel(axis, means: pd.Series, shown: pd.DataFrame) -> None:
-    for k, name in enumerate(shown.index):
+    for name in shown.index:
         value = means.get(name, np.nan)
         axis.plot(
             shown.milliseconds[name], np.clip(value, *SHOWN_DB), ls="", clip_on=False, zorder=3,
-            **_mark(k, name, shown, value),
+            **_mark(name, shown, value),
         )  # fmt: skip
     axis.set(xscale="log", ylim=SHOWN_DB)
     axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -67,9 +69,9 @@ def _panel(axis, means: pd.Series, shown: pd.DataFrame) -> None:
     axis.grid(alpha=0.3)
 
 
-def _mark(number: int, name: str, shown: pd.DataFrame, value: float) -> dict:
+def _mark(name: str, shown: pd.DataFrame, value: float) -> dict:
     """Choose how a system is drawn: ours as stars, formulas as squares, networks as dots."""
-    style = {"color": _colour(number), "markersize": 8, "markeredgecolor": "black"}
+    style = {"color": _colour(shown.number[name]), "markersize": 8, "markeredgecolor": "black"}
     style["markeredgewidth"] = 0.5
     if _is_ours(name):
         style |= {"marker": "*", "markersize": 16}
@@ -123,5 +125,5 @@ def _is_ours(name: str) -> bool:
 
 
 def _colour(number: int):
-    """Take one of twenty colours, the strong ones first."""
+    """Take one of twenty colours, the strong ones first; in all pictures a system has the same."""
     return plt.get_cmap("tab20")((2 * number + number // 10) % 20)

@@ -20,6 +20,7 @@ from lf_flame.evaluation import load_run
 from lf_flame.runs import Job, assign, carry_out, check_seed
 from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS
+from lf_flame.systems.refocusnet import RefocusNet
 from lf_flame.systems.system import NetworkSystem
 
 FIRST_HELD_OUT = 1_000_000
@@ -308,15 +309,17 @@ class PatchTrainer:
         assign([*_variables(self.model), *self.optimizer.variables], values)
 
 
-def load_system(folder: str | Path) -> NetworkSystem:
-    """Load a trained system from its run folder.
+def load_system(path: str | Path) -> NetworkSystem:
+    """Load a trained system from its run folder, or RefocusNet from its authors' weights (.npz).
 
     Raises
     ------
     InputError
-        If there is no finished run of a system.
+        If there is no finished run of a system, or the file does not hold the weights.
     """
-    folder = Path(folder)
+    folder = Path(path)
+    if folder.is_file():
+        return RefocusNet.of_weights(folder)
     record = load_run(folder)
     if record.get("system") not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")

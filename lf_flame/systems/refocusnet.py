@@ -28,6 +28,9 @@ LAST = 15
 
 RECEPTIVE_FIELD = 17
 
+OFFICIAL = "the authors' weights"
+"""What a network with them is called."""
+
 
 def build_refocusnet(seed: int = 0) -> keras.Model:
     """Build the network of the authors' program; 234,795 parameters.
@@ -116,6 +119,13 @@ class RefocusNet(NetworkSystem):
     def __init__(self, model, name: str | None = None, colours: int = 1):
         super().__init__(model, name)
         self.colours = colours
+
+    @classmethod
+    def of_weights(cls, path: str | Path) -> "RefocusNet":
+        """Load the authors' trained weights, see `load_official_weights`."""
+        model = build_refocusnet()
+        load_official_weights(model, path)
+        return cls(model, f"{cls.name}, {OFFICIAL}", colours=COLOURS)
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose a diamond half-way to the outermost views, in the order of the authors.
