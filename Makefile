@@ -80,9 +80,11 @@ SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark refoc
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
 COMPARE := experiments/results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
-# PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand.
+# PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
+# what `make encodings` has trained is there to be compared, but for what is as the paper's.
+VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$(wildcard runs/studies/encodings_flames/*/model.keras)))
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
-	$(LF) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) \
+	$(LF) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)

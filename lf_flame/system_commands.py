@@ -74,8 +74,15 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of that noise.")
 @click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
+@click.option(
+    "--variant",
+    "variants",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    multiple=True,
+    help="Another run of the paper's network, as `make encodings` leaves some; may be repeated.",
+)
 def compare(
-    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights
+    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants
 ) -> None:
     """Set refocusing systems side by side: accuracy, views, time and memory.
 
@@ -112,6 +119,9 @@ def compare(
         test_sets.append(photograph_set(path.name, light_field, _as_numbers(slopes)))
     contestants = contest.classical_contestants()
     contestants += contest.trained_contestants(runs, refocusnet_weights)
+    contestants += [
+        contest.variant_contestant(path, configs, runs, light_fields) for path in variants
+    ]
     path = contest.run_contest(contestants, test_sets, out, step_bar)
     click.echo(path.read_text(encoding="utf-8"))
 

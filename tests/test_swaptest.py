@@ -15,6 +15,7 @@ from lf_flame.datasets import config_from_json, make_dataset, read_config, rende
 from lf_flame.encodings import InputEncoding
 from lf_flame.evaluation import open_run
 from lf_flame.swaptest import by_heart, make_cases, run_swap_test
+from lf_flame.systems.contest import variant_contestant
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.training import TrainingConfig, train
 
@@ -84,6 +85,20 @@ def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(runs):
         assert np.ptp(stack) > 0.01
         backwards = system.refocus(views, system.slopes[::-1], dataset.config.block)
         np.testing.assert_array_equal(backwards, stack[::-1])
+
+
+def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
+    runs, config, tmp_path
+):
+    (tmp_path / "shapes").symlink_to(runs[0])
+    found = [variant_contestant(run, [config], tmp_path, 2) for run in runs]
+    assert [one.name for one in found] == [
+        "ResNet-50 (the paper's), raw", "ResNet-50 (the paper's), views"
+    ]  # fmt: skip
+    assert {one.only for one in found} == {"shapes"}
+    assert len(found[1].load().chosen(5, 5)) == 3
+    with pytest.raises(InputError, match="has seen light fields .* such as 22: its test split"):
+        variant_contestant(runs[0], [config], tmp_path / "none", 2)
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):

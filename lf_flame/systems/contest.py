@@ -15,9 +15,12 @@ import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
+from lf_flame.datasets import DatasetConfig
 from lf_flame.errors import InputError
-from lf_flame.evaluation import load_run, score
+from lf_flame.evaluation import load_run, open_run, score
 from lf_flame.files import write_json, write_text
+from lf_flame.refocus_costs import find_scenes
+from lf_flame.swaptest import scene_settings
 from lf_flame.systems import contest_figures, contest_report
 from lf_flame.systems.classical import (
     FourierSlice,
@@ -102,6 +105,39 @@ def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> 
         name = f"{ResNet50.name}, trained on {kind}"
         found.append(Contestant(name, load, _about(runs / kind), only=kind))
     return found
+
+
+def variant_contestant(
+    folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int
+) -> Contestant:
+    """Enter another run of the paper's network, such as one that is shown other views.
+
+    Parameters
+    ----------
+    folder : Path
+        Its run folder.
+    configs : sequence of DatasetConfig
+        Data sets to be compared on.
+    runs, count
+        As for `lf_flame.systems.contest_scenes.paper_sets`.
+
+    Raises
+    ------
+    InputError
+        If there is no finished run, or it was trained on light fields of the test sets.
+    """
+    record, dataset = open_run(folder)
+    own = dataset.config
+    for config in configs:
+        held_out = find_scenes(config, runs / config.kind, count)
+        seen = set(held_out.indices) - set(record["test_indices"])
+        if scene_settings(held_out.config) == scene_settings(own) and seen:
+            raise InputError(
+                f"{folder} has seen light fields that it would be tested on, such as {min(seen)}: "
+                f"its test split must be that of {runs / config.kind}."
+            )
+    name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
+    return Contestant(name, partial(ResNet50.of_run, folder), _about(folder), only=own.kind)
 
 
 def _about(folder: Path) -> dict:
