@@ -8,9 +8,11 @@ import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from lf_flame import provenance
+from lf_flame.config import read_record
 from lf_flame.datasets import Dataset, split_indices
 from lf_flame.errors import InputError
-from lf_flame.files import read_json, write_json, write_text
+from lf_flame.files import write_json, write_text
+from lf_flame.keras_loading import load_model
 from lf_flame.paper import read_paper_values
 
 COLUMNS = [
@@ -108,12 +110,12 @@ def load_run(folder: str | Path) -> dict:
     Raises
     ------
     InputError
-        If the run is missing or not finished.
+        If the run is missing or not finished, or its record is damaged.
     """
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
-    return read_json(folder / "run.json")
+    return read_record(folder / "run.json")
 
 
 def open_run(folder: str | Path) -> tuple[dict, Dataset]:
@@ -122,9 +124,12 @@ def open_run(folder: str | Path) -> tuple[dict, Dataset]:
     Raises
     ------
     InputError
-        If the run is missing or not finished, or the data set is no longer the same.
+        If the run is missing or not finished, is of something else, or the data set is no longer
+        the same.
     """
     run = load_run(folder)
+    if "data" not in run:
+        raise InputError(f"{folder} holds no run of the paper's network.")
     dataset = Dataset(run["data"])
     if dataset.attrs["sha256"] != run["data_sha256"]:
         raise InputError(
@@ -143,11 +148,9 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
         Indices of the test samples.
     ndarray of float32, shape (n, planes, h, w)
     """
-    import keras  # here, so that tables can be printed without loading it
-
     run, dataset = open_run(folder)
     indices = np.array(run["test_indices"])
-    model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
+    model = load_model(Path(folder) / "model.keras")
     stack = model.predict(dataset.inputs[indices], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
 

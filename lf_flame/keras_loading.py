@@ -1,8 +1,11 @@
-"""Loading Keras without the pages that TensorFlow writes as it starts."""
+"""Loading Keras, without the pages that TensorFlow writes as it starts, and what it has saved."""
 
 import os
 import sys
 from pathlib import Path
+from zipfile import is_zipfile
+
+from lf_flame.errors import InputError
 
 
 def load_keras() -> None:
@@ -22,3 +25,27 @@ def load_keras() -> None:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
+
+
+def load_model(path: Path):
+    """Load a saved network for prediction; code that may come with it is not run.
+
+    Raises
+    ------
+    InputError
+        If the file is no Keras file, is damaged, or needs code of others.
+    """
+    import keras
+
+    if not is_zipfile(path):
+        raise InputError(f"{path} is not a Keras file, or is cut short.")
+    try:
+        return keras.saving.load_model(path, compile=False, safe_mode=True)
+    except MemoryError:
+        raise
+    except Exception as error:  # Keras, h5py and zipfile raise many kinds for a wrong file
+        reason = str(error).strip().partition("\n")[0].partition(". ")[0]
+        raise InputError(
+            f"{path} cannot be loaded: it is damaged, or needs code other than Keras's own, which "
+            f"is not run ({reason})."
+        ) from None

@@ -97,7 +97,7 @@ APPEARANCE = (
         "--network",
         type=click.Path(exists=True, path_type=Path),
         help="Refocus with this run of train-system, from its few views, or with RefocusNet by its "
-        "authors' weights (.npz).",
+        "authors' weights (.npz); --search looks at all views.",
     ),
 )
 """Options that say how refocused images are made."""
@@ -181,12 +181,12 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     from lf_flame.scenefile import read_camera
 
     lens = read_camera(camera) if camera else None
-    if lens is None and (depths or options["f_number"]):
+    if lens is None and (depths or options["f_number"] is not None):
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
     movie = f"sweep.{options['movie']}"
     check_movie(movie)
     if options["network"]:
-        _refuse_network_options(options)
+        _refuse_network_options({**options, "map": slope_map})
     out = _folder_for(source, out)
     network = _open_network(options["network"])
     light_field = _read_light_field(source, **{name: options[name] for name in READ_AS})
@@ -200,7 +200,7 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
     if network:
         asked_for["network"] = network.name
     job = Refocusing(light_field, out, how, network, asked_for)
-    job.check_slopes([*asked, *(sweep or ()), *(slope_map or ())])
+    job.check(asked, sweep or (), slope_map or ())
     if search or not (asked or sweep or slope_map):
         found = job.search()
         click.echo(f"sharpest at slope {found.slope:+.3f}, confidence {found.confidence:.2f}")
@@ -226,9 +226,9 @@ def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
 
 
 def _refuse_network_options(options: dict) -> None:
-    """Refuse what a network cannot do: it interpolates linearly, and has its own aperture."""
+    """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
     defaults = {"interpolation": "linear", "method": "auto"}
-    of_formulas = {name: options[name] for name in ("aperture", "ring", "f_number")}
+    of_formulas = {name: options[name] for name in ("aperture", "ring", "f_number", "map")}
     for name, default in defaults.items():
         of_formulas[name] = None if options[name] == default else options[name]
     _refuse_options("a network", **of_formulas)
@@ -277,11 +277,14 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     if unet is not None and not isinstance(unet, SparseUNet):
         raise InputError(f"{network} holds {unet.name}, not the network of `volumetric`.")
     job = Refocusing(_read_light_field(source, **options), out, record={"source": str(source)})
-    found = refocus_regions(
-        job.views_to_white, regions, slopes, background, not (cross or unet), unet
+    job.check([*slopes, *([] if background is None else [background])])
+    dense = not (cross or unet)
+    image, surface, found = refocus_regions(
+        job.views_to_white, regions, slopes, background, dense, unet
     )
-    for region, slope in job.write_regions(*found, regions):
+    for region, slope in zip(regions, found, strict=True):
         click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}")
+    job.write_regions(image, surface, regions, found)
     job.write_record()
     click.echo(f"{', '.join(job.written)} are in {out}")
 

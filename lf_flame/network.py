@@ -9,7 +9,6 @@ import hashlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from zipfile import is_zipfile
 
 from lf_flame import provenance
 from lf_flame.camera import PlenopticCamera
@@ -18,6 +17,7 @@ from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run
 from lf_flame.files import write_json, written_aside
+from lf_flame.keras_loading import load_model
 
 USAGE = (
     "network.predict(x)[..., 0] with x float32 [n, {}, {}, {}], from 0 to 1, linear in radiance, "
@@ -153,21 +153,8 @@ def load_network(path: str | Path, card: NetworkCard):
         If the file is no Keras file, is damaged, needs code of others, or takes or makes images
         of other shapes than the card says.
     """
-    import keras  # here, so that cards can be read without loading it
-
     file = _model_file(Path(path))
-    if not is_zipfile(file):
-        raise InputError(f"{file} is not a Keras file, or is cut short.")
-    try:
-        network = keras.saving.load_model(file, compile=False, safe_mode=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # Keras, h5py and zipfile raise many kinds for a wrong file
-        reason = str(error).strip().partition("\n")[0].partition(". ")[0]
-        raise InputError(
-            f"{file} cannot be loaded: it is damaged, or needs code other than Keras's own, which "
-            f"is not run ({reason})."
-        ) from None
+    network = load_model(file)
     found = network.input_shape[1:], network.output_shape[1:]
     stated = card.input.shape(card.image), (len(card.depths_mm), *card.image, 1)
     if found != stated:

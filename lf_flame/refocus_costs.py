@@ -26,6 +26,7 @@ from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, psnr, ssim
 from lf_flame.files import write_json, write_text
+from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
@@ -205,7 +206,7 @@ def network_ways(scenes: HeldOut) -> list[Way]:
     import keras  # here, so that the rest can be measured without loading it
 
     with keras.device("cpu:0"):
-        model = keras.saving.load_model(scenes.run / "model.keras", compile=False)
+        model = load_model(scenes.run / "model.keras")
     model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:

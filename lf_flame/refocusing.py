@@ -9,8 +9,9 @@ import numpy as np
 
 from lf_flame import figures, provenance
 from lf_flame.camera import PlenopticCamera
+from lf_flame.config import read_record
 from lf_flame.errors import InputError
-from lf_flame.files import read_json, write_json
+from lf_flame.files import write_json
 from lf_flame.formats.images import to_preview, white_level, write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
@@ -111,8 +112,36 @@ class Refocusing:
         views = self.light_field.views
         return views if self.white == 1 else views / np.float32(self.white)
 
-    def check_slopes(self, slopes: Sequence[float]) -> None:
-        """Refuse slopes that shift views by more than the image, before any work is done."""
+    def check(
+        self,
+        slopes: Sequence[float],
+        sweep: Sequence[float] = (),
+        slope_map: Sequence[float] = (),
+    ) -> None:
+        """Refuse what cannot be done before any work is done.
+
+        Parameters
+        ----------
+        slopes, sweep, slope_map : sequence of float
+            To refocus at, and first and last of a sweep and of a slope map; none: not asked for.
+
+        Raises
+        ------
+        InputError
+            If a slope shifts views by more than the image, a sweep or a slope map has no length,
+            or the network cannot take the light field or a slope.
+        """
+        self._check_slopes([*slopes, *sweep, *slope_map])
+        if sweep and sweep[0] == sweep[1]:
+            raise InputError(f"A sweep needs two slopes, got {sweep[0]} twice.")
+        if slope_map and not slope_map[0] < slope_map[1]:
+            raise InputError(
+                f"A slope map needs the lower slope first, got {slope_map[0]} and {slope_map[1]}."
+            )
+        if self.network is not None:
+            self.network.check(self.light_field.views, [*slopes, *sweep])
+
+    def _check_slopes(self, slopes: Sequence[float]) -> None:
         limit = farthest_slope(self.light_field.views)
         wrong = [slope for slope in slopes if not abs(slope) <= limit]
         if wrong:
@@ -150,8 +179,6 @@ class Refocusing:
         progress : callable, optional
             Wraps the list of the slopes that are refocused together.
         """
-        if first == last:
-            raise InputError(f"A sweep needs two slopes, got {first} twice.")
         slopes = np.linspace(first, last, SWEEP_FRAMES)
         # Slopes that are asked for together share one reading, or one transform, of the views.
         count = 1 if self.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
@@ -171,8 +198,6 @@ class Refocusing:
         float
             Share of the pixels whose slope is certain.
         """
-        if not first < last:
-            raise InputError(f"A slope map needs the lower slope first, got {first} and {last}.")
         slopes = np.linspace(first, last, SLOPE_MAP_STEPS)
         chosen = {k: self.options[k] for k in ("interpolation", "weights") if k in self.options}
         found = all_in_focus(self.light_field, slopes, **chosen)
@@ -183,8 +208,12 @@ class Refocusing:
         return float(np.mean(found.confidence >= CERTAIN))
 
     def write_regions(
-        self, image: np.ndarray, surface: np.ndarray, regions: Sequence[Sequence[int]]
-    ) -> list[tuple[tuple[int, ...], float]]:
+        self,
+        image: np.ndarray,
+        surface: np.ndarray,
+        regions: Sequence[Sequence[int]],
+        slopes: Sequence[float],
+    ) -> None:
         """Write an image of which some regions are in focus, and the slope of each pixel.
 
         Parameters
@@ -194,11 +223,8 @@ class Refocusing:
         surface : ndarray, shape (t, s)
         regions : sequence of (int, int, int, int)
             First and last but one row, first and last but one column.
-
-        Returns
-        -------
-        list of (region, float)
-            Slope in the middle of each region.
+        slopes : sequence of float
+            Of the regions.
         """
         image = image * np.float32(self.white)
         write_image(self._path("regions.tif"), image)
@@ -206,17 +232,16 @@ class Refocusing:
         write_image(self._path("regions_slope.tif"), surface.astype(np.float32))
         figure = figures.regions_figure(image / self.white, surface, regions)
         figures.save(figure, self._path("regions_slope.png"))
-        middles = [((t0 + t1) // 2, (s0 + s1) // 2) for t0, t1, s0, s1 in regions]
-        slopes = [float(surface[middle]) for middle in middles]
-        found = list(zip(map(tuple, regions), slopes, strict=True))
-        self.record["regions"] = [{"region": region, "slope": slope} for region, slope in found]
+        self.record["regions"] = [
+            {"region": list(region), "slope": slope}
+            for region, slope in zip(regions, slopes, strict=True)
+        ]
         self.record["radiance_of_white_in_png"] = self.white
-        return found
 
     def write_record(self) -> dict:
         """Write ``refocus.json``; returns the record."""
         path = self._path("refocus.json")
-        before = read_json(path).get("files", []) if path.exists() else []
+        before = read_record(path).get("files", []) if path.exists() else []
         v, u, t, s = self.light_field.views.shape[:4]
         record = {
             "views": [v, u],

@@ -28,6 +28,7 @@ from lf_flame.datasets import DatasetConfig, render_drawn
 from lf_flame.encodings import InputEncoding, area_average
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, score
+from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
 from lf_flame.plan import plan_effects
 from lf_flame.refocus import shift_and_sum, sparse_aperture
@@ -195,9 +196,7 @@ def _sparse(dataset, encoding: InputEncoding) -> System:
 
 
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> System:
-    import keras  # here, so that cases can be listed without loading it
-
-    model = keras.saving.load_model(run / "model.keras", compile=False)
+    model = load_model(run / "model.keras")
 
     def refocus(shown: np.ndarray) -> np.ndarray:
         return model.predict(shown, batch_size=8, verbose=0)[..., 0]

@@ -87,7 +87,7 @@ def test_views_are_the_middles_of_nine_squares(system, count, rows):
 
 
 def test_fewer_views_are_refused(system):
-    with pytest.raises(InputError, match="needs 3 x 3 views or more, got 2 x 3"):
+    with pytest.raises(InputError, match="3 x 3 views are needed, got 2 x 3"):
         system.chosen(2, 3)
 
 

@@ -99,6 +99,19 @@ def test_the_border_of_photographs_is_not_scored():
     assert list(table.plane) == ["slope -0.5", "slope 0.5"]
 
 
+def test_photographs_are_as_bright_as_systems_take_them():
+    views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
+    few = ShiftAndSum("few", contest.square_of_views)
+    bright, plain = (
+        contest.score_systems(
+            {"few": few}, contest_scenes.photograph_set("leaves", LightField(v), [0.5])
+        )
+        for v in (1000 * views, views / views.max())
+    )
+    assert bright.psnr_db[0] == pytest.approx(plain.psnr_db[0], abs=0.01)
+    assert 15 < bright.psnr_db[0] < 60
+
+
 def test_a_photograph_too_small_to_be_scored_is_refused():
     """After the border is cut off, a window of the structural similarity must be left."""
     views = np.zeros((3, 3, 35, 35), np.float32)
@@ -140,7 +153,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     np.save(leaves, views)
     arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
                  "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
-                 50]  # fmt: skip
+                 50, "--variant", system_runs / "refocusnet"]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     scores = pd.read_csv(tmp_path / "out/compare.csv")
@@ -150,6 +163,9 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     absent = scores[scores.system.str.startswith("RefNet")]
     assert absent.psnr_db.isna().all()
     assert absent.why_missing.str.contains("no finished run").all()
+    variant = scores[scores.system == "ResNet-50 (the paper's), refocusnet"]
+    assert variant.why_missing.str.endswith("holds no run of the paper's network.").all()
+    assert len(variant)
     prices = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
     assert prices.milliseconds["RefocusNet"] > 0
     assert prices.training_s["RefocusNet"] > 0
@@ -190,6 +206,7 @@ def test_a_system_has_the_same_colour_in_both_pictures(sets):
     [
         (["--light-fields", "0"], "1 or more, got 0"),
         (["--photograph", "x.npy", "1;2"], "got '1;2'"),
+        (["--variant", ".", "--variant", "."], "Two systems are called"),
     ],
 )
 def test_bad_input_is_one_sentence(system_runs, tmp_path, options, words):

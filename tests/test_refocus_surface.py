@@ -181,6 +181,14 @@ def test_later_regions_lie_over_earlier_ones_and_seams_soften():
     np.testing.assert_allclose(soft[:, -1], 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("side", [1, 11, 30])
+def test_a_softened_region_keeps_its_slope(side):
+    soft = region_slopes((60, 60), [((20, 20 + side, 20, 20 + side), 1.0)], -2.0, soften=5.0)
+    np.testing.assert_allclose(soft[20 : 20 + side, 20 : 20 + side], 1.0)
+    assert np.abs(np.diff(soft, axis=0)).max() < 0.5
+    np.testing.assert_allclose(soft[:6], -2.0)  # twice 7 away
+
+
 def test_planar_slopes_count_from_the_middle():
     slopes = planar_slopes((3, 5), 0.5, (0.1, -0.2))
     assert slopes[1, 2] == 0.5

@@ -118,6 +118,7 @@ def test_images_smaller_than_the_receptive_field_after_averaging_are_refused(mod
     [
         (None, "There is no file"),
         (b"no zip", "is not a NumPy .npz file of plain arrays"),
+        ({"w1": np.array([None])}, "is not a NumPy .npz file of plain arrays"),
         ({"b1": np.zeros(64)}, "w1 and b1 must have shapes .* got missing and"),
         ({"w1": np.zeros((3, 3, 3, 64)), "b1": np.zeros(64)}, r"got \(3, 3, 3, 64\)"),
     ],

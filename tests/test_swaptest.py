@@ -97,8 +97,10 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
     assert len(found[1].load().chosen(5, 5)) == 3
-    with pytest.raises(InputError, match="has seen light fields .* such as 22: its test split"):
-        variant_contestant(runs[0], [config], tmp_path / "none", 2)
+    with pytest.raises(InputError, match="has seen light fields .* such as 22"):
+        variant_contestant(runs[0], [config], tmp_path / "none", 2).load()
+    with pytest.raises(InputError, match="no finished run"):
+        variant_contestant(tmp_path / "none", [config], tmp_path, 2).load()
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):

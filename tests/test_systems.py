@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.refocus import shift_and_sum
+from lf_flame.refocus import shift_and_sum, sparse_aperture
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
 from lf_flame.systems.classical import (
     FourierSlice,
@@ -18,6 +18,7 @@ from lf_flame.systems.classical import (
     cross_of_views,
     every_view,
     lattice_of_views,
+    outer_square_of_views,
     square_of_views,
 )
 from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
@@ -119,16 +120,35 @@ def test_lattice_shares_no_row_and_no_column(count):
     np.testing.assert_allclose(places.mean(axis=0), (count - 1) / 2, atol=0.5)
 
 
+def test_some_views_are_averaged_over_blocks_as_all_are(views):
+    few = ShiftAndSum("few", square_of_views)
+    weights = sparse_aperture((9, 9), square_of_views(9, 9))
+    stack = shift_and_sum(views, [0.7, -0.4], weights=weights)
+    np.testing.assert_allclose(
+        few.refocus(views, [0.7, -0.4], (2, 3)),
+        stack.reshape(2, 50, 2, 36, 3).mean(axis=(2, 4)),
+        atol=1e-6,
+    )
+
+
 def test_other_choices_of_views():
     assert len(every_view(3, 4)) == 12
-    assert square_of_views(15, 15)[:4] == [(0, 0), (0, 7), (0, 14), (7, 0)]
+    assert outer_square_of_views(15, 15, 3)[:4] == [(0, 0), (0, 7), (0, 14), (7, 0)]
+    assert square_of_views(15, 15)[:4] == [(2, 2), (2, 7), (2, 12), (7, 2)]
+    assert set(square_of_views(7, 7, 7)) == set(every_view(7, 7))
     cross = cross_of_views(9, 9)
     assert len(set(cross)) == 17
     assert all(4 in place for place in cross)
 
 
 @pytest.mark.parametrize(
-    "choose", [partial(square_of_views, side=7), cross_of_views, lattice_of_views]
+    "choose",
+    [
+        partial(square_of_views, side=7),
+        partial(outer_square_of_views, side=7),
+        cross_of_views,
+        lattice_of_views,
+    ],
 )
 def test_missing_views_are_one_sentence(choose):
     with pytest.raises(InputError, match="needed, got 5 x 9|needs 9 x 9 views or more, got 5 x 9"):

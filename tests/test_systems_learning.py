@@ -1,4 +1,6 @@
 import json
+import shutil
+import zipfile
 from dataclasses import replace
 
 import keras
@@ -186,6 +188,26 @@ def test_another_run_in_the_folder_is_refused(config, tmp_path):
 def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
     with pytest.raises(InputError, match=words):
         train_system(config, name, preset, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("model.keras", b"", "model.keras is not a Keras file, or is cut short"),
+        ("model.keras", None, "model.keras cannot be loaded: it is damaged"),
+        ("run.json", b"{", "run.json is not a JSON file"),
+    ],
+)
+def test_a_damaged_run_is_one_sentence(system_runs, tmp_path, name, content, words):
+    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
+    if content is None:
+        with zipfile.ZipFile(tmp_path / "run" / name, "w") as file:
+            file.writestr("config.json", "{}")
+    else:
+        (tmp_path / "run" / name).write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        load_system(tmp_path / "run")
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_without_a_system_is_refused(tmp_path):

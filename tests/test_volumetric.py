@@ -36,9 +36,11 @@ def test_slope_of_a_region_is_found(two_depths):
 
 @pytest.mark.parametrize("dense", [False, True])
 def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, dense):
-    regions = [(10, 50, 10, 50), (10, 50, 70, 110)]
-    image, slopes = refocus_regions(two_depths, regions, (-2.0, 2.0), dense=dense)
-    assert [slopes[30, 30], slopes[30, 90]] == pytest.approx([0.83, -0.61], abs=0.1)
+    regions = [(16, 44, 10, 50), (16, 44, 70, 110)]
+    image, slopes, found = refocus_regions(two_depths, regions, (-2.0, 2.0), dense=dense)
+    assert found == pytest.approx([0.83, -0.61], abs=0.1)
+    for (t0, t1, s0, s1), slope in zip(regions, found, strict=True):
+        np.testing.assert_allclose(slopes[t0:t1, s0:s1], slope)
     middle = two_depths[4, 4]
     inner = [(slice(t0 + 8, t1 - 8), slice(s0 + 8, s1 - 8)) for t0, t1, s0, s1 in regions]
     for region in inner:
@@ -90,9 +92,9 @@ def test_a_trained_unet_works_on_the_regions_image(two_depths):
     kernel, bias = system.model.layers[-2].get_weights()
     system.model.layers[-2].set_weights([0 * kernel, bias + 0.1])
     asked = two_depths, [(10, 50, 10, 50)], (-2.0, 2.0)
-    plain, _ = refocus_regions(*asked)
-    mended, _ = refocus_regions(*asked, unet=system)
+    plain, _, _ = refocus_regions(*asked)
+    mended, _, _ = refocus_regions(*asked, unet=system)
     np.testing.assert_allclose(mended, np.clip(plain + 0.1, 0, 1), atol=1e-6)
     coloured = np.stack([two_depths] * 3, axis=-1)
-    mended, _ = refocus_regions(coloured, *asked[1:], unet=system)
+    mended, _, _ = refocus_regions(coloured, *asked[1:], unet=system)
     assert mended.shape == (60, 120, 3)

@@ -9,7 +9,7 @@ a whole scene makes an image with everything in focus (`lf_flame.refocus.composi
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, maximum_filter
 
 from lf_flame.camera import PlenopticCamera
 from lf_flame.errors import InputError
@@ -20,6 +20,9 @@ from lf_flame.refocus.interpolation import check_interpolation
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
 """Lenslets along an axis that each interpolation reads."""
+
+WINDOW = 1.5
+"""Half the window of a Gaussian that softens a slope map, in standard deviations: 15 x 15 for 5."""
 
 
 def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
@@ -148,7 +151,9 @@ def region_slopes(shape, regions: Iterable, background: float, soften: float = 0
         Slope of the rest; far from all that is in the scene, the rest is blurred.
     soften : float, optional
         Standard deviation, in lenslets, of a Gaussian that smooths the map, so that no seam shows
-        (Samarakoon et al. use 5). Default: none.
+        (Samarakoon et al. use 5 in a window of 15 x 15). Regions are widened by half its window
+        first: within a region all lenslets have its slope, unless another one is as near. Default:
+        none.
 
     Returns
     -------
@@ -160,13 +165,19 @@ def region_slopes(shape, regions: Iterable, background: float, soften: float = 0
         If a region does not lie in the image, or a number cannot be used.
     """
     shape = _as_shape(shape)
-    slopes = np.full(shape, background, dtype=float)
-    for region, slope in regions:
-        slopes[_as_mask(region, shape)] = slope
     if not 0 <= soften < np.inf:
         raise InputError(f"soften must be a number of lenslets, 0 or above, got {soften}.")
+    reach = int(WINDOW * soften)
+    slopes, masks = np.full(shape, background, dtype=float), []
+    for region, slope in regions:
+        masks.append((np.zeros(shape, bool), slope))
+        masks[-1][0][_as_mask(region, shape)] = True
+    for mask, slope in masks:
+        slopes[maximum_filter(mask, 2 * reach + 1)] = slope
+    for mask, slope in masks:  # the widened ones may lie over their neighbours
+        slopes[mask] = slope
     slopes = _as_slope_maps(slopes, shape)
-    return gaussian_filter(slopes, soften, mode="nearest") if soften else slopes
+    return gaussian_filter(slopes, soften, mode="nearest", radius=reach) if reach else slopes
 
 
 def _as_shape(shape) -> tuple[int, int]:

@@ -18,9 +18,8 @@ import keras
 import numpy as np
 from keras import layers, ops
 
-from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.classical import middles
+from lf_flame.systems.classical import square_of_views
 from lf_flame.systems.system import NetworkSystem, Places
 
 SIDE = 3
@@ -145,12 +144,7 @@ class ApertureNet(NetworkSystem):
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
-        if min(rows, columns) < SIDE:
-            raise InputError(
-                f"{self.name} needs {SIDE} x {SIDE} views or more, got {rows} x {columns}."
-            )
-        down, across = (middles(n, SIDE) for n in (rows, columns))
-        return [(v, u) for v in down for u in across]
+        return square_of_views(rows, columns, SIDE)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align them."""

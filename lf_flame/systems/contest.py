@@ -112,6 +112,8 @@ def variant_contestant(
 ) -> Contestant:
     """Enter another run of the paper's network, such as one that is shown other views.
 
+    It shows as missing if there is no such run, or if it has seen light fields of the test sets.
+
     Parameters
     ----------
     folder : Path
@@ -120,31 +122,36 @@ def variant_contestant(
         Data sets to be compared on.
     runs, count
         As for `lf_flame.systems.contest_scenes.paper_sets`.
-
-    Raises
-    ------
-    InputError
-        If there is no finished run, or it was trained on light fields of the test sets.
     """
-    record, dataset = open_run(folder)
-    own = dataset.config
-    for config in configs:
-        held_out = find_scenes(config, runs / config.kind, count)
-        seen = set(held_out.indices) - set(record["test_indices"])
-        if scene_settings(held_out.config) == scene_settings(own) and seen:
-            raise InputError(
-                f"{folder} has seen light fields that it would be tested on, such as {min(seen)}: "
-                f"its test split must be that of {runs / config.kind}."
-            )
     name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
-    return Contestant(name, partial(ResNet50.of_run, folder), _about(folder), only=own.kind)
+    try:
+        record, dataset = open_run(folder)
+        for config in configs:
+            held_out = find_scenes(config, runs / config.kind, count)
+            if scene_settings(held_out.config) == scene_settings(dataset.config):
+                _refuse_seen(set(held_out.indices) - set(record["test_indices"]), folder)
+    except InputError as error:
+        return Contestant(name, partial(_refuse, str(error)), {})
+    load = partial(ResNet50.of_run, folder)
+    return Contestant(name, load, _about(folder), only=dataset.config.kind)
+
+
+def _refuse_seen(seen: set[int], folder: Path) -> None:
+    if seen:
+        raise InputError(
+            f"{folder} has seen light fields that it would be tested on, such as {min(seen)}."
+        )
+
+
+def _refuse(reason: str) -> None:
+    raise InputError(reason)
 
 
 def _about(folder: Path) -> dict:
     """Read the record of a run, with the seconds that it took; nothing where there is none."""
     try:
         record = load_run(folder)
-    except (InputError, ValueError):  # a record that cannot be read is refused when it is loaded
+    except InputError:
         return {}
     record.pop("test_indices", None)
     return {**record, "seconds": record.get("start_s", np.nan) + record.get("train_s", np.nan)}
@@ -219,7 +226,7 @@ def run_contest(
     Path
         ``compare.md``.
     """
-    _refuse_same_names(test_sets)
+    _refuse_same_names(contestants, test_sets)
     started = time.perf_counter()
     frame = next(test_sets[0].scenes())
     results = _compete(contestants, test_sets, frame)
@@ -249,11 +256,14 @@ def run_contest(
     return out / "compare.md"
 
 
-def _refuse_same_names(test_sets: Sequence[TestSet]) -> None:
-    names = [(one.name, one.truth, one.electrons) for one in test_sets]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"Two test sets are called {name[0]!r}; compare on one at a time.")
+def _refuse_same_names(contestants, test_sets: Sequence[TestSet]) -> None:
+    for kind, names in (
+        ("test sets", [(one.name, one.truth, one.electrons) for one in test_sets]),
+        ("systems", [(one.name,) for one in contestants]),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"Two {kind} are called {name[0]!r}; compare one at a time.")
 
 
 def _compete(contestants, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
@@ -275,8 +285,6 @@ def _loaded(contestant: Contestant) -> RefocusingSystem | InputError:
         return contestant.load()
     except InputError as error:
         return error
-    except ValueError as error:
-        return InputError(f"its record cannot be read: {error}")
 
 
 def _described(contestant: Contestant, system, frame: Scene) -> dict:

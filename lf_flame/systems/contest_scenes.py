@@ -13,6 +13,7 @@ import numpy as np
 
 from lf_flame.datasets import DatasetConfig, render_sample
 from lf_flame.errors import InputError
+from lf_flame.formats.images import white_level
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes
 from lf_flame.refocus_costs import find_scenes
@@ -168,7 +169,7 @@ def _placed_scenes(config, case, slopes, count) -> Iterator[Scene]:
 
 
 def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
-    """Make a test set of a photographed light field.
+    """Make a test set of a photographed light field, as bright as systems take them: up to 1.
 
     Raises
     ------
@@ -183,6 +184,7 @@ def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) 
             f"To be compared on at these slopes {name} needs views of {2 * border + WINDOW} pixels "
             f"or more along each side, got {height} x {width}."
         )
-    scene = Scene(light_field.views, slopes, border=border)
+    views = light_field.views / np.float32(white_level(light_field.views))
+    scene = Scene(views, slopes, border=border)
     planes = [f"slope {slope:g}" for slope in slopes]
     return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")

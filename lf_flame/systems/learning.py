@@ -17,6 +17,7 @@ from tqdm import tqdm
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run
+from lf_flame.keras_loading import load_model
 from lf_flame.runs import Job, assign, carry_out, check_seed
 from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS
@@ -315,7 +316,8 @@ def load_system(path: str | Path) -> NetworkSystem:
     Raises
     ------
     InputError
-        If there is no finished run of a system, or the file does not hold the weights.
+        If there is no finished run of a system, it is damaged, or the file does not hold the
+        weights.
     """
     folder = Path(path)
     if folder.is_file():
@@ -323,6 +325,6 @@ def load_system(path: str | Path) -> NetworkSystem:
     record = load_run(folder)
     if record.get("system") not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
-    model = keras.saving.load_model(folder / "model.keras", compile=False, safe_mode=True)
+    model = load_model(folder / "model.keras")
     network = NETWORKS[record["system"]]
     return network.system(model, network.title)

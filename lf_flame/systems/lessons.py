@@ -139,7 +139,7 @@ def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", d
     lessons : Lessons
     system : lf_flame.systems.system.NetworkSystem
     seed : int
-    indices : iterable of int
+    indices : sequence of int
         Of the lessons.
     right : str, optional
         What all views give: a key of `lf_flame.systems.classical.TRUTHS`.
@@ -151,10 +151,16 @@ def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", d
     ndarray of float32, shape (n, h, w, channels)
     ndarray of float32, shape (n, h, w, channels)
     """
-    shown, truths = [], []
-    for index in indices:
+    arrays = None
+    for k, index in enumerate(indices):
         lesson = lessons.draw(seed, index, dark)
         slopes = system.slopes_to_learn(lesson.slopes, lesson.block)
-        shown.append(system.show(lesson.seen, slopes, lesson.block))
-        truths.append(system.truth(lesson.truth(slopes, right)))
-    return np.concatenate(shown), np.concatenate(truths)
+        images = (
+            system.show(lesson.seen, slopes, lesson.block),
+            system.truth(lesson.truth(slopes, right)),
+        )
+        if arrays is None:  # at once for all: these are gigabytes
+            arrays = tuple(np.empty((len(indices), *x.shape), np.float32) for x in images)
+        for array, some in zip(arrays, images, strict=True):
+            array[k] = some
+    return tuple(array.reshape(-1, *array.shape[2:]) for array in arrays)

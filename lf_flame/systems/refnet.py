@@ -18,7 +18,7 @@ from keras import layers, ops
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.classical import square_of_views
+from lf_flame.systems.classical import outer_square_of_views
 from lf_flame.systems.similarity import ssim
 from lf_flame.systems.system import NetworkSystem, Places
 
@@ -80,7 +80,7 @@ class RefNet(NetworkSystem):
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose 7 x 7 views, from the first to the last."""
-        return square_of_views(rows, columns, SIDE)
+        return outer_square_of_views(rows, columns, SIDE)
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         super()._check(shape, slopes, block)

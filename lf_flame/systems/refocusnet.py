@@ -85,7 +85,8 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
         If the file does not hold them.
     """
     try:
-        arrays = np.load(path, allow_pickle=False)
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
     except FileNotFoundError:
         raise InputError(f"There is no file {path} with RefocusNet's weights.") from None
     except (ValueError, OSError, EOFError, BadZipFile):

@@ -10,6 +10,7 @@ import numpy as np
 from lf_flame.datasets import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run
+from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
 from lf_flame.systems.classical import every_view
 from lf_flame.systems.system import NetworkSystem, Places
@@ -39,10 +40,8 @@ class ResNet50(NetworkSystem):
     @classmethod
     def of_run(cls, folder: str | Path) -> "ResNet50":
         """Load a finished run."""
-        import keras
-
         _, dataset = open_run(folder)
-        model = keras.saving.load_model(Path(folder) / "model.keras", compile=False)
+        model = load_model(Path(folder) / "model.keras")
         return cls(model, dataset.config, dataset.attrs["slopes"])
 
     def chosen(self, rows: int, columns: int) -> Places:

@@ -16,7 +16,7 @@ from lf_flame.refocus._arguments import as_slopes, as_views
 Places = Sequence[tuple[int, int]]
 
 PIXELS_AT_ONCE = 1 << 18
-"""Which a network is given together: four images of 90 x 180, or one photograph."""
+"""Which a network is given together: sixteen images of 90 x 180, or one photograph."""
 
 
 class RefocusingSystem(ABC):
@@ -76,13 +76,24 @@ class RefocusingSystem(ABC):
             for, blocks do not divide the image, or it is smaller than the system can take.
         """
         views, slopes = as_views(views), as_slopes(slopes)
+        self.check(views, slopes, block)
+        return np.clip(self._refocus(views, slopes, block), 0, 1)
+
+    def check(self, views, slopes=(), block: tuple[int, int] = (1, 1)) -> None:
+        """Refuse what `refocus` would refuse; slopes may be none yet.
+
+        Raises
+        ------
+        InputError
+            See `refocus`.
+        """
+        views = as_views(views)
         if views.dtype.kind != "f":
             raise InputError(
                 f"{self.name} takes values from 0 to 1, got whole numbers ({views.dtype}): divide "
                 f"them by the largest."
             )
-        self._check(views.shape, slopes, block)
-        return np.clip(self._refocus(views, slopes, block), 0, 1)
+        self._check(views.shape, np.asarray(slopes, float), block)
 
     @abstractmethod
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:

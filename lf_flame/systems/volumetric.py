@@ -183,7 +183,7 @@ def refocus_regions(
     background: float | None = None,
     dense: bool = False,
     unet: SparseUNet | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Bring several regions into focus at once, whatever their depths; the rest is blurred.
 
     Parameters
@@ -208,24 +208,28 @@ def refocus_regions(
     ndarray of float32, shape (t, s) or (t, s, channels)
     ndarray of float64, shape (t, s)
         Slope of every pixel.
+    list of float
+        Slope of every region.
 
     Raises
     ------
     InputError
         If a region does not lie in the image, or is too small, the range is empty, or views are
-        missing.
+        missing; with a network also if the image is smaller than it can take.
     """
     views, regions = as_views(views), list(regions)
+    if unet is not None:
+        unet.check(views)
     for region in regions:
         _check(views, region, slopes)
     if dense:
         steps = np.linspace(*slopes, max(round((slopes[1] - slopes[0]) / STEP), 2) + 1)
         slope_map = all_in_focus(views, steps).slope
-        found = [(region, most_common_slope(slope_map, region)) for region in regions]
+        found = [most_common_slope(slope_map, region) for region in regions]
     else:
-        found = [(region, search_region_slope(views, region, slopes)) for region in regions]
+        found = [search_region_slope(views, region, slopes) for region in regions]
     rest = slopes[0] if background is None else background
-    surface = region_slopes(views.shape[2:4], found, rest, SOFTEN)
+    surface = region_slopes(views.shape[2:4], zip(regions, found, strict=True), rest, SOFTEN)
     shape = views.shape[:2]
     weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
     image = refocus_surface(views, surface, weights=weights)
@@ -233,4 +237,4 @@ def refocus_regions(
         channels = np.atleast_3d(image)  # one after the other
         image = np.moveaxis(unet.predict(np.moveaxis(channels, 2, 0)[..., None])[..., 0], 0, 2)
         image = np.clip(image, 0, 1).reshape(*surface.shape, *views.shape[4:])
-    return image, surface
+    return image, surface, found
