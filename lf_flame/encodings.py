@@ -6,6 +6,7 @@ by side, and go through the same frozen backbone.
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -63,6 +64,11 @@ class InputEncoding:
             return np.ix_(range(rows), range(columns))
         down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
         return np.ix_(spread(rows, down), spread(columns, across))
+
+    def places(self, rows: int, columns: int) -> list[tuple[int, int]]:
+        """List row and column of each view that is shown, of rows x columns."""
+        down, across = self.chosen(rows, columns)
+        return list(product(down.ravel().tolist(), across.ravel().tolist()))
 
     def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
         """Show a light field to a network with outputs of this size.

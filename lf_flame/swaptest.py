@@ -2,8 +2,7 @@
 
 In the training images of the paper every object stands at the depth of its own. A network that has
 only learnt which object is sharp in which plane looks perfect there, and goes wrong where the
-objects stand otherwise. Here they do, in scenes that no network was trained on. They are scaled so
-that the central view stays as it was: parallax and defocus alone tell the scenes apart.
+objects stand otherwise. Here they do (`lf_flame.cases`), in scenes that no network was trained on.
 
 Shift-and-sum is right by construction; its images are the truth. What a network would draw that
 knows the depths by heart is the truth of the scene as it was before. Between both lies what a
@@ -17,25 +16,19 @@ that cannot tell, and was trained with objects at all depths, draws something be
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from lf_flame.config import to_json
-from lf_flame.datasets import DatasetConfig, render_drawn
-from lf_flame.encodings import InputEncoding, area_average
+from lf_flame.cases import Case, draw_case, make_cases, scene_settings
+from lf_flame.datasets import DatasetConfig
+from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, score
-from lf_flame.keras_loading import load_model
-from lf_flame.lightfield import LightField
-from lf_flame.plan import plan_effects
-from lf_flame.refocus import shift_and_sum, sparse_aperture
-from lf_flame.scene import Scene
-
-FIRST_SAMPLE = 1_000_000
-"""Index of the first scene: data sets draw theirs from lower ones."""
+from lf_flame.systems.classical import ShiftAndSum
+from lf_flame.systems.resnet50 import ResNet50
+from lf_flame.systems.system import RefocusingSystem
 
 SAMPLES = 16
 
@@ -45,59 +38,9 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Case:
-    """A way of placing the objects of a data set.
-
-    Parameters
-    ----------
-    name : str
-    depths_mm : tuple of float
-        Of each object.
-    present : tuple of int
-        Objects that are there.
-    """
-
-    name: str
-    depths_mm: tuple[float, ...]
-    present: tuple[int, ...]
-
-    def place(self, scene: Scene, config: DatasetConfig) -> Scene:
-        """Place the objects of a scene so."""
-        placed = scene.at_depths(self.depths_mm, config.camera)
-        return Scene([placed.layers[k] for k in self.present])
-
-
-def make_cases(config: DatasetConfig) -> list[Case]:
-    """List the ways of placing the objects of a data set; the first is its own.
-
-    Raises
-    ------
-    InputError
-        If there is but one object, so that nothing can change places.
-    """
-    own, names = config.depths_mm, [item.name for item in config.template.objects]
-    if len(set(own)) < 2:
-        raise InputError(
-            f"The swap test needs objects at two depths at least, those of {config.kind} stand at "
-            f"{', '.join(f'{z:g}' for z in own)} mm."
-        )
-    everyone = tuple(range(len(own)))
-    half = float(np.diff(np.unique(own)).min()) / 2
-    cases = [
-        Case("as trained", tuple(own), everyone),
-        Case("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
-        Case("order reversed", tuple(own[::-1]), everyone),
-        Case(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
-        Case(f"{names[0]} alone", tuple(own), (0,)),
-    ]
-    # Of two or three objects, exchanging the ends is reversing the order.
-    return list({(case.depths_mm, case.present): case for case in cases[::-1]}.values())[::-1]
-
-
 @dataclass(frozen=True, eq=False)
-class System:
-    """What refocuses a light field at the slopes of a data set.
+class Subject:
+    """A refocusing system under test.
 
     Parameters
     ----------
@@ -108,18 +51,14 @@ class System:
         With which objects; a reference is not trained.
     about : dict
         Record of its training.
-    encode : callable
-        Takes a light field, gives what the system is shown.
-    refocus : callable
-        Takes what it is shown of n light fields, gives images (n, planes, h, w).
+    system : RefocusingSystem
     """
 
     name: str
     title: str
     trained: str
     about: dict
-    encode: Callable[[LightField], np.ndarray]
-    refocus: Callable[[np.ndarray], np.ndarray]
+    system: RefocusingSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +80,7 @@ class Outcome:
     drawn: dict[str, np.ndarray]
 
 
-def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list[System]]:
+def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list[Subject]]:
     """Load trained networks that differ in nothing but in what they were shown and trained with.
 
     Returns
@@ -150,7 +89,7 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list
         Of the first; the scenes are drawn by it.
     list of float
         Slopes of the planes.
-    list of System
+    list of Subject
         Shift-and-sum of some views, as a reference, and the networks.
 
     Raises
@@ -160,9 +99,7 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list
     """
     opened = [open_run(run) for run in runs]
     _, first = opened[0]
-    systems = [
-        _sparse(first, encoding) for encoding in (InputEncoding("views"), InputEncoding("grid"))
-    ]
+    subjects = [_reference(first.config, InputEncoding(kind)) for kind in ("views", "grid")]
     for run, (record, dataset) in zip(runs, opened, strict=True):
         if scene_settings(dataset.config) != scene_settings(first.config):
             raise InputError(
@@ -170,45 +107,26 @@ def load_systems(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list
                 f"test them one by one."
             )
         name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
-        systems.append(_network(name, run, record, dataset.config))
-    return first.config, first.attrs["slopes"], systems
+        subjects.append(_network(name, run, record, dataset.config))
+    return first.config, first.attrs["slopes"], subjects
 
 
-def scene_settings(config: DatasetConfig) -> dict:
-    """Keep what makes two data sets hold the same scenes, but for the depths of the objects."""
-    free = ("input", "shuffled_depths", "samples")
-    return {key: value for key, value in to_json(config).items() if key not in free}
-
-
-def _sparse(dataset, encoding: InputEncoding) -> System:
+def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
     """Shift-and-sum of those views alone that an encoding shows, all as bright as they are."""
-    views, slopes = dataset.config.camera.views, dataset.attrs["slopes"]
-    down, across = encoding.chosen(views, views)
-    weights = sparse_aperture((views, views), list(product(down.ravel(), across.ravel())))
-    count = int(weights.sum())
-
-    def refocus(light_field: LightField) -> np.ndarray:
-        stack = shift_and_sum(light_field, slopes, weights=weights)
-        return area_average(stack, dataset.config.image)
-
+    count = len(encoding.places(config.camera.views, config.camera.views))
     name = f"shift-and-sum of {count} views"
-    return System(name, name, "", {}, refocus, np.asarray)
+    return Subject(name, name, "", {}, ShiftAndSum(name, encoding.places))
 
 
-def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> System:
-    model = load_model(run / "model.keras")
-
-    def refocus(shown: np.ndarray) -> np.ndarray:
-        return model.predict(shown, batch_size=8, verbose=0)[..., 0]
-
+def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:
     trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
     title = f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe"
     about = {key: value for key, value in record.items() if key != "test_indices"}
-    return System(name, title, trained, about, config.encode, refocus)
+    return Subject(name, title, trained, about, ResNet50.of_run(run))
 
 
 def run_cases(
-    config: DatasetConfig, slopes: Sequence[float], systems: Sequence[System], samples: int
+    config: DatasetConfig, slopes: Sequence[float], subjects: Sequence[Subject], samples: int
 ) -> Iterator[Outcome]:
     """Render the scenes of each case and let all systems refocus them.
 
@@ -216,39 +134,17 @@ def run_cases(
     ------
     Outcome
     """
-    cases = make_cases(config)
+    systems = {"truth": ShiftAndSum()} | {one.name: one.system for one in subjects}
     learnt = None
-    for case in cases:
-        truth, shown = _render_case(config, slopes, case, systems, samples)
+    for case in make_cases(config):
+        stacks = {name: [] for name in systems}
+        for light_field in draw_case(config, case, samples):
+            for name, system in systems.items():
+                stacks[name].append(system.refocus(light_field, slopes, config.block))
+        drawn = {name: np.stack(some) for name, some in stacks.items()}
+        truth = drawn.pop("truth")
         learnt = truth if learnt is None else learnt  # the first case is as trained
-        drawn = {
-            system.name: system.refocus(np.stack(seen))
-            for system, seen in zip(systems, shown, strict=True)
-        }
         yield Outcome(case, truth, learnt, drawn)
-
-
-def draw_case(config: DatasetConfig, case: Case, samples: int) -> Iterator[LightField]:
-    """Draw light fields whose objects are placed so, of the same scenes for every case.
-
-    Yields
-    ------
-    LightField
-    """
-    mean, _ = config.template.draw(None)
-    plan = plan_effects(case.place(mean, config), config.camera, effects=config.effects)
-    for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
-        scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
-        yield render_drawn(case.place(scene, config), config, plan, index)
-
-
-def _render_case(config, slopes, case: Case, systems, samples: int):
-    truth, shown = [], [[] for _ in systems]
-    for light_field in draw_case(config, case, samples):
-        truth.append(area_average(shift_and_sum(light_field, slopes), config.image))
-        for seen, system in zip(shown, systems, strict=True):
-            seen.append(system.encode(light_field))
-    return np.stack(truth), shown
 
 
 def tabulate(outcomes: Iterable[Outcome], depths_mm: Sequence[float]) -> pd.DataFrame:
@@ -310,15 +206,15 @@ def run_swap_test(
     Raises
     ------
     InputError
-        See `load_systems` and `make_cases`; or if there are no samples.
+        See `load_subjects` and `lf_flame.cases.make_cases`; or if there are no samples.
     """
     from lf_flame import swaptest_report
 
     if samples < 1:
         raise InputError(f"The swap test needs at least 1 scene for each case, got {samples}.")
-    config, slopes, systems = load_systems(runs)
+    config, slopes, subjects = load_subjects(runs)
     cases = len(make_cases(config))
-    outcomes = run_cases(config, slopes, systems, samples)
+    outcomes = run_cases(config, slopes, subjects, samples)
     outcomes = list(outcomes if progress is None else progress(outcomes, 0, cases))
     table = tabulate(outcomes, config.depths_mm)
-    return swaptest_report.write_report(config, slopes, systems, outcomes, table, out)
+    return swaptest_report.write_report(config, slopes, subjects, outcomes, table, out)

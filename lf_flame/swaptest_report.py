@@ -16,7 +16,7 @@ from lf_flame.files import write_json, write_text
 
 
 def write_report(
-    config, slopes, systems: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
+    config, slopes, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
 ) -> Path:
     """Write ``swap_test.csv``, ``.md``, ``.png``, ``.json``, and a picture for each case.
 
@@ -24,7 +24,7 @@ def write_report(
     ----------
     config : lf_flame.datasets.DatasetConfig
     slopes : sequence of float
-    systems : sequence of lf_flame.swaptest.System
+    subjects : sequence of lf_flame.swaptest.Subject
     outcomes : sequence of lf_flame.swaptest.Outcome
     table : DataFrame
         From `lf_flame.swaptest.tabulate`.
@@ -37,9 +37,9 @@ def write_report(
     """
     for number, outcome in enumerate(outcomes):
         name = "_".join(re.findall(r"\w+", outcome.case.name))
-        picture = case_figure(config, systems, outcome)
+        picture = case_figure(config, subjects, outcome)
         figures.save(picture, out / f"swap_test_{number}_{name}.png", dpi=90)
-    figures.save(score_figure(table, systems, config.kind), out / "swap_test.png")
+    figures.save(score_figure(table, subjects, config.kind), out / "swap_test.png")
     write_json(
         out / "swap_test.json",
         {
@@ -47,20 +47,20 @@ def write_report(
             "slopes": list(slopes),
             "cases": [vars(outcome.case) for outcome in outcomes],
             "samples": len(outcomes[0].truth),
-            "systems": {system.name: system.title for system in systems},
-            "runs": {system.name: system.about for system in systems if system.about},
+            "systems": {subject.name: subject.title for subject in subjects},
+            "runs": {subject.name: subject.about for subject in subjects if subject.about},
             **provenance.environment(),
         },
     )
     write_text(out / "swap_test.csv", table.round(5).to_csv(index=False))
-    write_text(out / "swap_test.md", text(config, systems, outcomes, table))
+    write_text(out / "swap_test.md", text(config, subjects, outcomes, table))
     return out / "swap_test.md"
 
 
-def text(config, systems: Sequence, outcomes: Sequence, table: pd.DataFrame) -> str:
+def text(config, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame) -> str:
     """Put the table, and what it means, into Markdown."""
     cases = [outcome.case for outcome in outcomes]
-    titles = {system.name: system.title for system in systems}
+    titles = {subject.name: subject.title for subject in subjects}
     means = table[table.depth_mm.isna()].assign(system=lambda rows: rows.system.map(titles))
     lines = [
         f"# Swap test: {config.kind}",
@@ -101,7 +101,7 @@ MARKERS = {"": "s", "fixed depths": "o", "shuffled depths": "D"}
 """By what a system was trained with; references are not trained."""
 
 
-def score_figure(table: pd.DataFrame, systems: Sequence, kind: str):
+def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
     """Draw PSNR and the share known by heart: one group a case, one mark a system.
 
     Returns
@@ -111,18 +111,18 @@ def score_figure(table: pd.DataFrame, systems: Sequence, kind: str):
     means = table[table.depth_mm.isna()]
     cases = means.case.unique()[::-1]
     figure, axes = plt.subplots(
-        1, 2, figsize=(12, 1.8 + 0.13 * len(cases) * (len(systems) + 2)), sharey=True,
+        1, 2, figsize=(12, 1.8 + 0.13 * len(cases) * (len(subjects) + 2)), sharey=True,
         layout="constrained",
     )  # fmt: skip
-    places = np.linspace(0.35, -0.35, len(systems))
+    places = np.linspace(0.35, -0.35, len(subjects))
     for axis, measure in zip(axes, ("psnr_db", "by_heart"), strict=True):
-        for k, (system, place) in enumerate(zip(systems, places, strict=True)):
-            rows = means[means.system == system.name].set_index("case").loc[cases]
-            color = f"C{k % 10}" if system.trained else "0.45"
+        for k, (subject, place) in enumerate(zip(subjects, places, strict=True)):
+            rows = means[means.system == subject.name].set_index("case").loc[cases]
+            color = f"C{k % 10}" if subject.trained else "0.45"
             axis.plot(
-                rows[measure], np.arange(len(cases)) + place, MARKERS[system.trained], color=color,
-                markerfacecolor="white" if k % 2 and not system.trained else color, markersize=6,
-                label=f"{system.name}{system.trained and f' ({system.trained})'}",
+                rows[measure], np.arange(len(cases)) + place, MARKERS[subject.trained], color=color,
+                markerfacecolor="white" if k % 2 and not subject.trained else color, markersize=6,
+                label=f"{subject.name}{subject.trained and f' ({subject.trained})'}",
             )  # fmt: skip
         for edge in range(1, len(cases)):
             axis.axhline(edge - 0.5, color="0.8", lw=0.8)
@@ -137,7 +137,7 @@ def score_figure(table: pd.DataFrame, systems: Sequence, kind: str):
     return figure
 
 
-def case_figure(config, systems: Sequence, outcome):
+def case_figure(config, subjects: Sequence, outcome):
     """Draw the first scene of a case: the truth, what each system makes of it, what was learnt.
 
     Returns
@@ -145,7 +145,7 @@ def case_figure(config, systems: Sequence, outcome):
     matplotlib.figure.Figure
     """
     rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
-    rows |= {system.name: outcome.drawn[system.name][0] for system in systems}
+    rows |= {subject.name: outcome.drawn[subject.name][0] for subject in subjects}
     if outcome.learnt is not outcome.truth:
         rows["by heart: every object at its own depth"] = outcome.learnt[0]
     planes, height, width = outcome.truth[0].shape

@@ -15,12 +15,12 @@ import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
+from lf_flame.cases import scene_settings
 from lf_flame.datasets import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run, open_run, score
 from lf_flame.files import write_json, write_text
 from lf_flame.refocus_costs import find_scenes
-from lf_flame.swaptest import scene_settings
 from lf_flame.systems import contest_figures, contest_report
 from lf_flame.systems.classical import (
     FourierSlice,

@@ -12,7 +12,6 @@ from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run
 from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
-from lf_flame.systems.classical import every_view
 from lf_flame.systems.system import NetworkSystem, Places
 
 NEAR = 0.02
@@ -52,10 +51,7 @@ class ResNet50(NetworkSystem):
                 f"{self.name} was trained on a camera of {own} x {own} views, got {rows} x "
                 f"{columns}."
             )
-        if self.config.input.kind == "raw":
-            return every_view(rows, columns)
-        down, across = self.config.input.chosen(rows, columns)
-        return [(int(v), int(u)) for v in down.ravel() for u in across.ravel()]
+        return self.config.input.places(rows, columns)
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         super()._check(shape, slopes, block)
