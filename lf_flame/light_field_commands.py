@@ -244,13 +244,19 @@ def _refuse_network_options(options: dict) -> None:
     multiple=True,
     required=True,
     metavar="T0 T1 S0 S1",
-    help="Rows from T0 to before T1, columns from S0 to before S1; may be repeated.",
+    help="Rows from T0 to before T1, columns from S0 to before S1; may be repeated, a later one "
+    "lying over those before it.",
 )
 @click.option(
-    "--slopes", nargs=2, type=float, required=True, metavar="FROM TO", help="To search within."
+    "--slopes",
+    nargs=2,
+    type=float,
+    required=True,
+    metavar="FROM TO",
+    help="To search within; they should reach beyond those of the scene.",
 )
 @click.option("--background", type=float, help="Slope of all the rest (default: FROM).")
-@click.option("--cross", is_flag=True, help="Look at a cross of 17 views alone.")
+@click.option("--cross", is_flag=True, help="Look at a cross of 17 views alone; less exact.")
 @click.option(
     "--network",
     type=click.Path(exists=True, path_type=Path),
@@ -259,11 +265,12 @@ def _refuse_network_options(options: dict) -> None:
 @_with_options(READING)
 @click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE-regions.")
 def refocus_regions(source, regions, slopes, background, cross, network, out, **options) -> None:
-    """Bring regions of a light field into focus at once, each at its own slope; blur the rest.
+    """Bring regions of a light field into focus, each at its own slope; blur the rest.
 
     SOURCE is read as by `lf-flame refocus`. The slope of a region is read off a slope map, or, from
     a cross of 17 views, is where the region looks most like the middle view (Samarakoon et al.,
-    "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025).
+    "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025). Around a region, over
+    14 pixels, the slope changes to that of the rest, and what stands at one between is sharp there.
 
     \b
       lf-flame refocus-regions buddha --region 100 180 60 140 --region 20 90 200 300 --slopes -1 2
@@ -276,14 +283,24 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     out, unet = _folder_for(source, out, "-regions"), _open_network(network)
     if unet is not None and not isinstance(unet, SparseUNet):
         raise InputError(f"{network} holds {unet.name}, not the network of `volumetric`.")
-    job = Refocusing(_read_light_field(source, **options), out, record={"source": str(source)})
-    job.check([*slopes, *([] if background is None else [background])])
     dense = not (cross or unet)
+    asked_for = {
+        "source": str(source),
+        "slopes_searched": slopes,
+        "background": slopes[0] if background is None else background,
+        "views_used": "all" if dense else "a cross of 17",
+        "network": unet.name if unet else None,
+    }
+    job = Refocusing(_read_light_field(source, **options), out, record=asked_for)
+    job.check([*slopes, *([] if background is None else [background])])
     image, surface, found = refocus_regions(
         job.views_to_white, regions, slopes, background, dense, unet
     )
-    for region, slope in zip(regions, found, strict=True):
-        click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}")
+    for region, (slope, trust) in zip(regions, found, strict=True):
+        sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"
+        click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
+    measure = "certain" if dense else "ms_ssim"
+    found = [{"slope": slope, measure: trust} for slope, trust in found]
     job.write_regions(image, surface, regions, found)
     job.write_record()
     click.echo(f"{', '.join(job.written)} are in {out}")

@@ -26,12 +26,10 @@ from lf_flame.refocus import (
     refocus,
     round_aperture,
 )
+from lf_flame.refocus.composite import CERTAIN
 
 SWEEP_FRAMES = 41
 """Frames from one end of a sweep to the other; the movie goes there and back."""
-
-CERTAIN = 0.2
-"""Confidence from which a pixel's slope is called certain."""
 
 SLOPE_MAP_STEPS = 33
 """Slopes of the stack from which a slope map is made."""
@@ -128,9 +126,11 @@ class Refocusing:
         Raises
         ------
         InputError
-            If a slope shifts views by more than the image, a sweep or a slope map has no length,
-            or the network cannot take the light field or a slope.
+            If the folder holds pictures of another light field, a slope shifts views by more than
+            the image, a sweep or a slope map has no length, or the network cannot take the light
+            field or a slope.
         """
+        self._refuse_other_source()
         self._check_slopes([*slopes, *sweep, *slope_map])
         if sweep and sweep[0] == sweep[1]:
             raise InputError(f"A sweep needs two slopes, got {sweep[0]} twice.")
@@ -140,6 +140,15 @@ class Refocusing:
             )
         if self.network is not None:
             self.network.check(self.light_field.views, [*slopes, *sweep])
+
+    def _refuse_other_source(self) -> None:
+        source, path = self.record.get("source"), self.out / "refocus.json"
+        before = read_record(path).get("source") if path.exists() else source
+        if before != source:
+            raise InputError(
+                f"{self.out} holds the pictures of {before}; for those of {source} choose another "
+                f"folder with --out."
+            )
 
     def _check_slopes(self, slopes: Sequence[float]) -> None:
         limit = farthest_slope(self.light_field.views)
@@ -212,7 +221,7 @@ class Refocusing:
         image: np.ndarray,
         surface: np.ndarray,
         regions: Sequence[Sequence[int]],
-        slopes: Sequence[float],
+        found: Sequence[dict],
     ) -> None:
         """Write an image of which some regions are in focus, and the slope of each pixel.
 
@@ -223,8 +232,8 @@ class Refocusing:
         surface : ndarray, shape (t, s)
         regions : sequence of (int, int, int, int)
             First and last but one row, first and last but one column.
-        slopes : sequence of float
-            Of the regions.
+        found : sequence of dict
+            What the record is to say of each region.
         """
         image = image * np.float32(self.white)
         write_image(self._path("regions.tif"), image)
@@ -233,8 +242,7 @@ class Refocusing:
         figure = figures.regions_figure(image / self.white, surface, regions)
         figures.save(figure, self._path("regions_slope.png"))
         self.record["regions"] = [
-            {"region": list(region), "slope": slope}
-            for region, slope in zip(regions, slopes, strict=True)
+            {"region": list(region), **one} for region, one in zip(regions, found, strict=True)
         ]
         self.record["radiance_of_white_in_png"] = self.white
 

@@ -112,8 +112,9 @@ def test_lenslet_images_and_raw_images(light_field, tmp_path):
     write_image(tmp_path / "raw.tif", light_field.to_raw())
     expected = shift_and_sum(light_field, 0.5)
     for args in (["lenslets.png", "--views", 5], ["raw.tif", "--pitch", 5.0]):
-        run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", tmp_path / "out")
-        stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+        out = tmp_path / f"{args[0]}-refocused"
+        run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", out)
+        stack, _ = read_focal_stack(out / "focal_stack.tif")
         np.testing.assert_allclose(stack, expected, atol=1e-4)
 
 
@@ -218,6 +219,11 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
     assert "region 16 44 70 110: slope -0." in shown
     written = json.loads((tmp_path / "out" / "refocus.json").read_text())
     slopes = [region["slope"] for region in written["regions"]]
+    assert all(
+        0.5 < region["certain" if how == "dense" else "ms_ssim"] <= 1
+        for region in written["regions"]
+    )
+    assert [written["slopes_searched"], written["background"]] == [[-2, 2], -2]
     assert slopes == pytest.approx([0.8, -0.6], abs=0.11)
     assert set(written["files"]) == {"regions.tif", "regions.png", "regions_slope.tif",
                                      "regions_slope.png", "refocus.json"}  # fmt: skip
@@ -268,6 +274,13 @@ def test_a_light_field_too_small_for_a_network_is_refused_before_the_search(syst
         run(tmp_path / "small.npy", "--network", system_runs / "refocusnet", "--out",
             tmp_path / "out")  # fmt: skip
     assert not (tmp_path / "out").exists()
+
+
+def test_pictures_of_another_light_field_stay(folder, leaves, tmp_path):
+    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+    with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*leaves"):
+        run(leaves, "--slope", 0.5, "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "refocused_1_slope+0.500.png").exists()
 
 
 def test_pictures_of_an_earlier_call_go(folder, tmp_path):

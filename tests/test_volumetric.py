@@ -4,6 +4,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.leaves import DeadLeaves
+from lf_flame.refocus import FocusMap
 from lf_flame.systems.similarity import ms_ssim
 from lf_flame.systems.volumetric import (
     SparseUNet,
@@ -27,19 +28,26 @@ def two_depths():
 
 
 def test_slope_of_a_region_is_found(two_depths):
-    found = [
-        search_region_slope(two_depths, region, (-2.0, 2.0))
-        for region in [(10, 50, 10, 50), (10, 50, 70, 110)]
-    ]
-    assert found == pytest.approx([0.83, -0.61], abs=0.1)
+    slopes, likeness = zip(
+        *(
+            search_region_slope(two_depths, region, (-2.0, 2.0))
+            for region in [(10, 50, 10, 50), (10, 50, 70, 110)]
+        ),
+        strict=True,
+    )
+    assert slopes == pytest.approx([0.83, -0.61], abs=0.1)
+    assert 0.9 < min(likeness) <= max(likeness) <= 1
+    _, out_of_reach = search_region_slope(two_depths, (10, 50, 10, 50), (-2.0, -1.0))
+    assert out_of_reach < min(likeness) - 0.1
 
 
 @pytest.mark.parametrize("dense", [False, True])
 def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, dense):
     regions = [(16, 44, 10, 50), (16, 44, 70, 110)]
     image, slopes, found = refocus_regions(two_depths, regions, (-2.0, 2.0), dense=dense)
-    assert found == pytest.approx([0.83, -0.61], abs=0.1)
-    for (t0, t1, s0, s1), slope in zip(regions, found, strict=True):
+    assert [slope for slope, _ in found] == pytest.approx([0.83, -0.61], abs=0.1)
+    assert all(0.5 < trust <= 1 for _, trust in found)
+    for (t0, t1, s0, s1), (slope, _) in zip(regions, found, strict=True):
         np.testing.assert_allclose(slopes[t0:t1, s0:s1], slope)
     middle = two_depths[4, 4]
     inner = [(slice(t0 + 8, t1 - 8), slice(s0 + 8, s1 - 8)) for t0, t1, s0, s1 in regions]
@@ -68,10 +76,12 @@ def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
 
 def test_the_most_common_slope_is_not_the_mean():
     slopes = np.array([[0.5, 0.52, 0.49, 0.51], [3.0, 2.0, -1.0, 0.5]])
-    assert most_common_slope(slopes, (0, 2, 0, 4)) == pytest.approx(
-        np.mean([0.5, 0.52, 0.49, 0.51, 0.5])
+    confidence = np.array([[0.9, 0.3, 0.5, 0.9], [0.9, 0.9, 0.9, 0.1]])
+    focus_map = FocusMap(slopes, confidence, slopes)
+    assert most_common_slope(focus_map, (0, 2, 0, 4)) == pytest.approx(
+        (np.mean([0.5, 0.52, 0.49, 0.51]), 7 / 8)
     )
-    assert most_common_slope(slopes, (1, 2, 0, 1)) == pytest.approx(3.0)
+    assert most_common_slope(focus_map, (1, 2, 3, 4)) == (0.5, 0.0)  # no pixel is certain
 
 
 def test_loss_is_the_published_sum(rng):

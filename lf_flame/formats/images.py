@@ -61,7 +61,7 @@ def readable(path: str | Path) -> Iterator[None]:
     except (InputError, MemoryError):
         raise
     except Exception as error:  # damage can make a decoder raise anything
-        reason = str(error).strip().partition("\n")[0] or type(error).__name__
+        reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__
         raise InputError(
             f"{path} cannot be read: it is damaged, or of a kind that is not known ({reason})."
         ) from error

@@ -33,6 +33,10 @@ TRUSTED = 0.2
 """Confidence from which a pixel keeps its own slope."""
 
 
+CERTAIN = 0.2
+"""Confidence from which a pixel's slope is called certain."""
+
+
 @dataclass(frozen=True, eq=False)
 class FocusMap:
     """Result of `depth_from_focus` and `all_in_focus`.

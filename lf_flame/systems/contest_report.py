@@ -39,8 +39,8 @@ with drawing the lessons (the ResNet-50's data set is drawn beforehand and not c
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
-cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares; what is exact,
-or beyond the axis, stands at its edge as a triangle.
+cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares;
+what is exact, or beyond the axis, stands at its edge as a triangle.
 
 {_prices(prices)}
 

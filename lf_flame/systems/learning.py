@@ -320,8 +320,12 @@ def load_system(path: str | Path) -> NetworkSystem:
         weights.
     """
     folder = Path(path)
-    if folder.is_file():
+    if folder.suffix == ".npz":
         return RefocusNet.of_weights(folder)
+    if folder.is_file():
+        raise InputError(
+            f"A network is a run folder, or RefocusNet's weights (.npz), got the file {folder}."
+        )
     record = load_run(folder)
     if record.get("system") not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")

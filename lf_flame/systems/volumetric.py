@@ -14,8 +14,15 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.errors import InputError
-from lf_flame.refocus import all_in_focus, refocus_surface, region_slopes, sparse_aperture
+from lf_flame.refocus import (
+    FocusMap,
+    all_in_focus,
+    refocus_surface,
+    region_slopes,
+    sparse_aperture,
+)
 from lf_flame.refocus._arguments import as_views
+from lf_flame.refocus.composite import CERTAIN
 from lf_flame.systems.classical import ShiftAndSum, cross_of_views
 from lf_flame.systems.similarity import ms_ssim, scales
 from lf_flame.systems.system import NetworkSystem, Places
@@ -104,7 +111,7 @@ class SparseUNet(NetworkSystem):
 
 def search_region_slope(
     views, region: tuple[int, int, int, int], slopes: tuple[float, float]
-) -> float:
+) -> tuple[float, float]:
     """Find the slope at which a region, refocused with the cross alone, looks most like the middle.
 
     By MS-SSIM, which has a single peak there: the range is divided into ten, the best place and its
@@ -122,6 +129,9 @@ def search_region_slope(
     Returns
     -------
     float
+        The slope.
+    float
+        MS-SSIM there.
 
     Raises
     ------
@@ -146,19 +156,34 @@ def search_region_slope(
     low, high = slopes
     while True:
         steps = np.linspace(low, high, 11)
-        best = int(np.argmax(likeness(steps)))
+        found = likeness(steps)
+        best = int(np.argmax(found))
         if steps[1] - steps[0] <= STEP:
-            return float(steps[best])
+            return float(steps[best]), float(found[best])
         low, high = steps[max(best - 1, 0)], steps[min(best + 1, 10)]
 
 
-def most_common_slope(slope_map: np.ndarray, region: tuple[int, int, int, int]) -> float:
-    """Find the slope that most pixels of a region share, to within a step of 0.1."""
+def most_common_slope(
+    focus_map: FocusMap, region: tuple[int, int, int, int]
+) -> tuple[float, float]:
+    """Find the slope that most of a region's certain pixels share, to within a step of 0.1.
+
+    Returns
+    -------
+    float
+        The slope; where no pixel is certain, that of most.
+    float
+        Share of the pixels that are certain.
+    """
     t0, t1, s0, s1 = region
-    inside = slope_map[t0:t1, s0:s1].ravel()
-    steps = np.round(inside / STEP)
+    inside, confidence = (
+        values[t0:t1, s0:s1].ravel() for values in (focus_map.slope, focus_map.confidence)
+    )
+    certain = confidence >= CERTAIN
+    chosen = inside[certain] if certain.any() else inside
+    steps = np.round(chosen / STEP)
     values, counts = np.unique(steps, return_counts=True)
-    return float(inside[steps == values[counts.argmax()]].mean())
+    return float(chosen[steps == values[counts.argmax()]].mean()), float(certain.mean())
 
 
 def _check(views: np.ndarray, region, slopes) -> None:
@@ -183,7 +208,7 @@ def refocus_regions(
     background: float | None = None,
     dense: bool = False,
     unet: SparseUNet | None = None,
-) -> tuple[np.ndarray, np.ndarray, list[float]]:
+) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
     """Bring several regions into focus at once, whatever their depths; the rest is blurred.
 
     Parameters
@@ -208,8 +233,9 @@ def refocus_regions(
     ndarray of float32, shape (t, s) or (t, s, channels)
     ndarray of float64, shape (t, s)
         Slope of every pixel.
-    list of float
-        Slope of every region.
+    list of (float, float)
+        Slope of every region, and how far to trust it: of dense views the share of the region's
+        pixels whose slope is certain, else its MS-SSIM to the middle view.
 
     Raises
     ------
@@ -224,12 +250,13 @@ def refocus_regions(
         _check(views, region, slopes)
     if dense:
         steps = np.linspace(*slopes, max(round((slopes[1] - slopes[0]) / STEP), 2) + 1)
-        slope_map = all_in_focus(views, steps).slope
-        found = [most_common_slope(slope_map, region) for region in regions]
+        focus_map = all_in_focus(views, steps)
+        found = [most_common_slope(focus_map, region) for region in regions]
     else:
         found = [search_region_slope(views, region, slopes) for region in regions]
     rest = slopes[0] if background is None else background
-    surface = region_slopes(views.shape[2:4], zip(regions, found, strict=True), rest, SOFTEN)
+    chosen = [(region, slope) for region, (slope, _) in zip(regions, found, strict=True)]
+    surface = region_slopes(views.shape[2:4], chosen, rest, SOFTEN)
     shape = views.shape[:2]
     weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
     image = refocus_surface(views, surface, weights=weights)
