@@ -26,10 +26,10 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
     matplotlib.figure.Figure
     """
     sets = list(scores.test_set.unique())
-    rows = len(sets) // COLUMNS + 1  # with a place for the legend
+    rows = -(-len(sets) // COLUMNS)
     drawn, axes = plt.subplots(
-        rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows), sharex=True, sharey=True,
-        layout="constrained",
+        rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows + 1.4), sharex=True, sharey=True,
+        squeeze=False, layout="constrained",
     )  # fmt: skip
     axes = axes.ravel()
     numbered = prices.assign(number=range(len(prices))).set_index("system")
@@ -50,8 +50,7 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
         plt.Line2D([], [], ls="", label=name, **_mark(name, shown, 0.5 * sum(SHOWN_DB)))
         for name in shown.index
     ]
-    legend = axes[len(sets)].legend(handles=handles, loc="upper left", frameon=False, fontsize=9)
-    legend.set_in_layout(False)  # it may reach into the next empty panel
+    drawn.legend(handles=handles, ncols=3, loc="outside lower center", frameon=False, fontsize=10)
     return drawn
 
 

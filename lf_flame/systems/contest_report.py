@@ -24,10 +24,6 @@ def text(scores: pd.DataFrame, prices: pd.DataFrame, record: dict) -> str:
         As it is written.
     """
     clean = without_noise(scores)
-    missing = scores[scores.psnr_db.isna()].drop_duplicates(["system", "why_missing"])
-    reasons = "\n".join(
-        f"- {row.system}, {row.test_set}: {row.why_missing}" for row in missing.itertuples()
-    )
     return f"""# Refocusing systems side by side
 
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
@@ -58,13 +54,27 @@ what is exact, or beyond the axis, stands at its edge as a triangle.
 
 {_sixteen(scores)}{_noise(scores)}## What is missing
 
-{reasons or "Nothing."}
+{_missing(scores)}
 """
 
 
 def without_noise(scores: pd.DataFrame) -> pd.DataFrame:
     """Keep the planes that all systems are for, in enough light."""
     return scores[np.isinf(scores.electrons) & ~scores.test_set.str.endswith(SIXTEEN)]
+
+
+def _missing(scores: pd.DataFrame) -> str:
+    """List what is missing: systems that were refused for the same reason, and the first time."""
+    rows = scores[scores.psnr_db.isna()].drop_duplicates(["system", "why_missing"])
+    reasons = [
+        row.why_missing.removeprefix(row.system).removeprefix(f"{row.system.split(',')[0]} ")
+        for row in rows.itertuples()
+    ]
+    lines = [
+        f"- {test_set}: {reason.strip()} ({'; '.join(some.system)})"
+        for (test_set, reason), some in rows.groupby(["test_set", pd.Series(reasons, rows.index)])
+    ]
+    return "\n".join(lines) or "Nothing."
 
 
 def _sixteen(scores: pd.DataFrame) -> str:
