@@ -268,20 +268,22 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     for fewer views, for light fields stored in fewer bits, in the Fourier domain, and for the
     trained networks. On all cores, in two or three minutes.
     """
+    from lf_flame import costs_report
     from lf_flame.costs import measure_costs
     from lf_flame.report import step_bar
 
     if not budget_s > 0:
         raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
     if chapter != "refocusing":
-        measure_costs(out, step_bar, budget_s)
-        click.echo((out / "costs.md").read_text(encoding="utf-8"))
+        path = costs_report.write_report(out, *measure_costs(step_bar, budget_s))
+        click.echo(path.read_text(encoding="utf-8"))
     if chapter != "simulation":
         load_keras()
+        from lf_flame import refocus_costs_report
         from lf_flame.refocus_costs import measure_refocusing
 
-        measure_refocusing(out, run, step_bar)
-        click.echo((out / "refocusing.md").read_text(encoding="utf-8"))
+        path = refocus_costs_report.write_report(out, *measure_refocusing(run, step_bar))
+        click.echo(path.read_text(encoding="utf-8"))
 
 
 @commands.command()

@@ -22,7 +22,6 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.closed_form import closed_form
 from lf_flame.config import to_json
 from lf_flame.datasets import read_config
-from lf_flame.files import write_json, write_text
 from lf_flame.flames import HALF_WIDTH, flame_texture
 from lf_flame.forward import trace_forward
 from lf_flame.integrators import Optics, integrate, trace
@@ -284,19 +283,15 @@ def effect_trials(camera: PlenopticCamera, height_mm: float = 6.0) -> dict[str, 
 
 
 def measure_costs(
-    out: Path,
     progress: Callable | None = None,
     budget_s: float = 420.0,
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
-) -> dict:
-    """Measure error against seconds, and write tables, figures and a record.
+) -> tuple[Sequence[Study], pd.DataFrame, pd.DataFrame, dict]:
+    """Measure error against seconds; `lf_flame.costs_report.write_report` takes what comes out.
 
     Parameters
     ----------
-    out : Path
-        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``costs.json``, ``costs.png``
-        and ``effects.png``.
     progress : callable, optional
         Passes on an iterable of steps, given how many are done and how many there are.
     budget_s : float, optional
@@ -309,11 +304,14 @@ def measure_costs(
 
     Returns
     -------
+    sequence of Study
+    DataFrame
+        Error against seconds of each way to integrate.
+    DataFrame
+        What each effect costs, and what leaving it out does.
     dict
         The record.
     """
-    from lf_flame import costs_report, figures
-
     started, shapes, flames = time.perf_counter(), *map(Path, CONFIGS)
     studies = study_scenes(shapes, flames) if studies is None else studies
     trials = effect_trials(read_config(flames).camera) if trials is None else trials
@@ -332,13 +330,7 @@ def measure_costs(
         **{table: [finite(row) for row in rows] for table, rows in found.items()},
         **provenance.environment(),
     }
-    write_text(out / "accuracy.csv", accuracy.to_csv(index=False))
-    write_text(out / "effects.csv", effects.to_csv(index=False))
-    write_text(out / "costs.md", costs_report.text(studies, accuracy, effects, record))
-    figures.save(costs_report.accuracy_figure(studies, accuracy), out / "costs.png")
-    figures.save(costs_report.effects_figure(effects), out / "effects.png")
-    write_json(out / "costs.json", record)
-    return record
+    return studies, accuracy, effects, record
 
 
 def _described(study: Study) -> dict:

@@ -2,12 +2,15 @@
 
 import math
 from fractions import Fraction
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
+from lf_flame import figures
 from lf_flame.costs import METHODS, TOLERANCE, Study, methods_for
+from lf_flame.files import write_json, write_text
 from lf_flame.plan import LEFT_OUT_SHARE, NANOSECONDS
 
 LEVELS = (0.1, 0.01, 0.001)
@@ -75,6 +78,33 @@ def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
         return seconds[0], "<" if points["rays_per_pixel"].iloc[0] else ""
     share = math.log(errors[k - 1] / level) / math.log(errors[k - 1] / errors[k])
     return seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share, ""
+
+
+def write_report(
+    out: Path, studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict
+) -> Path:
+    """Write what `lf_flame.costs.measure_costs` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``costs.json``, ``costs.png``
+        and ``effects.png``.
+    studies, accuracy, effects, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``costs.md``.
+    """
+    write_text(out / "accuracy.csv", accuracy.to_csv(index=False))
+    write_text(out / "effects.csv", effects.to_csv(index=False))
+    write_text(out / "costs.md", text(studies, accuracy, effects, record))
+    figures.save(accuracy_figure(studies, accuracy), out / "costs.png")
+    figures.save(effects_figure(effects), out / "effects.png")
+    write_json(out / "costs.json", record)
+    return out / "costs.md"
 
 
 def text(studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict) -> str:

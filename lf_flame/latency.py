@@ -23,7 +23,6 @@ from lf_flame.config import to_json
 from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, psnr
-from lf_flame.files import write_json, write_text
 from lf_flame.network import NetworkCard, load_network, read_card
 from lf_flame.prediction import input_size
 
@@ -325,20 +324,19 @@ def _compared(subject: Subject, stacks: np.ndarray, reference: np.ndarray) -> di
 
 def measure_latency(
     networks: Sequence[str | Path],
-    out: Path,
     repeats: int = 30,
     seed: int = 0,
     progress: Callable | None = None,
     chosen: dict[str, bool] | None = None,
-) -> dict:
-    """Time trained networks stage by stage in all precisions; write table, figure and record.
+) -> tuple[pd.DataFrame, dict]:
+    """Time trained networks stage by stage in all precisions.
+
+    `lf_flame.latency_report.write_report` takes what comes out.
 
     Parameters
     ----------
     networks : sequence of str or Path
         Run folders or exported ``.keras`` files.
-    out : Path
-        Folder for ``latency.csv``, ``.md``, ``.json`` and ``.png``.
     repeats : int, optional
         Rounds that count, at least 3.
     seed : int, optional
@@ -350,6 +348,8 @@ def measure_latency(
 
     Returns
     -------
+    DataFrame
+        One row for each way to run a network.
     dict
         The record.
 
@@ -358,8 +358,6 @@ def measure_latency(
     InputError
         If a network cannot be used, or the rounds are too few.
     """
-    from lf_flame import figures, latency_report
-
     if repeats < 3:
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
     started, chosen = time.perf_counter(), chosen or compilers()
@@ -383,11 +381,7 @@ def measure_latency(
         "ways": [costs.finite(row) for row in table.to_dict("records")],
         **provenance.environment(),
     }
-    write_text(out / "latency.csv", table.to_csv(index=False))
-    write_text(out / "latency.md", latency_report.text(table, record))
-    figures.save(latency_report.figure(table, record), out / "latency.png")
-    write_json(out / "latency.json", record)
-    return record
+    return table, record
 
 
 def _measure(subject: Subject, chosen, repeats: int, seed: int, ways: list) -> Iterator[None]:

@@ -1,11 +1,14 @@
 """Table, text and figure of the latency of trained networks (`lf_flame.latency`)."""
 
 import math
+from pathlib import Path
 from textwrap import shorten
 
 import matplotlib.pyplot as plt
 import pandas as pd
 
+from lf_flame import figures
+from lf_flame.files import write_json, write_text
 from lf_flame.latency import REFERENCE, STAGES, WHOLE, columns
 
 COLOURS = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
@@ -38,6 +41,28 @@ FORMATS = {
     "psnr_db": "{:.1f}",
     "truth_psnr_db": "{:.2f}",
 }
+
+
+def write_report(out: Path, table: pd.DataFrame, record: dict) -> Path:
+    """Write what `lf_flame.latency.measure_latency` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``latency.csv``, ``.md``, ``.json`` and ``.png``.
+    table, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``latency.md``.
+    """
+    write_text(out / "latency.csv", table.to_csv(index=False))
+    write_text(out / "latency.md", text(table, record))
+    figures.save(figure(table, record), out / "latency.png")
+    write_json(out / "latency.json", record)
+    return out / "latency.md"
 
 
 def text(table: pd.DataFrame, record: dict) -> str:

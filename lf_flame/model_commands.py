@@ -122,11 +122,12 @@ def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> N
     load_keras()
     # TensorFlow finds it odd that network after network is compiled.
     logging.getLogger("tensorflow").setLevel(logging.ERROR)
+    from lf_flame import latency_report
     from lf_flame.latency import measure_latency
     from lf_flame.report import step_bar
 
-    measure_latency(networks, out, repeats, seed, step_bar)
-    click.echo((out / "latency.md").read_text(encoding="utf-8"))
+    path = latency_report.write_report(out, *measure_latency(networks, repeats, seed, step_bar))
+    click.echo(path.read_text(encoding="utf-8"))
 
 
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:

@@ -25,7 +25,6 @@ from lf_flame.datasets import DatasetConfig, read_config, render_sample
 from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
 from lf_flame.evaluation import open_run, psnr, ssim
-from lf_flame.files import write_json, write_text
 from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
@@ -224,17 +223,16 @@ def network_ways(scenes: HeldOut) -> list[Way]:
 
 
 def measure_refocusing(
-    out: Path,
     run: Path = Path("runs/quick"),
     progress: Callable | None = None,
     configs: Sequence[DatasetConfig] | None = None,
-) -> dict:
-    """Measure SSIM and PSNR against the exact result over milliseconds; write table and figure.
+) -> tuple[list[HeldOut], pd.DataFrame, dict]:
+    """Measure SSIM and PSNR against the exact result over milliseconds.
+
+    `lf_flame.refocus_costs_report.write_report` takes what comes out.
 
     Parameters
     ----------
-    out : Path
-        Folder for ``refocusing.csv``, ``.md``, ``.json`` and ``.png``.
     run : Path, optional
         Folder of trained networks, one for each kind of data set: ``shapes``, ``flames``.
         One that is missing shows as missing.
@@ -245,11 +243,12 @@ def measure_refocusing(
 
     Returns
     -------
+    list of HeldOut
+    DataFrame
+        One row for each way to refocus.
     dict
         The record.
     """
-    from lf_flame import figures, refocus_costs_report
-
     started, rows = time.perf_counter(), []
     if configs is None:
         configs = [read_config(path) for path in costs.CONFIGS]
@@ -273,11 +272,7 @@ def measure_refocusing(
         "methods": [costs.finite(row) for row in table.to_dict("records")],
         **provenance.environment(),
     }
-    write_text(out / "refocusing.csv", table.to_csv(index=False))
-    write_text(out / "refocusing.md", refocus_costs_report.text(found, table, record))
-    figures.save(refocus_costs_report.figure(found, table), out / "refocusing.png")
-    write_json(out / "refocusing.json", record)
-    return record
+    return found, table, record
 
 
 def ways_for(scenes: HeldOut) -> list[Way]:

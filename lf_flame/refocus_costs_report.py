@@ -1,6 +1,7 @@
 """Table, text and figure of the study of refocusing (`lf_flame.refocus_costs`)."""
 
 import math
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -8,6 +9,8 @@ import pandas as pd
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
+from lf_flame import figures
+from lf_flame.files import write_json, write_text
 from lf_flame.refocus_costs import ALONE, NETWORK, binned
 
 VIDEO_HZ = 25
@@ -42,6 +45,28 @@ PLACES = [
 
 CURVE_DOTS = 40
 """Places on each piece of a curve that labels keep clear of."""
+
+
+def write_report(out: Path, found, table: pd.DataFrame, record: dict) -> Path:
+    """Write what `lf_flame.refocus_costs.measure_refocusing` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``refocusing.csv``, ``.md``, ``.json`` and ``.png``.
+    found, table, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``refocusing.md``.
+    """
+    write_text(out / "refocusing.csv", table.to_csv(index=False))
+    write_text(out / "refocusing.md", text(found, table, record))
+    figures.save(figure(found, table), out / "refocusing.png")
+    write_json(out / "refocusing.json", record)
+    return out / "refocusing.md"
 
 
 def text(found, table: pd.DataFrame, record: dict) -> str:

@@ -43,7 +43,9 @@ def measured(tmp_path_factory):
     patch.setattr(costs, "SHORT_S", 0.0)
     patch.setattr(costs, "REPETITIONS", 1)
     threads = numba.get_num_threads()
-    record = measure_costs(out, progress, 8.0, small_studies(), TRIALS)
+    found = measure_costs(progress, 8.0, small_studies(), TRIALS)
+    costs_report.write_report(out, *found)
+    record = found[-1]
     patch.undo()
     assert numba.get_num_threads() == threads
     return out, record, seen
