@@ -54,8 +54,8 @@ def make_cases(config: DatasetConfig) -> list[Case]:
     own, names = config.depths_mm, [item.name for item in config.template.objects]
     if len(set(own)) < 2:
         raise InputError(
-            f"The swap test needs objects at two depths at least, those of {config.kind} stand at "
-            f"{', '.join(f'{z:g}' for z in own)} mm."
+            f"Only objects at two depths at least can change places; those of {config.kind} stand "
+            f"at {', '.join(f'{z:g}' for z in own)} mm."
         )
     everyone = tuple(range(len(own)))
     half = float(np.diff(np.unique(own)).min()) / 2

@@ -26,7 +26,7 @@ from lf_flame.refocus import (
     refocus,
     round_aperture,
 )
-from lf_flame.refocus.composite import CERTAIN
+from lf_flame.refocus.composite import TRUSTED
 
 SWEEP_FRAMES = 41
 """Frames from one end of a sweep to the other; the movie goes there and back."""
@@ -144,7 +144,7 @@ class Refocusing:
     def _refuse_other_source(self) -> None:
         source, path = self.record.get("source"), self.out / "refocus.json"
         before = read_record(path).get("source") if path.exists() else source
-        if before != source:
+        if before != source and Path(str(before)).resolve() != Path(str(source)).resolve():
             raise InputError(
                 f"{self.out} holds the pictures of {before}; for those of {source} choose another "
                 f"folder with --out."
@@ -214,7 +214,7 @@ class Refocusing:
         write_image(self._path("slope_map.tif"), found.slope.astype(np.float32))
         figures.save(figures.slope_map_figure(found), self._path("slope_map.png"))
         self.record["slope_map"] = [first, last]
-        return float(np.mean(found.confidence >= CERTAIN))
+        return float(np.mean(found.confidence >= TRUSTED))
 
     def write_regions(
         self,

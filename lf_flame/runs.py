@@ -17,8 +17,9 @@ from tqdm import tqdm
 
 from lf_flame import provenance
 from lf_flame.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from lf_flame.config import read_record
 from lf_flame.errors import InputError
-from lf_flame.files import read_json, write_json, written_aside
+from lf_flame.files import write_json, written_aside
 
 MAX_SEED = 1_000_000
 """Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
@@ -126,7 +127,7 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
 def _is_done(out: Path, asked: dict) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
-    found = read_json(out / "run.json")
+    found = read_record(out / "run.json")
     return all(found.get(key) == asked[key] for key in asked)
 
 
@@ -139,7 +140,7 @@ def _claim_folder(out: Path, asked: dict) -> None:
     if not path.exists():
         write_json(path, asked)
         return
-    found = read_json(path)
+    found = read_record(path)
     if _goes_on(found.get("recipe", {}), asked["recipe"]):
         found["recipe"]["epochs"] = asked["recipe"]["epochs"]
         if found == asked:

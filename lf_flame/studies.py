@@ -23,11 +23,11 @@ from tqdm import tqdm
 from lf_flame import studies_report
 from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.bottleneck import principal_component_bound
-from lf_flame.config import build, read_toml, to_json
+from lf_flame.config import build, read_record, read_toml, to_json
 from lf_flame.datasets import DatasetConfig, config_from_json, make_dataset, split_indices
 from lf_flame.errors import InputError
 from lf_flame.evaluation import load_run, predict_test_split, score, training_indices
-from lf_flame.files import read_json, write_json
+from lf_flame.files import write_json
 from lf_flame.models import AVERAGES
 from lf_flame.training import TrainingConfig, train
 
@@ -188,7 +188,7 @@ class Trial:
     def read_score(self, runs: Path) -> dict | None:
         """Read the scores from the study's work folder; None where there are none of this trial."""
         path = runs / self.variant.folder / "score.json"
-        found = read_json(path) if path.exists() else {}
+        found = read_record(path) if path.exists() else {}
         return found if found.get("asked") == self.asked else None
 
 

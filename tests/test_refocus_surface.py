@@ -189,6 +189,12 @@ def test_a_softened_region_keeps_its_slope(side):
     np.testing.assert_allclose(soft[:6], -2.0)  # twice 7 away
 
 
+def test_a_little_softening_softens():
+    regions = [((5, 15, 5, 15), 1.0)]
+    hard, soft = (region_slopes((20, 20), regions, 0.0, soften=s) for s in (0.0, 0.5))
+    assert np.abs(np.diff(soft, axis=0)).max() < 0.9 < np.abs(np.diff(hard, axis=0)).max()
+
+
 def test_planar_slopes_count_from_the_middle():
     slopes = planar_slopes((3, 5), 0.5, (0.1, -0.2))
     assert slopes[1, 2] == 0.5

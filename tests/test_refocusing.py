@@ -281,6 +281,8 @@ def test_pictures_of_another_light_field_stay(folder, leaves, tmp_path):
     with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*leaves"):
         run(leaves, "--slope", 0.5, "--out", tmp_path / "out")
     assert (tmp_path / "out" / "refocused_1_slope+0.500.png").exists()
+    run(folder / ".." / folder.name, "--slope", 0.25, "--out", tmp_path / "out")  # the same
+    assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
 
 
 def test_pictures_of_an_earlier_call_go(folder, tmp_path):

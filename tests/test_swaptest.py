@@ -133,7 +133,7 @@ def test_the_cases_exchange_move_and_leave_out(config):
 def test_one_object_cannot_change_places(config):
     one = replace(config, template=replace(config.template, objects=config.template.objects[:1]))
     with pytest.raises(
-        InputError, match="objects at two depths at least, those of shapes stand at 40 mm"
+        InputError, match="two depths at least can change places; those of shapes stand at 40 mm"
     ):
         make_cases(one)
 

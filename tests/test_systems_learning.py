@@ -210,6 +210,13 @@ def test_a_damaged_run_is_one_sentence(system_runs, tmp_path, name, content, wor
     assert "\n" not in str(caught.value)
 
 
+def test_training_into_a_damaged_run_is_one_sentence(config, system_runs, tmp_path):
+    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
+    (tmp_path / "run" / "run.json").write_text("{")
+    with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
+        train_system(config, "refocusnet", "smoke", tmp_path / "run", show=False)
+
+
 def test_a_folder_without_a_system_is_refused(tmp_path):
     with pytest.raises(InputError, match="no finished run"):
         load_system(tmp_path)

@@ -30,11 +30,7 @@ FLOOR = 0.1
 """Sharpness, as a share of its mean over the image, at which confidence is halved."""
 
 TRUSTED = 0.2
-"""Confidence from which a pixel keeps its own slope."""
-
-
-CERTAIN = 0.2
-"""Confidence from which a pixel's slope is called certain."""
+"""Confidence from which a pixel keeps its own slope, and that slope is called certain."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -167,15 +167,12 @@ def region_slopes(shape, regions: Iterable, background: float, soften: float = 0
     shape = _as_shape(shape)
     if not 0 <= soften < np.inf:
         raise InputError(f"soften must be a number of lenslets, 0 or above, got {soften}.")
-    reach = int(WINDOW * soften)
-    slopes, masks = np.full(shape, background, dtype=float), []
-    for region, slope in regions:
-        masks.append((np.zeros(shape, bool), slope))
-        masks[-1][0][_as_mask(region, shape)] = True
-    for mask, slope in masks:
-        slopes[maximum_filter(mask, 2 * reach + 1)] = slope
-    for mask, slope in masks:  # the widened ones may lie over their neighbours
-        slopes[mask] = slope
+    reach = max(int(WINDOW * soften), 1) if soften else 0
+    slopes = np.full(shape, background, dtype=float)
+    masks = [(_as_mask(region, shape), slope) for region, slope in regions]
+    for width in (2 * reach + 1, 1):  # widened, they may lie over their neighbours
+        for mask, slope in masks:
+            slopes[maximum_filter(mask, width)] = slope
     slopes = _as_slope_maps(slopes, shape)
     return gaussian_filter(slopes, soften, mode="nearest", radius=reach) if reach else slopes
 
@@ -187,15 +184,17 @@ def _as_shape(shape) -> tuple[int, int]:
     return int(counts[0]), int(counts[1])
 
 
-def _as_mask(region, shape: tuple[int, int]):
-    """Index of a region: its slices, or the mask itself."""
+def _as_mask(region, shape: tuple[int, int]) -> np.ndarray:
+    """Mask of a region."""
     region = np.asarray(region)
     if region.dtype == bool and region.shape == shape:
         return region
     if region.shape == (4,) and region.dtype.kind in "iu":
         t0, t1, s0, s1 = (int(edge) for edge in region)
         if 0 <= t0 < t1 <= shape[0] and 0 <= s0 < s1 <= shape[1]:
-            return slice(t0, t1), slice(s0, s1)
+            mask = np.zeros(shape, bool)
+            mask[t0:t1, s0:s1] = True
+            return mask
     raise InputError(
         f"A region must be (t_start, t_stop, s_start, s_stop) inside the {shape[0]} x {shape[1]} "
         f"lenslets, or a bool mask of that shape, got "

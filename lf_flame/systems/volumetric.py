@@ -22,7 +22,7 @@ from lf_flame.refocus import (
     sparse_aperture,
 )
 from lf_flame.refocus._arguments import as_views
-from lf_flame.refocus.composite import CERTAIN
+from lf_flame.refocus.composite import TRUSTED
 from lf_flame.systems.classical import ShiftAndSum, cross_of_views
 from lf_flame.systems.similarity import ms_ssim, scales
 from lf_flame.systems.system import NetworkSystem, Places
@@ -179,7 +179,7 @@ def most_common_slope(
     inside, confidence = (
         values[t0:t1, s0:s1].ravel() for values in (focus_map.slope, focus_map.confidence)
     )
-    certain = confidence >= CERTAIN
+    certain = confidence >= TRUSTED
     chosen = inside[certain] if certain.any() else inside
     steps = np.round(chosen / STEP)
     values, counts = np.unique(steps, return_counts=True)
