@@ -17,6 +17,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "scene": ["Layer", "Scene"],
         "sensor": ["Sensor"],
         "lightfield": ["LightField"],
+        "formats": ["read_light_field"],
         "plan": ["plan_effects"],
         "render": ["render"],
     },

@@ -17,7 +17,7 @@ pictures bends the space, which may do a little better where much is black or sa
 import numpy as np
 from scipy.linalg import eigh
 
-from lf_flame.evaluation import psnr
+from lf_flame.metrics import psnr
 
 
 def principal_component_bound(

@@ -164,7 +164,7 @@ def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     Printed beside the slope that the camera's geometry gives and the paper's.
     """
     from lf_flame.datasets import read_config
-    from lf_flame.report import slope_report
+    from lf_flame.slope_table import slope_report
 
     click.echo(slope_report([read_config(path) for path in configs], paper, out))
 
@@ -177,8 +177,8 @@ def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
 def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
     """Simulate the data set that CONFIG describes; goes on where a run was cut off."""
     from lf_flame.datasets import Dataset, make_dataset, read_config
+    from lf_flame.progress import progress_bar
     from lf_flame.provenance import cpu_count
-    from lf_flame.report import progress_bar
 
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
@@ -231,7 +231,7 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
 def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None:
     """Score the test split of a finished RUN and write its table and figure."""
     load_keras()
-    from lf_flame.report import evaluate_run
+    from lf_flame.evaluation import evaluate_run
 
     evaluate_run(run, table, figure, paper, out)
 
@@ -270,7 +270,7 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """
     from lf_flame import costs_report
     from lf_flame.costs import measure_costs
-    from lf_flame.report import step_bar
+    from lf_flame.progress import step_bar
 
     if not budget_s > 0:
         raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
@@ -300,7 +300,7 @@ def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     Several folders are set side by side; runs of one recipe that differ in their seed alone are
     pooled into mean and standard deviation over the seeds.
     """
-    from lf_flame.report import compare_runs
+    from lf_flame.comparison import compare_runs
 
     click.echo(compare_runs(results, paper, out))
 

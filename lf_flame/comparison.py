@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pandas as pd
 
+from lf_flame import figures
 from lf_flame.config import read_record
 from lf_flame.errors import InputError
-from lf_flame.evaluation import TABLES, read_tables, spread
+from lf_flame.evaluation import TABLES, read_tables
 from lf_flame.files import write_text
 from lf_flame.paper import read_paper_values
+from lf_flame.paper_figures import learning_figure
+from lf_flame.scoring import standard_deviation
 
 SCORES = ["ssim", "psnr_db"]
 COLUMNS = [
@@ -111,7 +114,7 @@ def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
     blocks = []
     for pool in pools:
         seeds = pd.concat([result.scores for result in pool]).groupby("depth_mm", sort=False)
-        spreads = seeds.agg(spread).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
+        spreads = seeds.agg(standard_deviation).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
         block = seeds.mean().join(spreads).reset_index()
         blocks.append(
             block.assign(
@@ -254,3 +257,23 @@ def _when(row: pd.Series) -> str:
 def _short_names(folders: Sequence[Path]) -> list[str]:
     names = [folder.resolve().name for folder in folders]
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
+
+
+def compare_runs(folders: Sequence[Path], paper_values: Path, out: Path | None) -> str:
+    """Set the tables of results folders side by side; with `out`, keep them and draw the learning.
+
+    Parameters
+    ----------
+    folders, paper_values, out
+        See `report_tables`. Beside `out`, NAME.md, goes NAME.png: validation
+        PSNR against seconds.
+    """
+    text = report_tables(folders, paper_values, out)
+    if out is not None:
+        panels, printed = {}, {}
+        for name in TABLES:
+            paper = read_paper_values(paper_values, name)
+            panels[paper["title"]] = read_histories(folders, name)
+            printed[paper["title"]] = paper["psnr_db"]
+        figures.save(learning_figure(panels, printed), out.with_suffix(".png"))
+    return text

@@ -17,11 +17,12 @@ import numba
 import numpy as np
 import pandas as pd
 
-from lf_flame import provenance
+from lf_flame import provenance, timing
 from lf_flame.camera import PlenopticCamera
 from lf_flame.closed_form import closed_form
 from lf_flame.config import to_json
 from lf_flame.datasets import read_config
+from lf_flame.files import finite
 from lf_flame.flames import HALF_WIDTH, flame_texture
 from lf_flame.forward import trace_forward
 from lf_flame.integrators import Optics, integrate, trace
@@ -31,6 +32,7 @@ from lf_flame.render import render
 from lf_flame.scene import Layer, Scene
 from lf_flame.sensor import Sensor
 from lf_flame.shapes import shape_texture
+from lf_flame.timing import race
 
 CONFIGS = ("data_gen/shapes.toml", "data_gen/flames.toml")
 """Data sets whose scenes are taken if no others are given."""
@@ -41,8 +43,6 @@ PER_PIXEL = tuple(4.0**k for k in range(-1, 8))
 PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
 """Rays per pixel and axis of the backward methods."""
 
-REPETITIONS, SHORT_S, LONG_S = 3, 0.3, 5.0
-"""Runs of which the fastest counts; more until SHORT_S have passed, no further one after LONG_S."""
 
 TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
@@ -342,14 +342,6 @@ def _described(study: Study) -> dict:
     return {"title": study.title, "camera": to_json(study.camera), "layers": layers}
 
 
-def finite(row: dict) -> dict:
-    """Make JSON values of a row; a bound may be infinite."""
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in row.items()
-    }
-
-
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Run compiled loops on one thread, and put the number back."""
@@ -387,7 +379,7 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
         if rows:
             next_s = rows[-1]["seconds"] * per_pixel / rows[-1]["rays_per_pixel"]
             spent = time.perf_counter() - started
-            if min(REPETITIONS * next_s, next_s + LONG_S) > budget_s - spent:
+            if min(timing.REPETITIONS * next_s, next_s + timing.LONG_S) > budget_s - spent:
                 break
         seconds, (image,) = race(partial(method.draw, study, setting))
         error = math.sqrt(np.mean((image - reference) ** 2)) / reference.max()
@@ -403,20 +395,6 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
             }
         )
     return rows
-
-
-def race(*calls: Callable[[], np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Run calls in turn a few times: seconds[call, run] in rising order, and the images."""
-    rounds, spent = [], 0.0
-    while (len(rounds) < REPETITIONS or spent < SHORT_S) and spent < LONG_S:
-        seconds, images = [], []
-        for call in calls:
-            start = time.perf_counter()
-            images.append(call())
-            seconds.append(time.perf_counter() - start)
-        rounds.append(seconds)
-        spent += sum(seconds)
-    return np.sort(np.transpose(rounds), axis=1), images
 
 
 def _measure_effect(name: str, trial: Trial) -> dict:

@@ -4,12 +4,13 @@ import math
 from fractions import Fraction
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
 
 from lf_flame import figures
 from lf_flame.costs import METHODS, TOLERANCE, Study, methods_for
+from lf_flame.figures import subplots
 from lf_flame.files import write_json, write_text
 from lf_flame.plan import LEFT_OUT_SHARE, NANOSECONDS
 
@@ -250,7 +251,7 @@ def accuracy_figure(studies, accuracy: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         1,
         len(studies),
         figsize=(5.0 * len(studies), 6.4),
@@ -279,13 +280,13 @@ def accuracy_figure(studies, accuracy: pd.DataFrame):
     axes[0, 0].set_ylabel("root-mean-square error, relative to the brightest pixel")
     shown = [name for name in STYLES if (accuracy["method"] == name).any()]
     handles = [
-        plt.Line2D(
+        Line2D(
             [], [], color=STYLES[n][0], marker=STYLES[n][1], label=METHODS[n].label,
             linestyle="-" if METHODS[n].theory else "",
         )
         for n in shown
     ]  # fmt: skip
-    handles.append(plt.Line2D([], [], color="0.6", linewidth=0.8, label="slope by theory"))
+    handles.append(Line2D([], [], color="0.6", linewidth=0.8, label="slope by theory"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     return figure
 
@@ -342,7 +343,7 @@ def effects_figure(effects: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    figure, (left, right) = plt.subplots(
+    figure, (left, right) = subplots(
         1, 2, figsize=(11.5, 1.4 + 0.3 * len(effects)), sharey=True, layout="constrained"
     )
     y = np.arange(len(effects))

@@ -24,9 +24,10 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame import provenance
+from lf_flame.arrays import area_average
 from lf_flame.camera import PlenopticCamera
 from lf_flame.config import build, read_toml, to_json
-from lf_flame.encodings import InputEncoding, area_average
+from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.plan import EffectPlan, plan_effects

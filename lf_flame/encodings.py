@@ -10,8 +10,8 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from skimage.transform import downscale_local_mean
 
+from lf_flame.arrays import area_average, spread
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
@@ -92,19 +92,3 @@ class InputEncoding:
         if self.kind == "views":
             return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]
-
-
-def spread(count: int, chosen: int) -> list[int]:
-    """Choose views spread evenly over `count`, from the first to the last; one: the central."""
-    if chosen == 1:
-        return [(count - 1) // 2]
-    return np.round(np.linspace(0, count - 1, chosen)).astype(int).tolist()
-
-
-def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Area-average the last two axes to `size`, and clip to [0, 1], as a sensor saturates."""
-    factors = (1,) * (images.ndim - 2) + tuple(
-        n // m for n, m in zip(images.shape[-2:], size, strict=True)
-    )
-    averaged = downscale_local_mean(images, factors) if max(factors) > 1 else images
-    return np.clip(averaged, 0, 1).astype(np.float32)

@@ -1,19 +1,20 @@
 """SSIM and PSNR of a trained model on its test split, and the tables made of them."""
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from tqdm import tqdm
 
-from lf_flame import provenance
-from lf_flame.config import read_record
-from lf_flame.datasets import Dataset, split_indices
+from lf_flame import figures, provenance
+from lf_flame.datasets import Dataset
 from lf_flame.errors import InputError
 from lf_flame.files import write_json, write_text
-from lf_flame.keras_loading import load_model
+from lf_flame.metrics import LIT, WINDOWS
 from lf_flame.paper import read_paper_values
+from lf_flame.paper_figures import result_figure
+from lf_flame.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.scoring import score
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
@@ -21,138 +22,6 @@ COLUMNS = [
 ]  # fmt: skip
 
 TABLES = ("table1", "table2")
-
-LIT = 0.01
-"""Truth above which a pixel is lit, of the peak 1. Two thirds of the pixels are background, black
-in the truth and easily so in a prediction: taken in, they dilute the error of the objects, and PSNR
-comes out 4 to 6 dB higher, the more so the smaller the object."""
-
-
-def ssim(truth: np.ndarray, image: np.ndarray) -> float:
-    """Structural similarity as Wang et al. (2004) define it, for values in [0, 1].
-
-    Of colours, a third axis, the mean over the channels.
-    Gaussian window of standard deviation 1.5 pixels, K1 = 0.01, K2 = 0.03, population covariance:
-    the paper does not state its constants (deviation 12).
-    """
-    return structural_similarity(
-        truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-        channel_axis=-1 if np.ndim(truth) == 3 else None,
-    )  # fmt: skip
-
-
-def _uniform_ssim(side: int):
-    """SSIM in a square window of equal weights, scikit-image's other constants."""
-    return partial(structural_similarity, data_range=1.0, win_size=side)
-
-
-WINDOWS = {
-    "Gaussian, 1.5 pixels (the table's)": ssim,
-    "7 x 7, scikit-image's default": _uniform_ssim(7),
-    "11 x 11": _uniform_ssim(11),
-}
-"""Windows of the structural similarity."""
-
-
-def psnr(truth: np.ndarray, image: np.ndarray) -> float:
-    """Peak signal-to-noise ratio in dB for values in [0, 1]; infinite for equal images."""
-    with np.errstate(divide="ignore"):
-        return peak_signal_noise_ratio(truth, image, data_range=1.0)
-
-
-def psnr_lit(truth: np.ndarray, image: np.ndarray) -> float:
-    """`psnr` whose mean squared error runs over the lit pixels alone; NaN where none is lit."""
-    lit = truth > LIT
-    return psnr(truth[lit], image[lit]) if lit.any() else np.nan
-
-
-def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
-    """Score every plane over all samples.
-
-    Parameters
-    ----------
-    targets, predictions : ndarray, shape (n, planes, h, w) or (n, planes, h, w, channels)
-
-    Returns
-    -------
-    DataFrame
-        One row a plane: mean and standard deviation (over the samples, n - 1) of SSIM, of PSNR,
-        and of PSNR over the lit pixels, where samples without any are left out.
-    """
-    measures = {"ssim": ssim, "psnr_db": psnr, "psnr_lit_db": psnr_lit}
-    rows = []
-    for truths, images in zip(
-        np.swapaxes(targets, 0, 1), np.swapaxes(predictions, 0, 1), strict=True
-    ):
-        row = {"n_test": len(truths)}
-        for name, measure in measures.items():
-            values = pd.Series([measure(a, b) for a, b in zip(truths, images, strict=True)])
-            row |= {name: values.mean(), f"{name.removesuffix('_db')}_sd": spread(values)}
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def spread(values: pd.Series) -> float:
-    """Take the standard deviation (n - 1), where equal images may make a PSNR infinite.
-
-    Infinite values among finite ones spread infinitely, infinite ones alone not at all; pandas
-    would take the difference of two infinite numbers. NaN is left out.
-    """
-    values = values.dropna()
-    if len(values) < 2 or np.all(np.isfinite(values)):
-        return values.std()
-    return 0.0 if np.all(np.isinf(values)) else np.inf
-
-
-def load_run(folder: str | Path) -> dict:
-    """Read the record of a finished run.
-
-    Raises
-    ------
-    InputError
-        If the run is missing or not finished, or its record is damaged.
-    """
-    folder = Path(folder)
-    if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
-        raise InputError(f"There is no finished run in {folder}; train it first.")
-    return read_record(folder / "run.json")
-
-
-def open_run(folder: str | Path) -> tuple[dict, Dataset]:
-    """Read the record of a finished run, and open the data set that it was trained on.
-
-    Raises
-    ------
-    InputError
-        If the run is missing or not finished, is of something else, or the data set is no longer
-        the same.
-    """
-    run = load_run(folder)
-    if "data" not in run:
-        raise InputError(f"{folder} holds no run of the paper's network.")
-    dataset = Dataset(run["data"])
-    if dataset.attrs["sha256"] != run["data_sha256"]:
-        raise InputError(
-            f"{run['data']} is not the data set that {folder} was trained on; train it again."
-        )
-    return run, dataset
-
-
-def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
-    """Run the whole trained network, backbone included, over the test split of its data set.
-
-    Returns
-    -------
-    Dataset
-    ndarray of int, shape (n,)
-        Indices of the test samples.
-    ndarray of float32, shape (n, planes, h, w)
-    """
-    run, dataset = open_run(folder)
-    indices = np.array(run["test_indices"])
-    model = load_model(Path(folder) / "model.keras")
-    stack = model.predict(dataset.inputs[indices], batch_size=8, verbose=0)
-    return dataset, indices, stack[..., 0]
 
 
 def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
@@ -312,11 +181,6 @@ def write_table(
     write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
 
 
-def training_indices(samples: int, run: dict) -> np.ndarray:
-    """Find the samples that a run was trained on."""
-    return split_indices(samples, run["split"], run["seed"])["train"]
-
-
 def read_tables(out: Path, paper_values: Path) -> str:
     """Both tables of a results folder as Markdown, missing ones shown as missing."""
     texts = []
@@ -327,3 +191,28 @@ def read_tables(out: Path, paper_values: Path) -> str:
         else:
             texts.append(table_markdown(None, read_paper_values(paper_values, name), None))
     return "\n".join(texts)
+
+
+def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Path) -> None:
+    """Score a run's test split; write its table and the figure of its first test sample."""
+    record = load_run(run)
+    paper = read_paper_values(paper_values, table)
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
+    dataset, indices, predictions = predict_test_split(run)
+    record["scenes_sha256"] = dataset.scenes_sha256
+    targets = dataset.targets[indices]
+    scores = compare_with_paper(score(targets, predictions), paper)
+    picture = result_figure(
+        dataset.inputs[indices[0]].squeeze(),
+        targets[0],
+        predictions[0],
+        dataset.config.depths_mm,
+        f"{record['title']}: sample {indices[0]}, the first of the test split ({record['preset']}, "
+        f"backbone {record['backbone_weights']})",
+    )
+    figures.save(picture, out / f"{figure}.png")
+    train = training_indices(len(dataset), record)
+    baselines = score_baselines(dataset, train, indices)
+    write_text(out / f"{table}_history.csv", (run / "history.csv").read_text(encoding="utf-8"))
+    windows = score_windows(targets, predictions)
+    write_table(scores, baselines, windows, paper, record, table, out)

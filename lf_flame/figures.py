@@ -1,321 +1,35 @@
-"""Figures: pictures of light fields, of results, and of sharpness curves."""
+"""Figures that go to files: no screen is needed, and the backend of a notebook stays as it is."""
 
 from pathlib import Path
 
-import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
-matplotlib.use("Agg")  # files only; works without a screen
-
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from matplotlib.font_manager import FontProperties  # noqa: E402
-from matplotlib.lines import Line2D  # noqa: E402
-from matplotlib.patches import Rectangle  # noqa: E402
-from matplotlib.ticker import LogFormatter  # noqa: E402
-
-from lf_flame.files import written_aside  # noqa: E402
+from lf_flame.files import written_aside
 
 
-def save(figure, path: Path, dpi: int = 150) -> None:
+def subplots(rows: int = 1, columns: int = 1, *, figsize=None, layout=None, **options):
+    """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot.
+
+    Parameters
+    ----------
+    rows, columns : int, optional
+    figsize, layout
+        Of `matplotlib.figure.Figure`.
+    **options
+        Of `matplotlib.figure.Figure.subplots`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    matplotlib.axes.Axes or ndarray of them
+    """
+    figure = Figure(figsize=figsize, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
     """Write a figure as PNG."""
     with written_aside(path) as aside:
         figure.savefig(aside, dpi=dpi)
-    plt.close(figure)
-
-
-def result_figure(light_field_image, targets, predictions, depths_mm, title: str):
-    """Figures 7 and 8 of the paper: input, ground truth, prediction, and the error they leave out.
-
-    Parameters
-    ----------
-    light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
-    targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
-    depths_mm : sequence of float
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    planes = len(targets)
-    errors = predictions - targets
-    limit = max(np.abs(errors).max(), 1e-6)
-    figure, axes = plt.subplots(
-        3, planes + 1, figsize=(2.7 * (planes + 1), 4.9), layout="constrained"
-    )
-    for axis in axes.flat:
-        axis.set_xticks([])
-        axis.set_yticks([])
-    axes[0, 0].imshow(light_field_image, cmap="gray", vmin=0, vmax=1)
-    axes[0, 0].set_title("(a) light-field image,\nas the network sees it", fontsize=10)
-    for axis in axes[1:, 0]:
-        axis.axis("off")
-    for k, depth in enumerate(depths_mm):
-        axes[0, k + 1].set_title(f"{depth:g} mm", fontsize=10)
-        axes[0, k + 1].imshow(targets[k], cmap="gray", vmin=0, vmax=1)
-        axes[1, k + 1].imshow(predictions[k], cmap="gray", vmin=0, vmax=1)
-        error = axes[2, k + 1].imshow(errors[k], cmap="RdBu_r", vmin=-limit, vmax=limit)
-    labels = ("(b) ground truth", "(c) prediction", "(d) error, (c) − (b)")
-    for row, label in enumerate(labels):
-        axes[row, 1].set_ylabel(label, fontsize=10)
-    figure.colorbar(error, ax=axes[2, 1:], fraction=0.05, aspect=12)
-    figure.suptitle(title, fontsize=11)
-    return figure
-
-
-def search_figure(searches, labels=None):
-    """Sharpness against slope: one curve a search, its peak marked.
-
-    Parameters
-    ----------
-    searches : list of SlopeSearch
-        Those without a peak are drawn without a mark.
-    labels : list of str, optional
-        What each search looked at. Default: its region.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    if labels is None:
-        labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
-    labels = [
-        f"{label}: {_shown(search.slope, 3)}, confidence {search.confidence:.2f}"
-        for search, label in zip(searches, labels, strict=True)
-    ]
-    figure, axis = plt.subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
-    _draw_searches(axis, searches, labels)
-    axis.set_ylim(bottom=0)
-    axis.set_xlabel("slope (lenslets per view step)")
-    figure.legend(fontsize=9, loc="outside lower center")
-    return figure
-
-
-def sharpness_figure(panels):
-    """Sharpness of layers against slope, with the slopes of the geometry and of the paper.
-
-    Parameters
-    ----------
-    panels : dict of str to list of (str, SlopeSearch, float, float)
-        Layers by title: label, search, slope by geometry, slope in the paper (NaN: not printed).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    figure, axes = plt.subplots(
-        len(panels),
-        figsize=(11, 1 + 2.9 * len(panels)),
-        sharex=True,
-        squeeze=False,
-        layout="constrained",
-    )
-    monospace = FontProperties(family="monospace", size=8.5)
-    for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
-        width = max(len(label) for label, *_ in layers)
-        rows = [
-            f"{label:{width}}{_shown(search.slope, 3):>8}{_shown(there, 3):>10}"
-            f"{_shown(printed, 2):>7}"
-            for label, search, there, printed in layers
-        ]
-        _draw_searches(axis, [search for _, search, *_ in layers], rows)
-        for k, (_, _, there, printed) in enumerate(layers):
-            _mark_slopes(axis, there, printed, f"C{k}")
-        axis.set_ylim(0, 1.25)
-        axis.set_title(title, fontsize=11, loc="left")
-        legend = axis.legend(
-            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}",
-            prop=monospace,
-            title_fontproperties=monospace,
-            loc="upper left",
-            bbox_to_anchor=(1.01, 1),
-            handlelength=2,
-        )
-        legend.set_alignment("left")
-    axes[-1, 0].set_xlabel("slope (lenslets per view step)")
-    marks = {"found: peak of the curve": "o", "paper: as printed": "v"}
-    handles = [Line2D([], [], color="black", linestyle="--", label="geometry: closed form")]
-    handles += [
-        Line2D([], [], color="black", linestyle="", marker=marker, label=label)
-        for label, marker in marks.items()
-    ]
-    figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
-    return figure
-
-
-def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
-    """Mark both slopes above a curve, and by how much they differ if it is to be seen."""
-    axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
-    axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
-    axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
-    if abs(paper - geometry) > 0.05:  # the step of the paper's search
-        axis.annotate(
-            f"paper {paper - geometry:+.2f}",
-            (max(paper, geometry), 1.12),
-            (5, 0),
-            textcoords="offset points",
-            color=color,
-            va="center",
-        )
-
-
-def _draw_searches(axis, searches, labels) -> None:
-    """Draw the curves of searches, each relative to its peak."""
-    for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
-        scale = max(search.sharpness.max(), np.finfo(float).tiny)
-        axis.plot(search.slopes, search.sharpness / scale, color=f"C{k}", label=label)
-        axis.plot(search.slope, 1, "o", color=f"C{k}", markersize=5)
-    axis.set_ylabel("gradient energy,\nrelative to its peak")
-    axis.set_yticks(np.linspace(0, 1, 6))
-    axis.grid(alpha=0.3)
-
-
-def _shown(slope: float, digits: int) -> str:
-    """Write a slope out, without a minus before zero."""
-    return f"{round(slope, digits) + 0.0:.{digits}f}"
-
-
-FEW_EPOCHS = 60
-"""Up to which each epoch is marked."""
-
-
-def draw_learning(axis, curves: dict) -> None:
-    """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
-
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-    curves : dict of str to DataFrame
-        By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
-    """
-    for k, (label, curve) in enumerate(curves.items()):
-        style = ".-" if len(curve) <= FEW_EPOCHS else "-"
-        axis.plot(
-            curve.seconds, curve.val_psnr_db, style, color=f"C{k}", lw=1, markersize=3, label=label
-        )
-        best = curve.loc[curve.val_psnr_db.idxmax()]
-        axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
-    axis.set_xscale("log")
-    axis.xaxis.set_major_formatter(LogFormatter())
-    axis.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
-    axis.set_xlabel("seconds since the run was started, the data set on disk")
-    axis.set_ylabel("PSNR of the validation split (dB)")
-    axis.grid(alpha=0.3, which="both")
-
-
-def learning_figure(panels: dict, printed: dict):
-    """Draw how runs learnt, one panel a data set.
-
-    Parameters
-    ----------
-    panels : dict of str to dict of str to DataFrame
-        By title, see `draw_learning`.
-    printed : dict of str to sequence of float
-        PSNR that the paper prints for each plane, by title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    figure, axes = plt.subplots(
-        1, len(panels), figsize=(6.5 * len(panels), 5.5), squeeze=False, layout="constrained"
-    )
-    for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
-        low, high = min(printed[title]), max(printed[title])
-        axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
-        draw_learning(axis, curves)
-        axis.set_title(title, fontsize=11)
-        axis.legend(fontsize=9, loc="lower right")
-    return figure
-
-
-def view_sheet(views: np.ndarray, per_side: int = 5):
-    """Draw a sheet of sub-aperture views, spread evenly over the aperture.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s), values from 0
-    per_side : int
-        Views along each axis, at most.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    rows, columns = (
-        np.unique(np.linspace(0, n - 1, min(n, per_side)).round().astype(int))
-        for n in views.shape[:2]
-    )
-    height, width = views.shape[2:]
-    figure, axes = plt.subplots(
-        len(rows),
-        len(columns),
-        figsize=(2 * len(columns), 2 * len(rows) * height / width + 0.8),
-        squeeze=False,
-        layout="constrained",
-    )
-    for v, line in zip(rows, axes, strict=True):
-        for u, axis in zip(columns, line, strict=True):
-            axis.imshow(views[v, u], cmap="gray", vmin=0, vmax=max(views.max(), 1e-9))
-            axis.set_title(f"v = {v}, u = {u}", fontsize=7, pad=2)
-            axis.axis("off")
-    figure.suptitle("Sub-aperture views", fontsize=10)
-    return figure
-
-
-def slope_map_figure(focus_map):
-    """Everything in focus beside the slope of each pixel, paler where it is less trusted.
-
-    Parameters
-    ----------
-    focus_map : lf_flame.refocus.FocusMap
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    height, width = focus_map.slope.shape
-    figure, axes = plt.subplots(
-        1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained"
-    )
-    picture = focus_map.all_in_focus
-    axes[0].imshow(np.clip(picture / max(picture.max(), 1e-30), 0, 1), cmap="gray", vmin=0, vmax=1)
-    axes[0].set_title("everything in focus", fontsize=10)
-    trust = np.clip(focus_map.confidence / 0.5, 0.15, 1)
-    slopes = axes[1].imshow(focus_map.slope, cmap="viridis", alpha=trust, interpolation="none")
-    axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
-    for axis in axes:
-        axis.axis("off")
-    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
-    return figure
-
-
-def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
-    """Draw an image of which some regions are in focus beside the slope of each pixel.
-
-    Parameters
-    ----------
-    image : ndarray, shape (t, s) or (t, s, 3), from 0 to 1
-    surface : ndarray, shape (t, s)
-    regions : sequence of (int, int, int, int)
-        First and last but one row, first and last but one column.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    height, width = surface.shape
-    figure, axes = plt.subplots(
-        1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained"
-    )
-    axes[0].imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)
-    axes[0].set_title("the framed regions in focus", fontsize=10)
-    slopes = axes[1].imshow(surface, cmap="viridis", interpolation="none")
-    axes[1].set_title("slope that each pixel is refocused at", fontsize=10)
-    for axis in axes:
-        axis.axis("off")
-        for t0, t1, s0, s1 in regions:
-            frame = Rectangle((s0 - 0.5, t0 - 0.5), s1 - s0, t1 - t0, fill=False, color="orange")
-            axis.add_patch(frame)
-    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
-    return figure

@@ -1,6 +1,7 @@
 """Writing files so that none is ever half there."""
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,3 +46,11 @@ def write_json(path: str | Path, record: dict) -> None:
     """Write a record as JSON; which has no infinity and no NaN, so they become null."""
     valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
     write_text(path, json.dumps(valid, indent=1) + "\n")
+
+
+def finite(row: dict) -> dict:
+    """Make JSON values of a row; a bound may be infinite."""
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in row.items()
+    }

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lf_flame import transfer
+from lf_flame.arrays import centred
 from lf_flame.camera import PlenopticCamera
 
 
@@ -109,11 +110,6 @@ def _trace(camera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighb
         pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
         shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
     )
-
-
-def centred(n: int) -> np.ndarray:
-    """Count n places from their middle: 0 .. n-1 less (n-1)/2, float64."""
-    return np.arange(n) - (n - 1) / 2
 
 
 def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lf_flame import _kernels
+from lf_flame.arrays import centred
 from lf_flame.camera import PlenopticCamera
-from lf_flame.footprint import Footprint, centred, trace_footprint, trace_stop, trapezoid_cdf
+from lf_flame.footprint import Footprint, trace_footprint, trace_stop, trapezoid_cdf
 from lf_flame.planes import Plane
 
 LINES_BYTES = 2**28

@@ -18,13 +18,16 @@ import keras
 import numpy as np
 import pandas as pd
 
-from lf_flame import _kernels, costs, provenance
+from lf_flame import provenance
+from lf_flame.arrays import area_average
 from lf_flame.config import to_json
-from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
-from lf_flame.evaluation import open_run, psnr
+from lf_flame.files import finite
+from lf_flame.metrics import psnr
 from lf_flame.network import NetworkCard, load_network, read_card
 from lf_flame.prediction import input_size
+from lf_flame.run_folders import open_run
+from lf_flame.timing import measure_bandwidth
 
 REFERENCE = "float32"
 
@@ -40,11 +43,6 @@ WARM_UP = 3
 
 PICTURES = 16
 """Test inputs at most, on which precisions are compared."""
-
-BLOCK = (256, 2**18)
-"""Rows and float32 elements of what is read to measure the bandwidth: 256 MiB, beyond caches."""
-
-READINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,7 +376,7 @@ def measure_latency(
         "backend": keras.backend.backend(),
         "bandwidth_gb_s": bandwidth / 1e9,
         "wall_s": time.perf_counter() - started,
-        "ways": [costs.finite(row) for row in table.to_dict("records")],
+        "ways": [finite(row) for row in table.to_dict("records")],
         **provenance.environment(),
     }
     return table, record
@@ -401,19 +399,6 @@ def _measure(subject: Subject, chosen, repeats: int, seed: int, ways: list) -> I
         yield
     for way in found:
         way.parts = ()  # networks that are done make room for the next
-
-
-def measure_bandwidth() -> float:
-    """Measure how fast all cores together read from memory, in bytes per second: the best of some.
-
-    Apart from the rounds, because compiled loops leave threads that keep watch for a while.
-    """
-    rows, sums, seconds = np.ones(BLOCK, np.float32), np.empty(BLOCK[0], np.float32), []
-    for _ in range(READINGS):
-        begun = time.perf_counter()
-        _kernels.sum_rows(rows, sums)
-        seconds.append(time.perf_counter() - begun)  # the first compiles, and is not the best
-    return rows.nbytes / min(seconds)
 
 
 def columns(stage: str) -> tuple[str, str, str]:

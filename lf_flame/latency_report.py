@@ -4,10 +4,10 @@ import math
 from pathlib import Path
 from textwrap import shorten
 
-import matplotlib.pyplot as plt
 import pandas as pd
 
 from lf_flame import figures
+from lf_flame.figures import subplots
 from lf_flame.files import write_json, write_text
 from lf_flame.latency import REFERENCE, STAGES, WHOLE, columns
 
@@ -204,7 +204,7 @@ def figure(table: pd.DataFrame, record: dict):
     """
     groups = [(label, fastest(rows)) for label, rows in table.groupby("network", sort=False)]
     heights = [len(ways) for _, ways in groups]
-    picture, axes = plt.subplots(
+    picture, axes = subplots(
         len(groups), 1, figsize=(11, 2.0 + 0.62 * sum(heights) + 0.7 * len(groups)), sharex=True,
         squeeze=False, layout="constrained", height_ratios=heights,
     )  # fmt: skip

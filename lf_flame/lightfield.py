@@ -79,28 +79,6 @@ class LightField:
         cells = raw.reshape(lenslets[0], views, lenslets[1], views, *raw.shape[2:])
         return cls(np.moveaxis(cells, (1, 3), (0, 1)))
 
-    @classmethod
-    def from_view_folder(cls, path, order: str | None = None) -> "LightField":
-        """Read a folder with one image for each view.
-
-        Parameters
-        ----------
-        path : str or Path
-            Folder of images such as ``row_col.png``; `lf_flame.formats.scan_view_folder` tells
-            which names it knows.
-        order : str, optional
-            What the numbers in the names count, such as ``row,col`` or ``-row,col``. Default: as
-            the parallax shows.
-
-        Raises
-        ------
-        InputError
-            If the folder cannot be read as a light field.
-        """
-        from lf_flame.formats.view_folder import read_view_folder
-
-        return read_view_folder(path, order)
-
     def to_raw(self) -> np.ndarray:
         """Raw lenslet image, float32, shape (t * v, s * u) or with a last axis of channels."""
         v, u, t, s = self.views.shape[:4]

@@ -124,7 +124,7 @@ def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> N
     logging.getLogger("tensorflow").setLevel(logging.ERROR)
     from lf_flame import latency_report
     from lf_flame.latency import measure_latency
-    from lf_flame.report import step_bar
+    from lf_flame.progress import step_bar
 
     path = latency_report.write_report(out, *measure_latency(networks, repeats, seed, step_bar))
     click.echo(path.read_text(encoding="utf-8"))

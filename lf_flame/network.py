@@ -15,9 +15,9 @@ from lf_flame.camera import PlenopticCamera
 from lf_flame.config import build, read_record, to_json
 from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
-from lf_flame.evaluation import open_run
 from lf_flame.files import write_json, written_aside
 from lf_flame.keras_loading import load_model
+from lf_flame.run_folders import open_run
 
 USAGE = (
     "network.predict(x)[..., 0] with x float32 [n, {}, {}, {}], from 0 to 1, linear in radiance, "

@@ -11,9 +11,10 @@ from skimage.color import rgb2gray
 from skimage.transform import resize
 
 from lf_flame import figures, provenance
+from lf_flame.arrays import area_average
 from lf_flame.config import to_json
-from lf_flame.encodings import area_average
 from lf_flame.errors import InputError
+from lf_flame.figures import subplots
 from lf_flame.files import write_json
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
@@ -176,7 +177,7 @@ def _prediction_figure(prediction: Prediction, card: NetworkCard):
         f"{depth:g} mm ({name})" for depth, name in zip(card.depths_mm, card.objects, strict=True)
     ]
     height, width = card.image
-    figure, axes = figures.plt.subplots(
+    figure, axes = subplots(
         1,
         len(titles),
         figsize=(2.7 * len(titles), 0.8 + 2.7 * height / width),

@@ -19,18 +19,18 @@ import pandas as pd
 from scipy.fft import set_workers
 from skimage.transform import downscale_local_mean
 
-from lf_flame import costs, provenance
+from lf_flame import provenance
+from lf_flame.arrays import area_average
 from lf_flame.config import to_json
+from lf_flame.costs import CONFIGS
 from lf_flame.datasets import DatasetConfig, read_config, render_sample
-from lf_flame.encodings import area_average
-from lf_flame.errors import InputError
-from lf_flame.evaluation import open_run, psnr, ssim
+from lf_flame.files import finite
+from lf_flame.held_out import HeldOut, find_scenes
 from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
+from lf_flame.metrics import psnr, ssim
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
-
-SAMPLES = 3
-"""Light fields of each data set."""
+from lf_flame.timing import race
 
 SHOWN = {"raw": "the mean of all views", "views": "three views", "grid": "views side by side"}
 """What networks are shown, by their kind of input."""
@@ -62,60 +62,6 @@ class Way:
     title: str
     refocus: Callable[[np.ndarray, np.ndarray], np.ndarray]
     store: Callable[[np.ndarray], np.ndarray] = np.asarray
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Light fields of a data set that no network was trained on.
-
-    Attributes
-    ----------
-    name : str
-    config : DatasetConfig
-    slopes : tuple of float
-        At which to refocus.
-    indices : tuple of int
-        Samples.
-    run : Path or None
-        Folder of the network, if there is one.
-    origin : str
-        What network it is, or why there is none.
-    """
-
-    name: str
-    config: DatasetConfig
-    slopes: tuple[float, ...]
-    indices: tuple[int, ...]
-    run: Path | None
-    origin: str
-
-
-def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> HeldOut:
-    """Take the test split of a finished run, or, without a run, the last samples of a preset.
-
-    Parameters
-    ----------
-    config : DatasetConfig
-        Which data set it is, and what it is made of where there is no run.
-    run : Path
-        Folder of a training run.
-    samples : int, optional
-        As many of them, or fewer where there are not as many.
-    """
-    try:
-        record, dataset = open_run(run)
-    except InputError as error:
-        count = min(config.samples.values())
-        slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
-        indices = tuple(range(max(count - samples, 0), count))
-        return HeldOut(config.kind, config, slopes, indices, None, f"missing. {error}")
-    origin = (
-        f"preset {record['preset']}, {record['epochs']} epochs, backbone "
-        f"{record['backbone_weights']}"
-    )
-    indices = tuple(record["test_indices"][:samples])
-    slopes = tuple(dataset.attrs["slopes"])
-    return HeldOut(config.kind, dataset.config, slopes, indices, run, origin)
 
 
 def classic_ways(views: int, block: tuple[int, int]) -> list[Way]:
@@ -251,7 +197,7 @@ def measure_refocusing(
     """
     started, rows = time.perf_counter(), []
     if configs is None:
-        configs = [read_config(path) for path in costs.CONFIGS]
+        configs = [read_config(path) for path in CONFIGS]
     found = [find_scenes(config, Path(run) / config.kind) for config in configs]
     studies = [(scenes, ways_for(scenes)) for scenes in found]
     steps = (step for study in studies for step in _measure(*study))
@@ -269,7 +215,7 @@ def measure_refocusing(
         "scenes": {scenes.name: _described(scenes) for scenes in found},
         "threads": numba.get_num_threads(),
         "wall_s": time.perf_counter() - started,
-        "methods": [costs.finite(row) for row in table.to_dict("records")],
+        "methods": [finite(row) for row in table.to_dict("records")],
         **provenance.environment(),
     }
     return found, table, record
@@ -318,7 +264,7 @@ def _timed(call: Callable[[], np.ndarray], often: bool) -> tuple[np.ndarray, flo
     """Run a call once, or first to compile it and then a few times; the fastest run counts."""
     if often:
         call()
-        seconds, (images,) = costs.race(call)
+        seconds, (images,) = race(call)
         return images, seconds.min()
     start = time.perf_counter()
     return call(), time.perf_counter() - start

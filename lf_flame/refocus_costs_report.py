@@ -3,13 +3,14 @@
 import math
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
 from lf_flame import figures
+from lf_flame.figures import subplots
 from lf_flame.files import write_json, write_text
 from lf_flame.refocus_costs import ALONE, NETWORK, binned
 
@@ -231,7 +232,7 @@ def figure(found, table: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    picture, axes = plt.subplots(
+    picture, axes = subplots(
         2, len(found), figsize=(8.0 * len(found), 11.0), sharex=True, sharey="row", squeeze=False,
         layout="constrained",
     )  # fmt: skip
@@ -253,7 +254,7 @@ def figure(found, table: pd.DataFrame):
     picture.suptitle("Refocusing: the higher the closer to the exact result, the farther left the "
                      "faster", fontsize=13)  # fmt: skip
     handles = [
-        plt.Line2D([], [], color=colour, marker=marker, linestyle=line, label=words)
+        Line2D([], [], color=colour, marker=marker, linestyle=line, label=words)
         for colour, marker, line, words in FAMILIES.values()
     ]
     picture.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)

@@ -27,6 +27,7 @@ from lf_flame.refocus import (
     round_aperture,
 )
 from lf_flame.refocus.composite import TRUSTED
+from lf_flame.slope_figures import regions_figure, search_figure, slope_map_figure
 
 SWEEP_FRAMES = 41
 """Frames from one end of a sweep to the other; the movie goes there and back."""
@@ -173,7 +174,7 @@ class Refocusing:
     def search(self) -> SlopeSearch:
         """Find the slope of sharpest focus; writes its curve as ``slope_search.png``."""
         search = find_sharpest_slope(self.light_field)
-        figures.save(figures.search_figure([search]), self._path("slope_search.png"))
+        figures.save(search_figure([search]), self._path("slope_search.png"))
         self.record["search"] = {"slope": search.slope, "confidence": search.confidence}
         return search
 
@@ -212,7 +213,7 @@ class Refocusing:
         found = all_in_focus(self.light_field, slopes, **chosen)
         write_image(self._path("all_in_focus.png"), self._preview(found.all_in_focus))
         write_image(self._path("slope_map.tif"), found.slope.astype(np.float32))
-        figures.save(figures.slope_map_figure(found), self._path("slope_map.png"))
+        figures.save(slope_map_figure(found), self._path("slope_map.png"))
         self.record["slope_map"] = [first, last]
         return float(np.mean(found.confidence >= TRUSTED))
 
@@ -239,7 +240,7 @@ class Refocusing:
         write_image(self._path("regions.tif"), image)
         write_image(self._path("regions.png"), self._preview(image))
         write_image(self._path("regions_slope.tif"), surface.astype(np.float32))
-        figure = figures.regions_figure(image / self.white, surface, regions)
+        figure = regions_figure(image / self.white, surface, regions)
         figures.save(figure, self._path("regions_slope.png"))
         self.record["regions"] = [
             {"region": list(region), **one} for region, one in zip(regions, found, strict=True)

@@ -14,6 +14,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.render import render
 from lf_flame.scene import Scene
+from lf_flame.view_sheet import view_sheet
 
 
 def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dict:
@@ -66,4 +67,4 @@ def _write_images(light_field: LightField, stack, slopes, depths, white: float, 
     write_focal_stack(stack, slopes, out / "refocused.tif")
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
         write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, white))
-    figures.save(figures.view_sheet(light_field.views), out / "views.png")
+    figures.save(view_sheet(light_field.views), out / "views.png")

@@ -26,9 +26,10 @@ from lf_flame.bottleneck import principal_component_bound
 from lf_flame.config import build, read_record, read_toml, to_json
 from lf_flame.datasets import DatasetConfig, config_from_json, make_dataset, split_indices
 from lf_flame.errors import InputError
-from lf_flame.evaluation import load_run, predict_test_split, score, training_indices
 from lf_flame.files import write_json
 from lf_flame.models import AVERAGES
+from lf_flame.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.scoring import score
 from lf_flame.training import TrainingConfig, train
 
 PROVENANCE = ("backbone_weights", "data_sha256", "machine", "git_revision", "versions", "date")

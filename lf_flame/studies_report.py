@@ -5,14 +5,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
 from lf_flame.config import to_json
+from lf_flame.figures import subplots
 from lf_flame.files import write_json, write_text
 from lf_flame.paper import read_paper_values
+from lf_flame.paper_figures import draw_learning
 
 HEADROOM_DB = 15.0
 """How far above the curves the figure follows the bound, which has no end where nothing varies."""
@@ -235,7 +236,7 @@ def curve_figure(study, rows: pd.DataFrame, paper: dict):
     -------
     matplotlib.figure.Figure
     """
-    figure, axes = plt.subplots(2, figsize=(8, 8), sharex=True, layout="constrained")
+    figure, axes = subplots(2, figsize=(8, 8), sharex=True, layout="constrained")
     planes = rows[rows["object"] != MEAN].groupby("variant")
     for axis, (name, label) in zip(axes, SCORES.items(), strict=True):
         low, high = planes[name].min(), planes[name].max()
@@ -273,7 +274,7 @@ def bar_figure(title: str, rows: pd.DataFrame, paper: dict):
     names = list(rows["variant"].unique())[::-1]
     means = rows[rows["object"] == MEAN].set_index("variant").loc[names]
     planes = rows[rows["object"] != MEAN].groupby("variant")
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         1, 2, figsize=(12, 2 + 0.5 * len(names)), sharey=True, layout="constrained"
     )
     at = range(len(names))
@@ -300,8 +301,8 @@ def time_figure(title: str, curves: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    figure, axis = plt.subplots(figsize=(8, 6), layout="constrained")
-    figures.draw_learning(axis, dict(iter(curves.groupby("variant", sort=False))))
+    figure, axis = subplots(figsize=(8, 6), layout="constrained")
+    draw_learning(axis, dict(iter(curves.groupby("variant", sort=False))))
     axis.set_title(title, fontsize=11)
     if len(curves):
         figure.legend(ncols=2, fontsize=9, loc="outside lower center")

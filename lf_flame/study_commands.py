@@ -40,8 +40,8 @@ def study(
     load_keras()
     # TensorFlow finds it odd that function after function is compiled: one network a variant.
     logging.getLogger("tensorflow").setLevel(logging.ERROR)
+    from lf_flame.progress import progress_bar
     from lf_flame.provenance import cpu_count
-    from lf_flame.report import progress_bar
     from lf_flame.studies import run_study
 
     workers = workers or cpu_count()
@@ -68,7 +68,7 @@ def swap_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     """  # noqa: D301 - click reads the backspace
     load_keras()
     logging.getLogger("tensorflow").setLevel(logging.ERROR)
-    from lf_flame.report import step_bar
+    from lf_flame.progress import step_bar
     from lf_flame.swaptest import run_swap_test
 
     click.echo(run_swap_test(runs, out, samples, step_bar).read_text(encoding="utf-8"))

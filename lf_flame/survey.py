@@ -12,8 +12,9 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from lf_flame import diffraction
+from lf_flame.arrays import centred
 from lf_flame.camera import PlenopticCamera
-from lf_flame.footprint import centred, trace_footprint, trace_stop
+from lf_flame.footprint import trace_footprint, trace_stop
 from lf_flame.integrators import band_weights
 from lf_flame.planes import self_absorbed
 from lf_flame.scene import Layer, Scene

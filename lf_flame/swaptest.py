@@ -25,7 +25,8 @@ from lf_flame.cases import Case, draw_case, make_cases, scene_settings
 from lf_flame.datasets import DatasetConfig
 from lf_flame.encodings import InputEncoding
 from lf_flame.errors import InputError
-from lf_flame.evaluation import open_run, score
+from lf_flame.run_folders import open_run
+from lf_flame.scoring import score
 from lf_flame.systems.classical import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem

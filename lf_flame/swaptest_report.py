@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 from lf_flame import figures, provenance
 from lf_flame.config import to_json
+from lf_flame.figures import subplots
 from lf_flame.files import write_json, write_text
 
 
@@ -110,7 +110,7 @@ def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
     """
     means = table[table.depth_mm.isna()]
     cases = means.case.unique()[::-1]
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         1, 2, figsize=(12, 1.8 + 0.13 * len(cases) * (len(subjects) + 2)), sharey=True,
         layout="constrained",
     )  # fmt: skip
@@ -149,7 +149,7 @@ def case_figure(config, subjects: Sequence, outcome):
     if outcome.learnt is not outcome.truth:
         rows["by heart: every object at its own depth"] = outcome.learnt[0]
     planes, height, width = outcome.truth[0].shape
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(rows), planes, figsize=(2.9 * planes, 0.8 + 2.95 * height / width * len(rows)),
         squeeze=False, layout="constrained",
     )  # fmt: skip

@@ -106,7 +106,7 @@ def compare(
     logging.getLogger("tensorflow").setLevel(logging.ERROR)
     from lf_flame.datasets import read_config
     from lf_flame.formats import read_light_field
-    from lf_flame.report import step_bar
+    from lf_flame.progress import step_bar
     from lf_flame.systems import contest
     from lf_flame.systems.contest_scenes import paper_sets, photograph_set
 

@@ -15,8 +15,9 @@ from lf_flame.comparison import (
     read_result,
     report_tables,
 )
-from lf_flame.evaluation import compare_with_paper, read_tables, score, score_windows, write_table
+from lf_flame.evaluation import compare_with_paper, read_tables, score_windows, write_table
 from lf_flame.paper import read_paper_values
+from lf_flame.scoring import score
 
 PAPER = Path(__file__).parents[1] / "experiments" / "paper_values.toml"
 PRINTED = read_paper_values(PAPER, "table1")

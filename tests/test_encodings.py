@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError, LightField
-from lf_flame.encodings import InputEncoding, area_average, spread
+from lf_flame.arrays import area_average, spread
+from lf_flame.encodings import InputEncoding
 
 SIZE = (4, 6)
 

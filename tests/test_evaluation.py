@@ -10,18 +10,16 @@ from lf_flame import InputError
 from lf_flame.evaluation import (
     COLUMNS,
     compare_with_paper,
-    load_run,
-    psnr,
-    psnr_lit,
     read_tables,
-    score,
     score_windows,
-    ssim,
     table_markdown,
     windows_markdown,
     write_table,
 )
+from lf_flame.metrics import psnr, psnr_lit, ssim
 from lf_flame.paper import read_paper_values
+from lf_flame.run_folders import load_run
+from lf_flame.scoring import score
 
 PAPER = Path(__file__).parents[1] / "experiments" / "paper_values.toml"
 

@@ -13,8 +13,8 @@ from scipy.ndimage import gaussian_filter, shift
 from skimage.io import imsave
 from tifffile import imwrite
 
-from lf_flame import InputError, Layer, LightField, Scene, render
-from lf_flame.footprint import centred
+from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
+from lf_flame.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
 from lf_flame.formats.view_order import ORDERS, arranged, find_order
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
@@ -113,7 +113,7 @@ def test_a_stated_order_is_obeyed(tmp_path, rng, order):
         index = {"row": v, "-row": 1 - v, "col": u, "-col": 2 - u}
         first, second = (index[name] for name in order.split(","))
         save(tmp_path, [f"{first}_{second}.png"], views[v : v + 1, u : u + 1])
-    light_field = LightField.from_view_folder(tmp_path, order=order.replace(",", ", "))
+    light_field = read_light_field(tmp_path, order=order.replace(",", ", "))
     np.testing.assert_array_equal(light_field.views, views / np.float32(255))
 
 
@@ -310,7 +310,7 @@ def test_a_folder_comes_back(tmp_path_factory, shape, bits, seed):
     folder = tmp_path_factory.mktemp("round") / "views"
     write_view_folder(LightField(views), folder, bits)
     expected = views[..., 0] if channels == 1 else views
-    np.testing.assert_array_equal(LightField.from_view_folder(folder).views, expected)
+    np.testing.assert_array_equal(read_light_field(folder).views, expected)
 
 
 def test_any_value_comes_back_to_half_a_level(tmp_path, rng):

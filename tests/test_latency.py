@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from lf_flame import InputError, _kernels, cli, latency, latency_report
+from lf_flame.arrays import area_average
 from lf_flame.config import build
 from lf_flame.datasets import config_from_json, make_dataset
-from lf_flame.encodings import area_average
-from lf_flame.evaluation import psnr
+from lf_flame.metrics import psnr
 from lf_flame.network import export_network, load_network, read_card
 from lf_flame.training import TrainingConfig, train
 

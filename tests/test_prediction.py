@@ -17,12 +17,12 @@ from lf_flame import InputError, LightField, cli
 from lf_flame.config import build, to_json
 from lf_flame.datasets import config_from_json, make_dataset
 from lf_flame.encodings import InputEncoding
-from lf_flame.evaluation import predict_test_split
 from lf_flame.files import write_json
 from lf_flame.formats import read_focal_stack, write_lenslet_image
 from lf_flame.formats.images import to_levels, write_image
 from lf_flame.network import load_network, read_card
 from lf_flame.prediction import read_input
+from lf_flame.run_folders import predict_test_split
 from lf_flame.training import TrainingConfig, train
 
 SIZE = (40, 64)

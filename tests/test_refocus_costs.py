@@ -12,18 +12,18 @@ from matplotlib.text import Annotation, Text
 from lf_flame import cli, costs, refocus_costs, refocus_costs_report
 from lf_flame.config import build
 from lf_flame.datasets import Dataset, config_from_json, make_dataset, render_sample
-from lf_flame.evaluation import predict_test_split
+from lf_flame.held_out import find_scenes
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus
 from lf_flame.refocus_costs import (
     ALONE,
     NETWORK,
     classic_ways,
-    find_scenes,
     measure_refocusing,
     network_ways,
     summarise,
 )
+from lf_flame.run_folders import predict_test_split
 from lf_flame.training import TrainingConfig, train
 
 pytestmark = pytest.mark.jit

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from lf_flame import InputError, LightField
-from lf_flame.evaluation import psnr
+from lf_flame import InputError, read_light_field
+from lf_flame.metrics import psnr
 from lf_flame.refocus import align_views, shift_and_sum
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
 
@@ -152,7 +152,7 @@ def test_authors_weights_give_the_authors_figures(slope):
     network = build_refocusnet()
     load_official_weights(network, WEIGHTS)
     system = RefocusNet(network, colours=3)
-    views = LightField.from_view_folder(LYTRO, order="row,col").views
+    views = read_light_field(LYTRO, order="row,col").views
     weights = np.zeros((9, 9))
     weights[tuple(np.transpose(system.chosen(9, 9)))] = 1
     every, four, drawn = (

@@ -12,9 +12,9 @@ import pytest
 from skimage.io import imread
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame.arrays import centred
 from lf_flame.datasets import read_config
 from lf_flame.flames import draw_wrinkles, flame_texture
-from lf_flame.footprint import centred
 from lf_flame.refocus import (
     find_sharpest_slope,
     find_sharpest_slopes,
@@ -300,7 +300,7 @@ def test_a_real_light_field_is_sharpest_where_bilinear_refocusing_says():
 
 
 def test_figure_of_a_search_marks_its_peak(rng):
-    from lf_flame.figures import plt, search_figure
+    from lf_flame.slope_figures import search_figure
 
     views = side_by_side(rng)
     searches = find_sharpest_slopes(views, regions=[(0, 40, 0, 40), (60, 80, 60, 80)])
@@ -312,13 +312,12 @@ def test_figure_of_a_search_marks_its_peak(rng):
     bright = searches[0]
     assert texts[0] == f"bright: {bright.slope:.3f}, confidence {bright.confidence:.2f}"
     assert texts[1] == "dark: nan, confidence 0.00"
-    plt.close(figure)
 
 
 def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
     """Curves, peaks, geometry and paper of both kinds of scene; the gap at 20 mm stands out."""
     from lf_flame import figures
-    from lf_flame.report import slope_report
+    from lf_flame.slope_table import slope_report
 
     configs = [read_config(ROOT / "data_gen" / f"{kind}.toml") for kind in ("shapes", "flames")]
     coarse = [
@@ -336,7 +335,8 @@ def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
         for config in configs
     ]
     drawn = []
-    monkeypatch.setattr(figures.plt, "close", drawn.append)  # after it is saved
+    save = figures.save
+    monkeypatch.setattr(figures, "save", lambda x, path: (drawn.append(x), save(x, path)))
     text = slope_report(coarse, ROOT / "experiments" / "paper_values.toml", tmp_path)
     monkeypatch.undo()
     names = {"slopes.csv", "slopes.json", "slopes.md", "slopes.png"}
@@ -354,7 +354,6 @@ def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
         printed = [line.get_xdata()[0] for line in axis.lines if line.get_marker() == "v"]
         assert printed == [2.1, 1.15, 0.0, -1.25]
         assert [text.get_text() for text in axis.texts] == [f"paper {2.1 - geometry[0]:+.2f}"]
-    figures.plt.close(figure)
 
 
 def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_path):

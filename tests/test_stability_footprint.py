@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA
-from lf_flame.footprint import centred, trace_footprint, trapezoid_cdf
+from lf_flame.arrays import centred
+from lf_flame.footprint import trace_footprint, trapezoid_cdf
 
 UNIT = 2.0**-53
 """Unit roundoff of float64."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.footprint import centred
+from lf_flame.arrays import centred
 from lf_flame.refocus import find_sharpest_slope, fourier_refocus, shift_and_sum
 
 UNIT32 = 2.0**-24

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
-from lf_flame.footprint import centred, trace_footprint, trapezoid_cdf
+from lf_flame.arrays import centred
+from lf_flame.footprint import trace_footprint, trapezoid_cdf
 from lf_flame.integrators import Optics, trace
 from lf_flame.planes import slice_scene
 from lf_flame.render import RAY_COUNTS

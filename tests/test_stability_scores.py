@@ -10,7 +10,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from lf_flame.evaluation import psnr, score, ssim
+from lf_flame.metrics import psnr, ssim
+from lf_flame.scoring import score
 
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which the images are stored."""

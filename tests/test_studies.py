@@ -11,8 +11,9 @@ from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.bottleneck import principal_component_bound, project
 from lf_flame.cli import commands
 from lf_flame.datasets import Dataset, split_indices
-from lf_flame.evaluation import load_run, predict_test_split, score, training_indices
 from lf_flame.models import build_refocus_resnet50
+from lf_flame.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.scoring import score
 from lf_flame.studies import read_study, run_study, run_trial
 from lf_flame.studies_report import COLUMNS, find_crossing
 

@@ -14,7 +14,7 @@ from lf_flame.cases import make_cases
 from lf_flame.config import build
 from lf_flame.datasets import config_from_json, make_dataset, read_config, render_sample
 from lf_flame.encodings import InputEncoding
-from lf_flame.evaluation import open_run
+from lf_flame.run_folders import open_run
 from lf_flame.swaptest import by_heart, run_swap_test
 from lf_flame.systems.contest import variant_contestant
 from lf_flame.systems.resnet50 import ResNet50

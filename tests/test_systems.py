@@ -12,17 +12,16 @@ import pytest
 from lf_flame import InputError
 from lf_flame.refocus import shift_and_sum, sparse_aperture
 from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
-from lf_flame.systems.classical import (
-    FourierSlice,
-    ShiftAndSum,
+from lf_flame.systems.classical import FourierSlice, ShiftAndSum
+from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.view_selection import (
     cross_of_views,
     every_view,
     lattice_of_views,
     outer_square_of_views,
     square_of_views,
 )
-from lf_flame.systems.refnet import ALPHAS, SLOPES, RefNet, build_refnet
-from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
 from lf_flame.systems.volumetric import SparseUNet, build_unet
 
 SYSTEMS = {

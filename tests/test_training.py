@@ -10,8 +10,8 @@ from lf_flame import InputError, runs, training
 from lf_flame.backbone import ImagenetUnavailable
 from lf_flame.config import build
 from lf_flame.datasets import config_from_json, make_dataset, split_indices
-from lf_flame.evaluation import predict_test_split
 from lf_flame.models import build_refocus_resnet50
+from lf_flame.run_folders import predict_test_split
 from lf_flame.trainers import make_trainer
 from lf_flame.training import Recipe, TrainingConfig, read_training_config, train
 

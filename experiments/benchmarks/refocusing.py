@@ -25,12 +25,13 @@ import numba
 import numpy as np
 import pandas as pd
 from scipy import ndimage
-from timing import best_times, seconds, write_table
+from timing import write_table
 
 from lf_flame._kernels import sum_rows
-from lf_flame.footprint import centred
+from lf_flame.arrays import centred
 from lf_flame.provenance import environment
 from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
+from lf_flame.timing import best_times, seconds
 
 ALIKE = 1e-6
 """Largest difference, relative to the brightest pixel, of outputs that should be the same."""

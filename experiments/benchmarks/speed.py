@@ -17,7 +17,7 @@ import numba
 import numpy as np
 import pandas as pd
 from numba import njit, prange
-from timing import best_of, write_table
+from timing import write_table
 
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, _kernels, render
 from lf_flame.datasets import read_config
@@ -25,6 +25,7 @@ from lf_flame.integrators import Optics, integrate, trace
 from lf_flame.planes import slice_scene
 from lf_flame.provenance import environment
 from lf_flame.refocus import shift_and_sum
+from lf_flame.timing import best_of
 
 SOME_LINES = slice(20, None, 45)
 """Lines of the image on which many rays are traced."""

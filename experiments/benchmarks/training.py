@@ -27,11 +27,12 @@ import keras
 import numpy as np
 import pandas as pd
 from numba import njit, prange
-from timing import best_times, seconds, write_table
+from timing import write_table
 
 from lf_flame import _adam
 from lf_flame.models import build_decoder
 from lf_flame.provenance import cpu_count, environment
+from lf_flame.timing import best_times, seconds
 from lf_flame.trainers import ArrayTrainer
 
 STEPS = 10

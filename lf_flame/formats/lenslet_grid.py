@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lf_flame.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.footprint import centred
 
 LAYOUTS = ("rectangular", "hexagonal")
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lf_flame.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.footprint import centred
 from lf_flame.refocus import _alignment_kernels
 from lf_flame.refocus._arguments import as_slopes, as_views, refuse_not_finite
 from lf_flame.refocus.interpolation import shift_taps

@@ -19,8 +19,8 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.refocus import align_views
-from lf_flame.systems.classical import square_of_views
 from lf_flame.systems.system import NetworkSystem, Places
+from lf_flame.systems.view_selection import square_of_views
 
 SIDE = 3
 VIEWS = SIDE**2

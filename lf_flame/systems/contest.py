@@ -18,17 +18,12 @@ from lf_flame import figures, provenance
 from lf_flame.cases import scene_settings
 from lf_flame.datasets import DatasetConfig
 from lf_flame.errors import InputError
-from lf_flame.evaluation import load_run, open_run, score
 from lf_flame.files import write_json, write_text
-from lf_flame.refocus_costs import find_scenes
+from lf_flame.held_out import find_scenes
+from lf_flame.run_folders import load_run, open_run
+from lf_flame.scoring import score
 from lf_flame.systems import contest_figures, contest_report
-from lf_flame.systems.classical import (
-    FourierSlice,
-    ShiftAndSum,
-    cross_of_views,
-    lattice_of_views,
-    square_of_views,
-)
+from lf_flame.systems.classical import FourierSlice, ShiftAndSum
 from lf_flame.systems.contest_scenes import Scene, TestSet
 from lf_flame.systems.learning import load_system
 from lf_flame.systems.networks import NETWORKS
@@ -36,6 +31,7 @@ from lf_flame.systems.price import price
 from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.system import RefocusingSystem
+from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, square_of_views
 
 COLUMNS = [
     "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",

@@ -1,9 +1,12 @@
 """Pictures of the contest (`lf_flame.systems.contest`)."""
 
-import matplotlib.pyplot as plt
+import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
+
+from lf_flame.figures import subplots
 
 SHOWN_DB = (15.0, 70.0)
 """Range of the axis; what is better, or exact, or worse stands at its edge as a triangle."""
@@ -27,7 +30,7 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
     """
     sets = list(scores.test_set.unique())
     rows = -(-len(sets) // COLUMNS)
-    drawn, axes = plt.subplots(
+    drawn, axes = subplots(
         rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows + 1.4), sharex=True, sharey=True,
         squeeze=False, layout="constrained",
     )  # fmt: skip
@@ -47,7 +50,7 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
         if k >= len(sets):
             axis.axis("off")
     handles = [
-        plt.Line2D([], [], ls="", label=name, **_mark(name, shown, 0.5 * sum(SHOWN_DB)))
+        Line2D([], [], ls="", label=name, **_mark(name, shown, 0.5 * sum(SHOWN_DB)))
         for name in shown.index
     ]
     drawn.legend(handles=handles, ncols=3, loc="outside lower center", frameon=False, fontsize=10)
@@ -95,7 +98,7 @@ def noise_figure(scores: pd.DataFrame):
     """
     seen = scores[scores.psnr_db.notna()]
     sets, names = list(seen.test_set.unique()), list(scores.system.unique())
-    drawn, axes = plt.subplots(
+    drawn, axes = subplots(
         1, len(sets), figsize=(5.4 * len(sets), 7.0), sharey=True, squeeze=False,
         layout="constrained",
     )  # fmt: skip
@@ -125,4 +128,4 @@ def _is_ours(name: str) -> bool:
 
 def _colour(number: int):
     """Take one of twenty colours, the strong ones first; in all pictures a system has the same."""
-    return plt.get_cmap("tab20")((2 * number + number // 10) % 20)
+    return matplotlib.colormaps["tab20"]((2 * number + number // 10) % 20)

@@ -15,9 +15,9 @@ from lf_flame.cases import draw_case, make_cases, scene_settings
 from lf_flame.datasets import DatasetConfig, render_sample
 from lf_flame.errors import InputError
 from lf_flame.formats.images import white_level
+from lf_flame.held_out import find_scenes
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes
-from lf_flame.refocus_costs import find_scenes
 from lf_flame.sensor import Sensor, expose
 from lf_flame.systems.classical import TRUTHS, average
 from lf_flame.systems.refnet import ALPHAS, SLOPES

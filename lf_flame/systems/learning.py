@@ -16,8 +16,8 @@ from tqdm import tqdm
 
 from lf_flame.config import build, read_toml, to_json
 from lf_flame.errors import InputError
-from lf_flame.evaluation import load_run
 from lf_flame.keras_loading import load_model
+from lf_flame.run_folders import load_run
 from lf_flame.runs import Job, assign, carry_out, check_seed
 from lf_flame.systems.lessons import Lessons, teach
 from lf_flame.systems.networks import NETWORKS

@@ -5,18 +5,17 @@ This module imports nothing heavy, so that a process that runs no network does n
 
 import multiprocessing
 import os
-import resource
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame.systems.system import RefocusingSystem
+from lf_flame.timing import forget_peak_memory, peak_memory
 
 REPEATS = 15
 SECONDS = 1.0
@@ -71,7 +70,7 @@ def _shut_standard_error() -> None:
 
 
 def _measure(load, views, slopes, block) -> Price:
-    _forget_peak()
+    forget_peak_memory()
     system = load()
     system.refocus(views, slopes, block)  # compiles
     seconds = []
@@ -79,19 +78,4 @@ def _measure(load, views, slopes, block) -> Price:
         started = time.perf_counter()
         system.refocus(views, slopes, block)
         seconds.append(time.perf_counter() - started)
-    return Price(1e3 * min(seconds), (_peak_memory() - views.nbytes) / 1e6)
-
-
-def _forget_peak() -> None:
-    """Leave out what it took to bring the light field here, where the system allows (Linux)."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def _peak_memory() -> int:
-    """Peak resident memory of this process in bytes."""
-    status = Path("/proc/self/status")
-    if status.exists():  # on Linux getrusage still counts what the parent had before it started us
-        line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
-        return 1024 * int(line.split()[1])
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # macOS counts in bytes
+    return Price(1e3 * min(seconds), (peak_memory() - views.nbytes) / 1e6)

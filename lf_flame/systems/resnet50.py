@@ -9,9 +9,9 @@ import numpy as np
 
 from lf_flame.datasets import DatasetConfig
 from lf_flame.errors import InputError
-from lf_flame.evaluation import open_run
 from lf_flame.keras_loading import load_model
 from lf_flame.lightfield import LightField
+from lf_flame.run_folders import open_run
 from lf_flame.systems.system import NetworkSystem, Places
 
 NEAR = 0.02

@@ -23,9 +23,10 @@ from lf_flame.refocus import (
 )
 from lf_flame.refocus._arguments import as_views
 from lf_flame.refocus.composite import TRUSTED
-from lf_flame.systems.classical import ShiftAndSum, cross_of_views
+from lf_flame.systems.classical import ShiftAndSum
 from lf_flame.systems.similarity import ms_ssim, scales
 from lf_flame.systems.system import NetworkSystem, Places
+from lf_flame.systems.view_selection import cross_of_views
 
 FILTERS = (16, 32, 64)
 ARM = 4

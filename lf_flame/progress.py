@@ -1,0 +1,15 @@
+"""Progress bars over long work."""
+
+from collections.abc import Iterable, Iterator
+
+from tqdm import tqdm
+
+
+def progress_bar(finished: Iterable, done: int, total: int) -> Iterator:
+    """Show a bar with the time left over samples that are already done and those to come."""
+    return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
+
+
+def step_bar(finished: Iterable, done: int, total: int) -> Iterator:
+    """Show a bar over the steps of a study."""
+    return tqdm(finished, "measuring", total, initial=done, unit="step")

@@ -1,0 +1,67 @@
+"""Which views of a light field a system looks at."""
+
+import numpy as np
+
+from lf_flame.arrays import spread
+from lf_flame.errors import InputError
+from lf_flame.systems.system import Places
+
+
+def every_view(rows: int, columns: int) -> Places:
+    """List all views."""
+    return [(v, u) for v in range(rows) for u in range(columns)]
+
+
+def square_of_views(rows: int, columns: int, side: int = 3) -> Places:
+    """Choose the views in the middles of side x side equal parts of the aperture."""
+    _need_square(rows, columns, side)
+    return [(v, u) for v in middles(rows, side) for u in middles(columns, side)]
+
+
+def outer_square_of_views(rows: int, columns: int, side: int) -> Places:
+    """Choose side x side views, spread from the first to the last."""
+    _need_square(rows, columns, side)
+    return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
+
+
+def _need_square(rows: int, columns: int, side: int) -> None:
+    if min(rows, columns) < side:
+        raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
+
+
+def cross_of_views(rows: int, columns: int, arm: int = 4) -> Places:
+    """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
+
+    With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).
+    """
+    need = 2 * arm + 1
+    if min(rows, columns) < need:
+        raise InputError(f"A cross of {need} views each way is needed, got {rows} x {columns}.")
+    down, across = spread(rows, need), spread(columns, need)
+    middle = down[arm], across[arm]
+    return [(v, middle[1]) for v in down] + [(middle[0], u) for u in across if u != middle[1]]
+
+
+def lattice_of_views(rows: int, columns: int) -> Places:
+    """Choose nine views of which no two share a row or a column, evenly over the aperture.
+
+    They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
+    for Multiple Integration", Oxford 1994): seen along a row or along a column, there are nine
+    places at which to sample the aperture, where 3 x 3 views have but three. The ghosts of an edge
+    stand three times as close.
+    """
+    if min(rows, columns) < LATTICE:
+        raise InputError(
+            f"The lattice needs {LATTICE} x {LATTICE} views or more, got {rows} x {columns}."
+        )
+    down, across = (middles(n, LATTICE) for n in (rows, columns))
+    half = LATTICE // 2
+    return [(down[(2 * (k - half) + half) % LATTICE], across[k]) for k in range(LATTICE)]
+
+
+LATTICE = 9
+
+
+def middles(count: int, parts: int) -> list[int]:
+    """Find the views nearest to the middles of equal parts of the aperture."""
+    return np.floor((np.arange(parts) + 0.5) * count / parts).astype(int).tolist()
