@@ -21,7 +21,7 @@ class LightField:
     ----------
     views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Finite radiance values. Stored as contiguous float32, not copied where they are that.
-    plan : lf_flame.plan.EffectPlan, optional
+    plan : lf_flame.simulation.plan.EffectPlan, optional
         Of a rendered light field: which effects were simulated, and why.
 
     Raises

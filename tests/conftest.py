@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from hypothesis import settings
 
 from lf_flame import PlenopticCamera
-from lf_flame.cli import commands
+from lf_flame.commands.cli import commands
 
 # The same examples in every run: what fails for one fails for all. For new ones:
 # pytest --hypothesis-profile=default

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.linalg import inv
 
-from lf_flame import transfer
+from lf_flame.optics import ray_transfer
 
 
 def trace_one_pixel(layer, camera, v, u, t, s, rays):
@@ -20,7 +20,7 @@ def trace_one_pixel(layer, camera, v, u, t, s, rays):
         pixel_mm = chief_mm - (view - (k - 1) / 2) * camera.pixel_mm
         sub = (np.arange(rays) + 0.5) / rays - 0.5
         object_to_array = camera.object_to_array(layer.depth_mm)
-        lens = transfer.chain(transfer.thin_lens(f), transfer.free_space(f))
+        lens = ray_transfer.chain(ray_transfer.thin_lens(f), ray_transfer.free_space(f))
         found = []
         for on_lenslet in axis_mm + sub * camera.lenslet_pitch_mm:
             for on_pixel in pixel_mm + sub * camera.pixel_mm:

@@ -17,15 +17,16 @@ import numba
 import numpy as np
 import pandas as pd
 from numba import njit, prange
-from timing import write_table
 
-from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, _kernels, render
-from lf_flame.datasets import read_config
-from lf_flame.integrators import Optics, integrate, trace
-from lf_flame.planes import slice_scene
-from lf_flame.provenance import environment
+from experiments.benchmarks.report import write_table
+from experiments.timing import best_of
+from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
+from lf_flame._common.provenance import environment
+from lf_flame.datasets.store import read_config
 from lf_flame.refocus import shift_and_sum
-from lf_flame.timing import best_of
+from lf_flame.simulation import _kernels
+from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.slabs import slice_scene
 
 SOME_LINES = slice(20, None, 45)
 """Lines of the image on which many rays are traced."""

@@ -27,13 +27,13 @@ import keras
 import numpy as np
 import pandas as pd
 from numba import njit, prange
-from timing import write_table
 
-from lf_flame import _adam
-from lf_flame.models import build_decoder
-from lf_flame.provenance import cpu_count, environment
-from lf_flame.timing import best_times, seconds
-from lf_flame.trainers import ArrayTrainer
+from experiments.benchmarks.report import write_table
+from experiments.timing import best_times, seconds
+from lf_flame._common.provenance import cpu_count, environment
+from lf_flame.learning import _adam
+from lf_flame.learning.decoder import build_decoder
+from lf_flame.learning.trainers import ArrayTrainer
 
 STEPS = 10
 """Whose losses are compared, and which are timed together."""

@@ -11,8 +11,8 @@ import tifffile
 from PIL import Image
 from skimage.io import imread
 
+from lf_flame._common.atomic_files import written_aside
 from lf_flame.errors import InputError
-from lf_flame.files import written_aside
 
 TIFF_SUFFIXES = (".tif", ".tiff")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 
 LAYOUTS = ("rectangular", "hexagonal")

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from lf_flame._common.atomic_files import written_aside
 from lf_flame.errors import InputError
-from lf_flame.files import written_aside
 
 MOVIE_SUFFIXES = (".gif", ".mp4")
 

@@ -7,7 +7,7 @@ columns follow the array, so that a rotation of the array against the sensor is 
 import numpy as np
 from scipy import ndimage
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid
 from lf_flame.lightfield import LightField

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
+from lf_flame._common.atomic_files import written_aside
 from lf_flame.errors import InputError
-from lf_flame.files import written_aside
 from lf_flame.formats.images import readable, to_unit
 from lf_flame.formats.view_order import arranged, find_order
 from lf_flame.lightfield import LightField

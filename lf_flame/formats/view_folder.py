@@ -179,7 +179,7 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
 
 @contextmanager
 def _folder_written_aside(folder: Path) -> Iterator[Path]:
-    """Do for a folder what `lf_flame.files.written_aside` does for a file."""
+    """Do for a folder what `lf_flame._common.atomic_files.written_aside` does for a file."""
     aside = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir(parents=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus import _alignment_kernels
 from lf_flame.refocus._arguments import as_slopes, as_views, refuse_not_finite

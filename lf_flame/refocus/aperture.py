@@ -6,9 +6,9 @@ annular aperture takes of each view the part of its square that lies inside.
 
 import numpy as np
 
-from lf_flame.arrays import centred
-from lf_flame.camera import PlenopticCamera
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
 
 
 def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import as_steps, as_views, refuse_not_finite
 from lf_flame.refocus.interpolation import check_interpolation

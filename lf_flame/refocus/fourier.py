@@ -7,7 +7,7 @@ from numba import get_num_threads
 from scipy.fft import ifft2, irfft2, next_fast_len, rfft2
 from scipy.special import i0
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (

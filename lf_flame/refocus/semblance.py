@@ -19,7 +19,7 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.refocus import _semblance_kernels
 from lf_flame.refocus._arguments import refuse_not_finite
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lf_flame.arrays import centred
+from lf_flame._common.arrays import centred
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     as_readable,

@@ -11,9 +11,9 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from lf_flame.arrays import centred
-from lf_flame.camera import PlenopticCamera
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import _surface_kernels
 from lf_flame.refocus._arguments import as_readable, as_views, as_weights, refuse_not_finite
 from lf_flame.refocus.interpolation import check_interpolation

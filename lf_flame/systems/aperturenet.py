@@ -19,7 +19,7 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.refocus import align_views
-from lf_flame.systems.system import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, Places
 from lf_flame.systems.view_selection import square_of_views
 
 SIDE = 3

@@ -18,8 +18,8 @@ from keras import layers, ops
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
+from lf_flame.systems.base import NetworkSystem, Places
 from lf_flame.systems.similarity import ssim
-from lf_flame.systems.system import NetworkSystem, Places
 from lf_flame.systems.view_selection import outer_square_of_views
 
 SIDE = 7

@@ -14,7 +14,7 @@ from keras import layers
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.system import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, Places
 
 VIEWS = 4
 COLOURS = 3

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame.datasets import DatasetConfig
+from lf_flame._common.keras_loading import load_model
+from lf_flame.datasets.store import DatasetConfig
 from lf_flame.errors import InputError
-from lf_flame.keras_loading import load_model
+from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
-from lf_flame.run_folders import open_run
-from lf_flame.systems.system import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, Places
 
 NEAR = 0.02
 """How far a slope that is asked for may be from the network's own, in lenslets per view step."""

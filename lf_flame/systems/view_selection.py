@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from lf_flame.arrays import spread
+from lf_flame._common.arrays import spread
 from lf_flame.errors import InputError
-from lf_flame.systems.system import Places
+from lf_flame.systems.base import Places
 
 
 def every_view(rows: int, columns: int) -> Places:

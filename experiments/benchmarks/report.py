@@ -1,0 +1,31 @@
+"""What the benchmarks share: times taken in turn, and the files of a table."""
+
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+from lf_flame._common.atomic_files import write_json, write_text
+
+
+def write_table(
+    stem: Path,
+    title: str,
+    table: pd.DataFrame,
+    formats: tuple,
+    record: dict,
+    missing: str = "nan",
+    notes: str = "",
+) -> None:
+    """Write a table as Markdown, CSV and, with the record of its making, JSON; print the first."""
+    known = table.astype(object).where(table.notna(), None)
+    text = (
+        f"### {title}\n\n"
+        + known.to_markdown(index=False, floatfmt=formats, missingval=missing)
+        + f"\n\n{notes}Best of some rounds in turn; {record['machine']}, revision "
+        f"{record['git_revision']}. Command: `make benchmarks`.\n"
+    )
+    write_text(stem.with_suffix(".md"), text)
+    write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
+    write_json(stem.with_suffix(".json"), {**record, "rows": known.to_dict("records")})
+    sys.stdout.write(text)

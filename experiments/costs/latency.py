@@ -1,0 +1,457 @@
+"""How long a trained network takes for one picture, stage by stage, in 32 bits and in fewer.
+
+The way is that of a user who has a raw lenslet image in memory: it is averaged to the network's
+size, the backbone makes features of it, and the decoder images of these; at batch 1. In each round
+every precision goes it once stage by stage and once in one go, in an order drawn anew, so that what
+else the machine does, and what the one before left behind, hits all alike. The floor is the time
+that it takes to read weights and raw image from memory once, at a bandwidth measured in the same
+run.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import keras
+import numpy as np
+import pandas as pd
+
+from experiments.timing import measure_bandwidth
+from lf_flame._common import provenance
+from lf_flame._common.arrays import area_average
+from lf_flame._common.atomic_files import finite
+from lf_flame._common.config import to_json
+from lf_flame._common.metrics import psnr
+from lf_flame.errors import InputError
+from lf_flame.learning.model_card import NetworkCard, load_network, read_card
+from lf_flame.learning.prediction import input_size
+from lf_flame.learning.run_folders import open_run
+
+REFERENCE = "float32"
+
+PRECISIONS = (REFERENCE, "bfloat16", "float16", "int8")
+"""What Keras offers; in int8 it has dense layers, but no convolutions."""
+
+STAGES = ("resize", "backbone", "decoder")
+WHOLE = "whole"
+"""Label of the way in one go."""
+
+WARM_UP = 3
+"""Rounds that do not count: memory and caches settle."""
+
+PICTURES = 16
+"""Test inputs at most, on which precisions are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A trained network, and what it is shown.
+
+    Attributes
+    ----------
+    label : str
+        The path, as it was given.
+    card : NetworkCard
+    network : keras.Model
+    raw : ndarray of float32, shape (lenslets * views along t, along s), values in [0, 1]
+        Raw lenslet image, random: how long it takes does not depend on what it shows.
+    inputs : ndarray of float32, shape (n, h, w, 1)
+        On which precisions are compared.
+    truths : ndarray of float32, shape (n, planes, h, w), or None
+        What the network should make of them, where that is known.
+    origin : str
+        What the inputs are.
+    """
+
+    label: str
+    card: NetworkCard
+    network: keras.Model
+    raw: np.ndarray
+    inputs: np.ndarray
+    truths: np.ndarray | None
+    origin: str
+
+
+def open_subject(path: str | Path, seed: int = 0) -> Subject:
+    """Load a trained network with pictures to show it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a finished run, or an exported ``.keras`` file.
+    seed : int, optional
+        Of the raw image.
+
+    Raises
+    ------
+    InputError
+        If there is no such network, it is not made of a backbone and a decoder, or it is shown
+        several views.
+    """
+    path = Path(path)
+    card = read_card(path)
+    size = input_size(card)
+    network = load_network(path, card)
+    check_parts(network, path)
+    camera = card.camera
+    shape = [n * camera.views for n in camera.lenslets]
+    raw = np.random.default_rng(seed).random(shape, np.float32)
+    if path.is_dir():
+        run, dataset = open_run(path)
+        indices = run["test_indices"][:PICTURES]
+        inputs = dataset.inputs[indices]
+        truths, origin = dataset.targets[indices], f"{len(indices)} test inputs of {dataset.path}"
+    else:
+        inputs, truths = _resized(raw, size), None
+        origin = "the random raw image: an exported network comes without test inputs"
+    return Subject(str(path), card, network, raw, inputs, truths, origin)
+
+
+def check_parts(network: keras.Model, path: Path) -> None:
+    """See that a network can be timed stage by stage.
+
+    Raises
+    ------
+    InputError
+        If it is not made of a backbone and a decoder.
+    """
+    names = [layer.name for layer in network.layers[1:]]
+    if names != ["backbone", "decoder"]:
+        raise InputError(
+            f"{path} is made of {', '.join(names)}; it must be a backbone and a decoder, as "
+            f"`lf-flame train` makes them."
+        )
+
+
+def in_precision(network: keras.Model, precision: str) -> keras.Model:
+    """Make the same network compute, and keep its weights, in another precision.
+
+    Parameters
+    ----------
+    network : keras.Model
+        In float32.
+    precision : {"float32", "bfloat16", "float16", "int8"}
+        "int8" are the dense layers alone: weights by channel, inputs by sample, as they come
+        (`keras.Model.quantize`). In the others every layer computes in that type, and keeps its
+        weights in it; but normalisations keep theirs in float32, because variances of ImageNet's
+        features exceed 65,504, the largest number of float16.
+
+    Returns
+    -------
+    keras.Model
+        With weights of its own; float32 is the network itself.
+
+    Raises
+    ------
+    ValueError
+        If the network has no layer that Keras can quantise.
+    """
+    if precision == REFERENCE:
+        return network
+
+    def copied(layer):
+        config = layer.get_config()
+        if precision != "int8":
+            mixed = isinstance(layer, keras.layers.BatchNormalization)
+            config["dtype"] = f"mixed_{precision}" if mixed else precision
+        return type(layer).from_config(config)
+
+    clone = keras.models.clone_model(network, clone_function=copied, recursive=True)
+    clone.set_weights(network.get_weights())
+    if precision == "int8":
+        clone.quantize("int8", filters=lambda layer: isinstance(layer, keras.layers.Dense))
+        if not quantised_layers(clone):
+            raise ValueError("It has no dense layer, and Keras quantises no other.")
+    return clone
+
+
+def quantised_layers(network: keras.Model) -> list[str]:
+    """Name the layers that compute in int8, in their order."""
+    parts = [layer for part in network.layers for layer in getattr(part, "layers", [part])]
+    return [layer.name for layer in parts if getattr(layer, "quantization_mode", None)]
+
+
+def weight_bytes(network: keras.Model) -> int:
+    """Count the bytes of all weights in memory."""
+    return sum(keras.ops.convert_to_numpy(x).nbytes for x in network.weights)
+
+
+def compilers() -> dict[str, bool]:
+    """Name the ways in which the backend can compile a network, with Keras's `jit_compile`."""
+    if keras.backend.backend() == "tensorflow":
+        return {"TensorFlow": False, "XLA": True}
+    return {"XLA": True}
+
+
+@dataclass(eq=False)
+class Way:
+    """A network in one precision, compiled in one way.
+
+    Attributes
+    ----------
+    label, precision, compiler : str
+    computes : str
+        What computes in which type.
+    facts : dict
+        Columns ``weights_mb``, ``psnr_db`` and ``truth_psnr_db`` of the table.
+    parts : tuple of keras.Model
+        Backbone, decoder, and the whole network.
+    missing : str or None
+        Why there are none.
+    seconds : list of dict
+        Seconds of each stage, and of the whole, in each round.
+    """
+
+    label: str
+    precision: str
+    compiler: str
+    computes: str = ""
+    facts: dict[str, float] = field(default_factory=dict)
+    parts: tuple = ()
+    missing: str | None = None
+    seconds: list[dict[str, float]] = field(default_factory=list)
+
+    def go(self, raw: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Refocus a raw image stage by stage, and in one go; keep the seconds.
+
+        Parameters
+        ----------
+        raw : ndarray of float32, shape (t * views, s * views)
+        size : (int, int)
+            Height and width of the network's images.
+
+        Returns
+        -------
+        tuple of two ndarrays of float32, shape (1, planes, h, w, 1)
+        """
+        backbone, decoder, network = self.parts
+        clock = [time.perf_counter()]
+        image = _resized(raw, size)
+        clock.append(time.perf_counter())
+        features = backbone.predict_on_batch(image)
+        clock.append(time.perf_counter())
+        staged = np.float32(decoder.predict_on_batch(features))
+        clock.append(time.perf_counter())
+        whole = np.float32(network.predict_on_batch(_resized(raw, size)))
+        clock.append(time.perf_counter())
+        self.seconds.append(dict(zip((*STAGES, WHOLE), np.diff(clock).tolist(), strict=True)))
+        return staged, whole
+
+    def predict(self, inputs: np.ndarray) -> np.ndarray:
+        """Refocus inputs [n, h, w, 1] one by one: float32 [n, planes, h, w]."""
+        stacks = [self.parts[-1].predict_on_batch(image[None]) for image in inputs]
+        return np.float32(np.concatenate(stacks))[..., 0]
+
+
+def _resized(raw: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    return area_average(raw, size)[None, ..., None]
+
+
+def build_ways(subject: Subject, chosen: dict[str, bool]) -> Iterator[Way]:
+    """Build a network in each precision, compile it, and compare its images with float32's.
+
+    Parameters
+    ----------
+    subject : Subject
+    chosen : dict
+        From `compilers`.
+
+    Yields
+    ------
+    Way
+        What the platform cannot do is `missing`, with the reason.
+    """
+    reference = None
+    for precision in PRECISIONS:
+        network, reason = _attempt(in_precision, subject.network, precision)
+        for compiler, xla in chosen.items():
+            way = Way(subject.label, precision, compiler, missing=reason)
+            if network is not None:
+                way.computes = describe(network, precision)
+                way.parts = tuple(compiled(part, xla) for part in (*network.layers[1:], network))
+                stacks, way.missing = _attempt(_finite, way, subject.inputs)
+            if way.missing is None:
+                reference = stacks if reference is None else reference
+                way.facts = _compared(subject, stacks, reference)
+                way.facts["weights_mb"] = weight_bytes(network) / 1e6
+            yield way
+
+
+def _attempt(call: Callable, *args) -> tuple:
+    """Give a result and None, or None and why there is no result, in a sentence."""
+    try:
+        return call(*args), None
+    except MemoryError:
+        raise
+    except Exception as error:  # each library has kinds of its own for "not on this machine"
+        return None, f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+
+
+def _finite(way: Way, inputs: np.ndarray) -> np.ndarray:
+    stacks = way.predict(inputs)
+    if not np.all(np.isfinite(stacks)):
+        raise FloatingPointError("its images are not finite")
+    return stacks
+
+
+def compiled(model: keras.Model, xla: bool) -> keras.Model:
+    """Give the same layers and weights in a model that is compiled apart, by XLA or without."""
+    twin = keras.Model(model.inputs, model.outputs)
+    twin.compile(jit_compile=xla)
+    return twin
+
+
+def describe(network: keras.Model, precision: str) -> str:
+    """Say what computes in which type."""
+    if precision == "int8":
+        return f"dense layers alone ({', '.join(quantised_layers(network))}), all else {REFERENCE}"
+    if precision == REFERENCE:
+        return "all layers"
+    return f"all layers; statistics of normalisations kept in {REFERENCE}"
+
+
+def _compared(subject: Subject, stacks: np.ndarray, reference: np.ndarray) -> dict:
+    truths = subject.truths
+    return {
+        "psnr_db": psnr(reference, stacks),
+        "truth_psnr_db": math.nan if truths is None else psnr(truths, stacks),
+    }
+
+
+def measure_latency(
+    networks: Sequence[str | Path],
+    repeats: int = 30,
+    seed: int = 0,
+    progress: Callable | None = None,
+    chosen: dict[str, bool] | None = None,
+) -> tuple[pd.DataFrame, dict]:
+    """Time trained networks stage by stage in all precisions.
+
+    `experiments.costs.latency_report.write_report` takes what comes out.
+
+    Parameters
+    ----------
+    networks : sequence of str or Path
+        Run folders or exported ``.keras`` files.
+    repeats : int, optional
+        Rounds that count, at least 3.
+    seed : int, optional
+        Of the raw images, and of the order in each round.
+    progress : callable, optional
+        Passes on an iterable of steps, given how many are done and how many there are.
+    chosen : dict, optional
+        Some of `compilers`; default: all.
+
+    Returns
+    -------
+    DataFrame
+        One row for each way to run a network.
+    dict
+        The record.
+
+    Raises
+    ------
+    InputError
+        If a network cannot be used, or the rounds are too few.
+    """
+    if repeats < 3:
+        raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
+    started, chosen = time.perf_counter(), chosen or compilers()
+    subjects = [open_subject(path, seed) for path in dict.fromkeys(networks)]
+    ways, bandwidth = [], measure_bandwidth()
+    steps = (
+        step for subject in subjects for step in _measure(subject, chosen, repeats, seed, ways)
+    )
+    total = len(subjects) * (len(PRECISIONS) * len(chosen) + WARM_UP + repeats)
+    for _ in progress(steps, 0, total) if progress else steps:
+        pass
+    raw_bytes = {subject.label: subject.raw.nbytes for subject in subjects}
+    table = pd.DataFrame([summarise(way, raw_bytes[way.label], bandwidth) for way in ways])
+    record = {
+        "networks": {subject.label: _described(subject) for subject in subjects},
+        "repeats": repeats,
+        "seed": seed,
+        "backend": keras.backend.backend(),
+        "bandwidth_gb_s": bandwidth / 1e9,
+        "wall_s": time.perf_counter() - started,
+        "ways": [finite(row) for row in table.to_dict("records")],
+        **provenance.environment(),
+    }
+    return table, record
+
+
+def _measure(subject: Subject, chosen, repeats: int, seed: int, ways: list) -> Iterator[None]:
+    """Build all ways of a network, then time them in turn."""
+    found = []
+    for way in build_ways(subject, chosen):
+        found.append(way)
+        yield
+    ways += found
+    there = [way for way in found if way.missing is None]
+    rng = np.random.default_rng(seed)
+    for number in range(WARM_UP + repeats):
+        for k in rng.permutation(len(there)):
+            if number == WARM_UP:
+                there[k].seconds.clear()
+            there[k].go(subject.raw, input_size(subject.card))
+        yield
+    for way in found:
+        way.parts = ()  # networks that are done make room for the next
+
+
+def columns(stage: str) -> tuple[str, str, str]:
+    """Name the columns that hold median, lower and upper quartile of a stage."""
+    return f"{stage}_ms", f"{stage}_q1_ms", f"{stage}_q3_ms"
+
+
+def summarise(way: Way, raw_bytes: int, bandwidth: float) -> dict:
+    """Make a row of the table: medians, quartiles, floor, and what it costs in images.
+
+    Parameters
+    ----------
+    way : Way
+    raw_bytes : int
+        Of the raw image.
+    bandwidth : float
+        Of memory, in bytes per second.
+
+    Returns
+    -------
+    dict
+        Milliseconds, megabytes (1e6 bytes) and dB; NaN where the way is missing.
+    """
+    row = {"network": way.label, "precision": way.precision, "compiler": way.compiler}
+    for stage in (*STAGES, WHOLE):
+        ms = [1e3 * seconds[stage] for seconds in way.seconds] or [math.nan]
+        quartiles = np.percentile(ms, (50, 25, 75)).tolist()
+        row |= dict(zip(columns(stage), quartiles, strict=True))
+    weights_mb = way.facts.get("weights_mb", math.nan)
+    floor_ms = 1e3 * (1e6 * weights_mb + raw_bytes) / bandwidth
+    return {
+        **row,
+        "floor_ms": floor_ms,
+        "times_floor": row[f"{WHOLE}_ms"] / floor_ms,
+        "weights_mb": weights_mb,
+        "psnr_db": way.facts.get("psnr_db", math.nan),
+        "truth_psnr_db": way.facts.get("truth_psnr_db", math.nan),
+        "computes": way.computes,
+        "missing": way.missing or "",
+    }
+
+
+def _described(subject: Subject) -> dict:
+    card = subject.card
+    return {
+        "title": card.title,
+        "preset": card.preset,
+        "backbone_weights": card.backbone_weights,
+        "sha256": card.sha256,
+        "image": card.image,
+        "planes": len(card.depths_mm),
+        "camera": to_json(card.camera),
+        "raw_pixels": subject.raw.shape,
+        "raw_mb": subject.raw.nbytes / 1e6,
+        "compared_on": subject.origin,
+    }

@@ -1,0 +1,291 @@
+"""Table, text and figure of the latency of trained networks (`experiments.costs.latency`)."""
+
+import math
+from pathlib import Path
+from textwrap import shorten
+
+import pandas as pd
+
+from experiments.costs.latency import REFERENCE, STAGES, WHOLE, columns
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.figures import subplots
+
+COLOURS = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
+"""Of the stages, told apart by colour-blind readers as well."""
+
+FLOOR_COLOUR = "#D55E00"
+
+WHOLE_LABEL = "in one go, with quartiles"
+FLOOR_LABEL = "floor: weights and raw image read once"
+
+LABELS = {"int8": "int8 (dense layers)"}
+"""Precisions that not all layers have."""
+
+COLUMNS = {
+    "network": "network",
+    "precision": "precision",
+    "compiler": "compiler",
+    **{stage: f"{stage} (ms)" for stage in STAGES},
+    WHOLE: "in one go (ms)",
+    "times_floor": "x floor",
+    "weights_mb": "weights (MB)",
+    "psnr_db": "PSNR to float32 (dB)",
+    "truth_psnr_db": "to the truth (dB)",
+}
+"""What the table shows, and how it calls it."""
+
+FORMATS = {
+    "times_floor": "{:.1f}",
+    "weights_mb": "{:.1f}",
+    "psnr_db": "{:.1f}",
+    "truth_psnr_db": "{:.2f}",
+}
+
+
+def write_report(out: Path, table: pd.DataFrame, record: dict) -> Path:
+    """Write what `experiments.costs.latency.measure_latency` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``latency.csv``, ``.md``, ``.json`` and ``.png``.
+    table, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``latency.md``.
+    """
+    write_text(out / "latency.csv", table.to_csv(index=False))
+    write_text(out / "latency.md", text(table, record))
+    figures.save(figure(table, record), out / "latency.png")
+    write_json(out / "latency.json", record)
+    return out / "latency.md"
+
+
+def text(table: pd.DataFrame, record: dict) -> str:
+    """Put the table, and in words what it says, into Markdown.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As it is written.
+    record : dict
+        As it is written.
+    """
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    described = record["networks"].items()
+    shown = "\n".join(_network_line(label, network) for label, network in described)
+    findings = "\n".join(f"- {_finding(rows)}" for _, rows in table.groupby("network", sort=False))
+    types = "\n".join(_type_line(*way) for way in _ways_by_precision(table))
+    return f"""# Latency of one picture
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
+{versions}; {record["wall_s"]:.0f} s.
+
+## What was measured
+
+{shown}
+
+From a raw lenslet image in memory (random, float32) to refocused images in memory, at batch 1, by
+a network that is loaded and compiled. Resize: area averaging to the network's size; backbone and
+decoder: with copying in and out. In one go: resize, then the whole network, as a user runs it, with
+no copying in between. Median, and in brackets the quartiles, of {record["repeats"]} rounds; in each
+every row goes once stage by stage and once in one go, in an order drawn anew. Floor: reading
+weights and raw image from memory once, at {record["bandwidth_gb_s"]:.3g} GB/s, the best measured in
+this run.
+
+PSNR (peak 1, over all images): against what float32 in its first row makes of the same inputs; and
+against the truth, which only a run folder's test inputs have.
+
+{types}
+
+## What it says
+
+{findings}
+
+## All ways
+
+{_markdown(table)}
+"""
+
+
+def _network_line(label: str, network: dict) -> str:
+    height, width = network["raw_pixels"]
+    rows, cols = network["image"]
+    return (
+        f"- {label}: “{network['title']}” ({network['preset']}), backbone weights "
+        f"{network['backbone_weights']}; raw image of {height} x {width} pixels "
+        f"({network['raw_mb']:.3g} MB) to {network['planes']} images of {rows} x {cols}; compared "
+        f"on {network['compared_on']}."
+    )
+
+
+def _ways_by_precision(table: pd.DataFrame):
+    known = table[table["computes"] != ""]
+    return known[["precision", "computes"]].drop_duplicates().itertuples(index=False)
+
+
+def _type_line(precision: str, computes: str) -> str:
+    return f"- {precision}: {computes}."
+
+
+def fastest(rows: pd.DataFrame) -> pd.DataFrame:
+    """Select, of each precision, the way that is fastest in one go; a missing one if all are."""
+    ranked = rows.sort_values(f"{WHOLE}_ms", kind="stable", na_position="last")
+    return ranked.groupby("precision", sort=False).head(1).sort_index()
+
+
+def _finding(rows: pd.DataFrame) -> str:
+    """Say where the time goes, and what fewer bits buy."""
+    ways = fastest(rows)
+    first = ways[ways["precision"] == REFERENCE].iloc[0]
+    if first["missing"]:
+        return f"{first['network']}: missing. {first['missing']}."
+    total = sum(first[f"{stage}_ms"] for stage in STAGES)
+    shares = ", ".join(f"{stage} {first[f'{stage}_ms'] / total:.0%}" for stage in STAGES)
+    said = [
+        f"{first['network']}: {REFERENCE} ({first['compiler']}) takes {first[f'{WHOLE}_ms']:.3g} "
+        f"ms, {first['times_floor']:.2g} times its floor of {first['floor_ms']:.3g} ms ({shares})."
+    ]
+    for way in ways[ways["precision"] != REFERENCE].to_dict("records"):
+        said.append(_against(way, first))
+    return " ".join(said)
+
+
+def _against(way: dict, first: pd.Series) -> str:
+    """Set a precision beside float32; no difference where the quartiles overlap."""
+    if way["missing"]:
+        return f"{way['precision']} is missing: {way['missing']}."
+    ms, least = way[f"{WHOLE}_ms"], first[f"{WHOLE}_ms"]
+    _, low, high = columns(WHOLE)
+    apart = way[high] < first[low] or way[low] > first[high]
+    pace = f"{ms / least:.2f} times as long" if apart else "as long, within the quartiles"
+    truth = way["truth_psnr_db"] - first["truth_psnr_db"]
+    cost = "" if math.isnan(truth) else f", which moves that against the truth by {truth:+.2f} dB"
+    return (
+        f"{way['precision']} ({way['compiler']}) takes {pace} ({ms:.3g} ms), at "
+        f"{way['psnr_db']:.1f} dB to {REFERENCE}{cost}."
+    )
+
+
+def _markdown(table: pd.DataFrame) -> str:
+    shown = table.copy()
+    for stage in (*STAGES, WHOLE):
+        quartiles = table[list(columns(stage))].itertuples(index=False)
+        shown[stage] = [_known("{:.1f} ({:.1f}-{:.1f})".format(*row), row[0]) for row in quartiles]
+    for name, form in FORMATS.items():
+        shown[name] = [_known(form.format(x), x) for x in table[name]]
+    shown["precision"] = shown["precision"].replace(LABELS)
+    shown = shown[list(COLUMNS)].replace("inf", "same").rename(columns=COLUMNS)
+    sides = ("left", "left", "left", *["right"] * (len(COLUMNS) - 3))
+    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
+
+
+def _known(shown: str, value: float) -> str:
+    return "missing" if math.isnan(value) else shown
+
+
+def figure(table: pd.DataFrame, record: dict):
+    """Draw the stages as bars, one for each precision, compiled in the way that is fastest.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As it is written.
+    record : dict
+        As it is written.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    groups = [(label, fastest(rows)) for label, rows in table.groupby("network", sort=False)]
+    heights = [len(ways) for _, ways in groups]
+    picture, axes = subplots(
+        len(groups), 1, figsize=(11, 2.0 + 0.62 * sum(heights) + 0.7 * len(groups)), sharex=True,
+        squeeze=False, layout="constrained", height_ratios=heights,
+    )  # fmt: skip
+    reach = max(_reach(ways) for _, ways in groups)
+    for axis, (label, ways) in zip(axes[:, 0], groups, strict=True):
+        axis.set_title(
+            _title(label, record["networks"][label]), fontsize=10, loc="left", parse_math=False
+        )
+        _draw_ways(axis, ways, reach)
+    axes[-1, 0].set_xlim(0, 1.5 * reach)  # the words stand behind the longest bar
+    axes[-1, 0].set_xlabel("milliseconds (median)")
+    picture.suptitle(
+        "From a raw lenslet image in memory to the refocused images, batch 1\n"
+        f"{record['machine']}; {record['repeats']} rounds; each precision by its fastest compiler",
+        fontsize=12,
+    )
+    *lines, floor = _legend_order(axes[0, 0])
+    legend = picture.legend(
+        handles=[*lines, floor], loc="outside lower center", ncols=5, frameon=False
+    )
+    legend.legend_handles[-1].set_markersize(12)
+    return picture
+
+
+def _title(label: str, network: dict) -> str:
+    height, width = network["raw_pixels"]
+    rows, cols = network["image"]
+    return (
+        f"{label}: “{network['title']}” ({network['preset']}), {height} x {width} pixels to "
+        f"{network['planes']} images of {rows} x {cols}\nbackbone {network['backbone_weights']}"
+    )
+
+
+def _legend_order(axis) -> list:
+    """Stages first, then the whole, then the floor."""
+    handles, labels = axis.get_legend_handles_labels()
+    first = dict(zip(labels, handles, strict=True))
+    floor = first.pop(FLOOR_LABEL)
+    whole = first.pop(WHOLE_LABEL)
+    return [*first.values(), whole, floor]
+
+
+def _reach(ways: pd.DataFrame) -> float:
+    """Where the longest bar or whisker ends; 1 where all are missing."""
+    sums = ways[[f"{stage}_ms" for stage in STAGES]].sum(axis=1)
+    return max(sums.max(), ways[columns(WHOLE)[2]].fillna(0.0).max()) or 1.0
+
+
+def _draw_ways(axis, ways: pd.DataFrame, reach: float) -> None:
+    at = range(len(ways))
+    left = pd.Series(0.0, ways.index)
+    for stage in STAGES:
+        lengths = ways[f"{stage}_ms"].fillna(0.0)
+        axis.barh(at, lengths, 0.62, left, color=COLOURS[stage], label=stage)
+        left = left + lengths
+    middle, low, high = (ways[name] for name in columns(WHOLE))
+    axis.errorbar(
+        middle, at, xerr=(middle - low, high - middle), fmt="D", color="black", markersize=5,
+        capsize=4, label=WHOLE_LABEL,
+    )  # fmt: skip
+    axis.plot(
+        ways["floor_ms"], at, "|", color=FLOOR_COLOUR, markersize=26, markeredgewidth=2.5,
+        label=FLOOR_LABEL,
+    )  # fmt: skip
+    for place, way in zip(at, ways.to_dict("records"), strict=True):
+        start = 0.01 * reach if way["missing"] else 1.03 * reach
+        axis.text(start, place, _caption(way), va="center", fontsize=9, parse_math=False)
+    labels = [f"{LABELS.get(x.precision, x.precision)}\n{x.compiler}" for x in ways.itertuples()]
+    axis.set_yticks(at, labels)
+    axis.set_ylim(len(ways) - 0.5, -0.5)
+    axis.grid(axis="x", alpha=0.25)
+    axis.set_axisbelow(True)
+
+
+def _caption(way: dict) -> str:
+    """Total, floor, distance from float32, weights."""
+    if way["missing"]:
+        return f"missing: {shorten(way['missing'], 100)}"
+    reference = way["precision"] == REFERENCE
+    images = "the reference" if reference else f"{way['psnr_db']:.1f} dB to {REFERENCE}"
+    return (
+        f"{way[f'{WHOLE}_ms']:.1f} ms, {way['times_floor']:.1f} x floor\n"
+        f"{images}, weights {way['weights_mb']:.0f} MB"
+    )

@@ -1,0 +1,305 @@
+"""What accuracy costs in time when refocusing: SSIM and PSNR over milliseconds, beside the network.
+
+All ways go from the same light fields in memory to the same images, those of a data set's targets,
+on all cores of one machine, one after the other in one process, compiled beforehand. Exact are all
+views, shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
+edges): nothing is interpolated. (The targets that networks are trained on are linear
+shift-and-sum.)
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numba
+import numpy as np
+import pandas as pd
+from scipy.fft import set_workers
+from skimage.transform import downscale_local_mean
+
+from experiments.costs.rendering import CONFIGS
+from experiments.held_out import HeldOut, find_scenes
+from experiments.timing import race
+from lf_flame._common import provenance
+from lf_flame._common.arrays import area_average
+from lf_flame._common.atomic_files import finite
+from lf_flame._common.config import to_json
+from lf_flame._common.keras_loading import load_model
+from lf_flame._common.metrics import psnr, ssim
+from lf_flame.datasets.store import DatasetConfig, read_config, render_sample
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
+
+SHOWN = {"raw": "the mean of all views", "views": "three views", "grid": "views side by side"}
+"""What networks are shown, by their kind of input."""
+
+NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
+"""Labels of the trained network: from the light field, and without averaging its views."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way from a light field in memory to refocused images.
+
+    Attributes
+    ----------
+    family : str
+        What it has in common with others; a colour in the figure.
+    label : str
+        Its own name, short.
+    title : str
+        Its name in the table.
+    refocus : callable
+        From what is stored, and slopes, to images [n, t, s] of the lenslets or of the targets.
+    store : callable
+        From views to what lies in memory, which takes no time that counts.
+    """
+
+    family: str
+    label: str
+    title: str
+    refocus: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    store: Callable[[np.ndarray], np.ndarray] = np.asarray
+
+
+def classic_ways(views: int, block: tuple[int, int]) -> list[Way]:
+    """List the ways that need no training.
+
+    Parameters
+    ----------
+    views : int
+        Along an axis.
+    block : (int, int)
+        Lenslets that are averaged into a pixel of the targets.
+    """
+    every = f"{views} x {views} views"
+    interpolations = [
+        Way("interpolation", name, f"{name}, {every}", partial(_in_space, interpolation=name))
+        for name in ("nearest", "linear", "cubic")
+    ]
+    return [
+        *interpolations,
+        *_with_fewer_views(views),
+        *_stored_smaller(every, block),
+        Way("fourier", "phases, padded", f"exact phases, {every}, padded",
+            partial(fourier_refocus, edges="clamp")),
+        Way("fourier", "phases", f"exact phases, {every}, not padded", fourier_refocus),
+        Way("fourier", "slice, padded", f"Fourier slice, {every}, padded",
+            partial(fourier_slice, edges="clamp")),
+        Way("fourier", "slice", f"Fourier slice, {every}, not padded", fourier_slice),
+    ]  # fmt: skip
+
+
+def _with_fewer_views(views: int) -> Iterator[Way]:
+    """Take the central views; then views as far apart as leaves those at the rim."""
+    for n in range(2 + views % 2, views, 2):
+        title, store = f"linear, {n} x {n} central views", partial(_central, count=n)
+        yield Way("central", f"{n} x {n}", title, _in_space, store)
+    for step in (k for k in range(views - 1, 1, -1) if (views - 1) % k == 0):
+        n = (views - 1) // step + 1
+        title, store = f"linear, {n} x {n} views over the full aperture", partial(_every, step=step)
+        yield Way("spread", f"{n} x {n}", title, partial(_in_space, step=step), store)
+
+
+def _stored_smaller(every: str, block: tuple[int, int]) -> Iterator[Way]:
+    for kind in (np.float16, np.uint16, np.uint8):
+        name, store = np.dtype(kind).name, partial(_stored, kind=kind)
+        yield Way("storage", name, f"linear, {every}, stored as {name}", _in_space, store)
+    if block[0] == block[1] > 1:
+        name, store = binned(block), partial(downscale_local_mean, factors=(1, 1, *block))
+        refocus = partial(_in_space, step=1 / block[0])
+        yield Way("storage", name, f"linear, {every}, stored {name}", refocus, store)
+
+
+def binned(block: tuple[int, int]) -> str:
+    """Label the light field whose lenslets are averaged to the pixels of the targets."""
+    return f"{block[0]} x {block[1]} binned"
+
+
+def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -> np.ndarray:
+    images = shift_and_sum(views, step * slopes, interpolation)
+    full_scale = np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1
+    return images / np.float32(full_scale)
+
+
+def _central(views: np.ndarray, count: int) -> np.ndarray:
+    """Cut out the views of a smaller aperture, as a camera without others has them in memory."""
+    middle = slice((len(views) - count) // 2, (len(views) + count) // 2)
+    return np.ascontiguousarray(views[middle, middle])
+
+
+def _every(views: np.ndarray, step: int) -> np.ndarray:
+    return np.ascontiguousarray(views[::step, ::step])
+
+
+def _stored(views: np.ndarray, kind: type) -> np.ndarray:
+    """Store views in fewer bits; where they become whole numbers the sensor saturates at 1."""
+    if np.issubdtype(kind, np.floating):
+        return views.astype(kind)
+    return np.round(np.clip(views, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
+
+
+def network_ways(scenes: HeldOut) -> list[Way]:
+    """Load the trained network, if there is one: from the light field, and from its input alone.
+
+    It runs on the processor like all others, compiled as a whole.
+    """
+    if scenes.run is None:
+        return []
+    import keras  # here, so that the rest can be measured without loading it
+
+    with keras.device("cpu:0"):
+        model = load_model(scenes.run / "model.keras")
+    model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
+
+    def predict(image: np.ndarray, _slopes) -> np.ndarray:
+        with keras.device("cpu:0"):
+            return model.predict_on_batch(image[None])[0, ..., 0]
+
+    def encode(views: np.ndarray) -> np.ndarray:
+        return scenes.config.encode(LightField.trusted(views))
+
+    return [
+        Way("network", NETWORK, f"{NETWORK}, shown {SHOWN[scenes.config.input.kind]}",
+            lambda views, slopes: predict(encode(views), slopes)),
+        Way("network", ALONE, ALONE, predict, encode),
+    ]  # fmt: skip
+
+
+def measure_refocusing(
+    run: Path = Path("runs/quick"),
+    progress: Callable | None = None,
+    configs: Sequence[DatasetConfig] | None = None,
+) -> tuple[list[HeldOut], pd.DataFrame, dict]:
+    """Measure SSIM and PSNR against the exact result over milliseconds.
+
+    `experiments.costs.refocusing_report.write_report` takes what comes out.
+
+    Parameters
+    ----------
+    run : Path, optional
+        Folder of trained networks, one for each kind of data set: ``shapes``, ``flames``.
+        One that is missing shows as missing.
+    progress : callable, optional
+        Passes on an iterable of steps, given how many are done and how many there are.
+    configs : sequence of DatasetConfig, optional
+        Default: of the data sets in `experiments.costs.rendering.CONFIGS`.
+
+    Returns
+    -------
+    list of HeldOut
+    DataFrame
+        One row for each way to refocus.
+    dict
+        The record.
+    """
+    started, rows = time.perf_counter(), []
+    if configs is None:
+        configs = [read_config(path) for path in CONFIGS]
+    found = [find_scenes(config, Path(run) / config.kind) for config in configs]
+    studies = [(scenes, ways_for(scenes)) for scenes in found]
+    steps = (step for study in studies for step in _measure(*study))
+    total = sum(len(scenes.indices) * len(ways) for scenes, ways in studies)
+    with set_workers(numba.get_num_threads()):
+        for more in progress(steps, 0, total) if progress else steps:
+            rows += more
+    missing = [
+        {"data_set": scenes.name, "family": "network", "label": NETWORK, "title": NETWORK}
+        for scenes in found
+        if scenes.run is None
+    ]
+    table = pd.DataFrame([*summarise(pd.DataFrame(rows)).to_dict("records"), *missing])
+    record = {
+        "scenes": {scenes.name: _described(scenes) for scenes in found},
+        "threads": numba.get_num_threads(),
+        "wall_s": time.perf_counter() - started,
+        "methods": [finite(row) for row in table.to_dict("records")],
+        **provenance.environment(),
+    }
+    return found, table, record
+
+
+def ways_for(scenes: HeldOut) -> list[Way]:
+    """List all ways to refocus some scenes."""
+    config = scenes.config
+    return [*classic_ways(config.camera.views, config.block), *network_ways(scenes)]
+
+
+def _described(scenes: HeldOut) -> dict:
+    return {
+        "config": to_json(scenes.config),
+        "slopes": scenes.slopes,
+        "samples": scenes.indices,
+        "run": scenes.run and str(scenes.run),
+        "network": scenes.origin,
+    }
+
+
+def _measure(scenes: HeldOut, ways: Sequence[Way]) -> Iterator[list[dict]]:
+    """Yield the scores of a sample's images, way by way."""
+    slopes, size = np.array(scenes.slopes), scenes.config.image
+    for index in scenes.indices:
+        views = render_sample(scenes.config, index)[0].views
+        exact = area_average(fourier_refocus(views, slopes, "sinc", "clamp"), size)
+        for way in ways:
+            call = partial(_images, way, way.store(views), slopes, size)
+            images, seconds = _timed(call, often=index == scenes.indices[0])
+            yield [
+                {
+                    "data_set": scenes.name,
+                    "family": way.family,
+                    "label": way.label,
+                    "title": way.title,
+                    "seconds": seconds,
+                    "ssim": ssim(*pair),
+                    "psnr_db": psnr(*pair),
+                }
+                for pair in zip(exact, images, strict=True)
+            ]
+
+
+def _timed(call: Callable[[], np.ndarray], often: bool) -> tuple[np.ndarray, float]:
+    """Run a call once, or first to compile it and then a few times; the fastest run counts."""
+    if often:
+        call()
+        seconds, (images,) = race(call)
+        return images, seconds.min()
+    start = time.perf_counter()
+    return call(), time.perf_counter() - start
+
+
+def _images(way: Way, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    return area_average(way.refocus(stored, slopes), size)
+
+
+def summarise(rows: pd.DataFrame) -> pd.DataFrame:
+    """Put the scores of all images together.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        One image a row; columns data_set, family, label, title, seconds, ssim and psnr_db.
+
+    Returns
+    -------
+    DataFrame
+        One way and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
+        error of all images (a mean in dB would be infinite where one image is exact), and the
+        lowest of an image.
+    """
+    squared = rows.assign(mse=10 ** (-rows["psnr_db"] / 10))
+    ways = squared.groupby(["data_set", "family", "label", "title"], sort=False)
+    with np.errstate(divide="ignore"):
+        pooled = -10 * np.log10(ways["mse"].mean())
+    table = pd.DataFrame(
+        {
+            "milliseconds": 1e3 * ways["seconds"].min(),
+            "ssim": ways["ssim"].mean(),
+            "psnr_db": pooled,
+            "worst_ssim": ways["ssim"].min(),
+            "worst_psnr_db": ways["psnr_db"].min(),
+        }
+    )
+    return table.reset_index()

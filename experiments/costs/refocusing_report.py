@@ -1,0 +1,342 @@
+"""Table, text and figure of the study of refocusing (`experiments.costs.refocusing`)."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation, Text
+from matplotlib.transforms import Bbox
+
+from experiments.costs.refocusing import ALONE, NETWORK, binned
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.figures import subplots
+
+VIDEO_HZ = 25
+"""Light fields a second from which on we speak of real time."""
+
+EIGHT_BITS_DB = 20 * math.log10(255 * math.sqrt(12))
+"""PSNR of an image whose only error is rounding to 8 bits."""
+
+EXACT_DB = 140.0
+"""Where the figure draws what is exact: a PSNR that rounding of float32 does not reach."""
+
+EXACT_SSIM = 1 - 1e-7
+"""Likewise."""
+
+FAMILIES = {
+    "interpolation": ("#0072B2", "o", "", "interpolation, all views"),
+    "central": ("#E69F00", "s", "-", "central views: a smaller aperture (linear)"),
+    "spread": ("#009E73", "^", "-", "views spread over the full aperture (linear)"),
+    "storage": ("#CC79A7", "D", "", "storage, all views (linear)"),
+    "fourier": ("#000000", "v", "", "Fourier domain, all views"),
+    "network": ("#D55E00", "*", "", f"trained {NETWORK}"),
+}
+"""Colour, marker, line and words of each family, told apart by colour-blind readers as well."""
+
+
+PLACES = [
+    (radius * math.cos(angle), radius * math.sin(angle))
+    for radius in (9, 13, 20, 30, 45, 60, 80, 105)
+    for angle in np.pi / 12 * np.array([0, 6, 12, 18, 3, 9, 15, 21, *range(1, 24)])
+]
+"""Where the figure may put a label beside its point, the best first, in points."""
+
+CURVE_DOTS = 40
+"""Places on each piece of a curve that labels keep clear of."""
+
+
+def write_report(out: Path, found, table: pd.DataFrame, record: dict) -> Path:
+    """Write what `experiments.costs.refocusing.measure_refocusing` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``refocusing.csv``, ``.md``, ``.json`` and ``.png``.
+    found, table, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``refocusing.md``.
+    """
+    write_text(out / "refocusing.csv", table.to_csv(index=False))
+    write_text(out / "refocusing.md", text(found, table, record))
+    figures.save(figure(found, table), out / "refocusing.png")
+    write_json(out / "refocusing.json", record)
+    return out / "refocusing.md"
+
+
+def text(found, table: pd.DataFrame, record: dict) -> str:
+    """Put the table, and in words what it says, into Markdown.
+
+    Parameters
+    ----------
+    found : sequence of HeldOut
+    table : DataFrame
+        As it is written.
+    record : dict
+        With threads, wall_s and the values of `provenance.environment`.
+    """
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    cores = f"{record['threads']} cores" if record["threads"] > 1 else "one core"
+    sentences = "\n".join(f"- {_finding(scenes, table)}" for scenes in found)
+    return f"""# What accuracy costs in time: refocusing
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
+{versions}; {record["wall_s"]:.0f} s.
+
+## What was measured
+
+{"".join(_scene_line(scenes) for scenes in found)}
+Time: from a light field in memory to the finished images, the fastest of a few runs, compiled
+beforehand, on {cores}, without a graphics card. Score: against exact phases of all views (nothing
+is interpolated; float64; edges clamped), averaged and clipped like the targets of the data sets,
+over samples that the network was not trained on. PSNR is that of the mean squared error of all
+images; worst is a single image. (The targets that the network learns from are linear
+shift-and-sum.) Central views are those of a smaller aperture, with its greater depth of field;
+those over the full aperture are what a camera with few views has, and show ghosts.
+
+## What it says
+
+{sentences}
+- {_premise(found, table, cores)}
+
+## All ways
+
+{_markdown(table)}
+"""
+
+
+def _scene_line(scenes) -> str:
+    camera, (height, width) = scenes.config.camera, scenes.config.image
+    planes = ", ".join(f"{z:g}" for z in scenes.config.depths_mm)
+    samples = ", ".join(map(str, scenes.indices))
+    return (
+        f"- {scenes.name}: {camera.views} x {camera.views} views of {camera.lenslets[0]} x "
+        f"{camera.lenslets[1]} lenslets to {len(scenes.slopes)} images of {height} x {width}, "
+        f"refocused at {planes} mm; samples {samples}. {NETWORK}: {scenes.origin}\n"
+    )
+
+
+def _row(table: pd.DataFrame, scenes, family: str, label: str) -> pd.Series:
+    found = (table["family"] == family) & (table["label"] == label)
+    return table[found & (table["data_set"] == scenes.name)].iloc[0]
+
+
+def _finding(scenes, table: pd.DataFrame) -> str:
+    """Set the network beside linear shift-and-sum, in words."""
+    linear = _row(table, scenes, "interpolation", "linear")
+    begin = (
+        f"{scenes.name}: linear shift-and-sum of all views takes {_ms(linear)} "
+        f"({_hz(linear):.3g} light fields a second) and reaches {linear['psnr_db']:.1f} dB."
+    )
+    if scenes.run is None:
+        return f"{begin} {NETWORK} is missing."
+    network = _row(table, scenes, "network", NETWORK)
+    alone = _row(table, scenes, "network", ALONE)
+    ways = table[(table["data_set"] == scenes.name) & (table["family"] != "network")]
+    as_good = ways[ways["psnr_db"] >= network["psnr_db"]]
+    fastest = as_good.loc[as_good["milliseconds"].idxmin()]
+    change = network["psnr_db"] - linear["psnr_db"]
+    return (
+        f"{begin} {NETWORK} takes {_ms(network)}, {_times(network, linear)}, and its images are "
+        f"{abs(change):.1f} dB {'better' if change > 0 else 'worse'} ({network['psnr_db']:.1f} dB, "
+        f"SSIM {network['ssim']:.4f} beside {linear['ssim']:.4f}). With its input given it takes "
+        f"{_ms(alone)}, {_times(alone, linear)}. The fastest way that is at least as good as the "
+        f"network: {fastest['title']}, {_ms(fastest)}, {fastest['psnr_db']:.1f} dB."
+    )
+
+
+def _premise(found, table: pd.DataFrame, cores: str) -> str:
+    """Say how the paper's premise fares."""
+    (height, width), block = found[0].config.image, found[0].config.block
+    asked = {
+        "float32": ("interpolation", "linear"),
+        "uint8": ("storage", "uint8"),
+        f"{height} x {width} lenslets": ("storage", binned(block)),
+    }
+    rates = {kind: _slowest_hz(table, *way) for kind, way in asked.items()}
+    rates = {kind: hz for kind, hz in rates.items() if math.isfinite(hz)}
+    network = _slowest_hz(table, "network", NETWORK)
+    shown = ", ".join(f"{hz:.3g} of {kind}" for kind, hz in rates.items())
+    holds = " and ".join(f"of {kind}" for kind, hz in rates.items() if hz < VIDEO_HZ)
+    return (
+        f"The paper's premise is that conventional algorithms cannot refocus light fields in real "
+        f"time. Light fields a second by linear shift-and-sum of all views on {cores}: {shown}; by "
+        f"the network: {f'{network:.3g}' if network > 0 else 'missing'}. If real time is "
+        f"{VIDEO_HZ}, the premise holds for {f'light fields {holds}' if holds else 'none of them'}."
+    )
+
+
+def _slowest_hz(table: pd.DataFrame, family: str, label: str) -> float:
+    """Light fields a second where a way is slowest; NaN where it was not measured."""
+    rows = table[(table["family"] == family) & (table["label"] == label)]
+    return 1e3 / rows["milliseconds"].max()
+
+
+def _ms(row) -> str:
+    return f"{row['milliseconds']:.3g} ms"
+
+
+def _hz(row) -> float:
+    return 1e3 / row["milliseconds"]
+
+
+def _times(row, other) -> str:
+    """Compare two times in words."""
+    ratio = row["milliseconds"] / other["milliseconds"]
+    if abs(math.log(ratio)) < 0.05:
+        return "about as long"
+    return f"{ratio:.2g} times as long" if ratio > 1 else f"{1 / ratio:.2g} times as fast"
+
+
+def _markdown(table: pd.DataFrame) -> str:
+    columns = {
+        "data_set": "data set",
+        "title": "way",
+        "milliseconds": "ms",
+        "psnr_db": "PSNR (dB)",
+        "worst_psnr_db": "worst",
+        "ssim": "SSIM",
+        "worst_ssim": "worst ",
+    }
+    formats = {
+        "milliseconds": "{:.3g}",
+        "psnr_db": "{:.1f}",
+        "worst_psnr_db": "{:.1f}",
+        "ssim": "{:.5f}",
+        "worst_ssim": "{:.5f}",
+    }
+    shown = table[list(columns)].copy()
+    for name, form in formats.items():
+        shown[name] = ["missing" if math.isnan(x) else form.format(x) for x in table[name]]
+    shown = shown.replace("inf", "exact").rename(columns=columns)
+    sides = ("left", "left", *["right"] * len(formats))
+    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
+
+
+def figure(found, table: pd.DataFrame):
+    """Draw PSNR and SSIM over milliseconds, one column a data set.
+
+    Parameters
+    ----------
+    found : sequence of HeldOut
+    table : DataFrame
+        Columns data_set, family, label, milliseconds, psnr_db and ssim.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    picture, axes = subplots(
+        2, len(found), figsize=(8.0 * len(found), 11.0), sharex=True, sharey="row", squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    for scenes, column in zip(found, axes.T, strict=True):
+        rows = table[table["data_set"] == scenes.name]
+        heights = np.minimum(rows["psnr_db"], EXACT_DB), 1 - np.minimum(rows["ssim"], EXACT_SSIM)
+        for axis, height in zip(column, heights, strict=True):
+            _draw_ways(axis, rows.assign(height=height))
+        camera = scenes.config.camera
+        column[0].set_title(
+            f"{scenes.name}: {camera.views} x {camera.views} views of {camera.lenslets[0]} x "
+            f"{camera.lenslets[1]} lenslets to {len(scenes.slopes)} refocused images", fontsize=11,
+        )  # fmt: skip
+        if scenes.run is None:
+            column[0].text(0.98, 0.02, f"{NETWORK}: missing", color=FAMILIES["network"][0],
+                           transform=column[0].transAxes, horizontalalignment="right")  # fmt: skip
+        column[1].set_xlabel("milliseconds for a light field (all cores)")
+    _scale_axes(axes, table)
+    picture.suptitle("Refocusing: the higher the closer to the exact result, the farther left the "
+                     "faster", fontsize=13)  # fmt: skip
+    handles = [
+        Line2D([], [], color=colour, marker=marker, linestyle=line, label=words)
+        for colour, marker, line, words in FAMILIES.values()
+    ]
+    picture.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    picture.draw_without_rendering()  # lays it out, so that it is known what overlaps
+    picture.set_layout_engine("none")
+    for axis in axes.flat:
+        _place_labels(axis)
+    return picture
+
+
+def _draw_ways(axis, rows: pd.DataFrame) -> None:
+    """Draw every way as a point with its label; fewer views are curves that end at all of them."""
+    whole = rows[(rows["family"] == "interpolation") & (rows["label"] == "linear")]
+    for name, (colour, marker, line, _) in FAMILIES.items():
+        some = rows[(rows["family"] == name) & rows["milliseconds"].notna()]
+        if line:
+            ends = pd.concat([some, whole])
+            axis.plot(ends["milliseconds"], ends["height"], line, color=colour, zorder=1)
+        for way in some.itertuples():
+            place, aside = (way.milliseconds, way.height), way.label == ALONE
+            size, face = (15 if marker == "*" else 7), ("white" if aside else colour)
+            axis.plot(*place, marker, color=colour, markersize=size, markerfacecolor=face)
+            axis.annotate(
+                way.label.replace(" x ", "×"), place, (0, 0), textcoords="offset points",
+                color=colour, fontsize=9, annotation_clip=False,
+                arrowprops={"arrowstyle": "-", "linewidth": 0.5, "color": colour, "shrinkB": 3},
+            )  # fmt: skip
+
+
+def _scale_axes(axes, table: pd.DataFrame) -> None:
+    """Scale milliseconds by logarithm, and SSIM by that of its distance from 1."""
+    decibels, similarity = axes[:, 0]
+    decibels.set_xscale("log")
+    decibels.set_xlim(table["milliseconds"].min() / 2, 2.5 * table["milliseconds"].max())
+    decibels.set_ylim(10 * math.floor(table["psnr_db"].min() / 10) - 5, EXACT_DB + 6)
+    ticks = range(20, int(EXACT_DB), 20)
+    decibels.set_yticks([*ticks, EXACT_DB], [*map(str, ticks), "exact"])
+    decibels.set_ylabel("PSNR against the exact result (dB)")
+    similarity.set_yscale("log")
+    similarity.set_ylim(2 * (1 - table["ssim"].min()), (1 - EXACT_SSIM) / 2.5)
+    nines = range(1, 7)
+    similarity.set_yticks(
+        [*(10.0**-n for n in nines), 1 - EXACT_SSIM],
+        [*(f"{1 - 10.0**-n:.{n}f}" for n in nines), "1"],
+    )
+    similarity.minorticks_off()
+    similarity.set_ylabel("SSIM against the exact result")
+    for axis in axes.flat:
+        axis.grid(which="major", alpha=0.25)
+        axis.axvline(1e3 / VIDEO_HZ, color="0.5", linewidth=0.8, linestyle=":")
+    for axis in axes[0]:
+        axis.axhline(EIGHT_BITS_DB, color="0.5", linewidth=0.8, linestyle=":")
+        axis.text(0.99, EIGHT_BITS_DB + 1, "error of rounding to 8 bits", fontsize=8, color="0.4",
+                  transform=axis.get_yaxis_transform(), horizontalalignment="right")  # fmt: skip
+        axis.text(1e3 / VIDEO_HZ, 0.01, f" {VIDEO_HZ} light fields a second", fontsize=8,
+                  color="0.4", transform=axis.get_xaxis_transform())  # fmt: skip
+
+
+def _place_labels(axis) -> None:
+    """Put each label where it covers neither a point nor another text."""
+    notes = [note for note in axis.texts if isinstance(note, Annotation)]
+    notes.sort(key=lambda note: note.xy)
+    taken = [note.get_window_extent() for note in axis.texts if note not in notes]
+    for line in axis.lines:
+        path = line.get_transform().transform_path(line.get_path())
+        dots = path.interpolated(1 if len(path) == 1 else CURVE_DOTS).vertices
+        reach = line.get_markersize() if line.get_marker() != "None" else 1
+        taken += [Bbox.from_extents(*(dot - reach), *(dot + reach)) for dot in dots]
+    inside = axis.get_window_extent()
+    for note in notes:
+        for place in PLACES:
+            note.set_position(place)
+            note.set_horizontalalignment(_side(place[0], "right", "left"))
+            note.set_verticalalignment(_side(place[1], "top", "bottom"))
+            box = Text.get_window_extent(note).padded(1)  # without the line to its point
+            free = not any(box.overlaps(other) for other in taken)
+            if free and inside.contains(*box.min) and inside.contains(*box.max):
+                break
+        taken.append(box)
+
+
+def _side(offset: float, before: str, behind: str) -> str:
+    if abs(offset) < 5:
+        return "center"
+    return before if offset < 0 else behind

@@ -1,0 +1,399 @@
+"""Tables and figures of the study of costs (`experiments.costs.rendering`)."""
+
+import math
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.lines import Line2D
+
+from experiments.costs.rendering import METHODS, TOLERANCE, Study, methods_for
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.figures import subplots
+from lf_flame.simulation.plan import LEFT_OUT_SHARE, NANOSECONDS
+
+LEVELS = (0.1, 0.01, 0.001)
+"""Errors for which the table gives the seconds."""
+
+MARKED_LEVEL = 0.01
+"""Error at which the figure gives the seconds."""
+
+STYLES = {
+    "random": ("#D55E00", "o"),
+    "quasi": ("#E69F00", "s"),
+    "midpoint": ("#009E73", "^"),
+    "thin": ("#0072B2", "D"),
+    "exact": ("#000000", "*"),
+}
+"""Colour and marker of each method, told apart by colour-blind readers as well."""
+
+
+def measured_exponent(points: pd.DataFrame) -> float:
+    """Fit the exponent with which the error falls with the rays, over the finer half of settings.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Rows of one scene and method, with columns rays_per_pixel and error.
+
+    Returns
+    -------
+    float
+        NaN for fewer than two settings.
+    """
+    fine = points.iloc[len(points) // 2 :] if len(points) > 3 else points
+    if len(fine) < 2:
+        return math.nan
+    return float(-np.polyfit(np.log(fine["rays_per_pixel"]), np.log(fine["error"]), 1)[0])
+
+
+def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
+    """Seconds that a method takes for an error, read off its curve between two settings.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Rows of one scene and method, by growing rays, with columns rays_per_pixel, seconds and
+        error.
+    level : float
+
+    Returns
+    -------
+    float
+        NaN where the error does not fall.
+    str
+        "" where measured; "<" where the coarsest of several settings errs less; "~" where none
+        does, and the curve is continued with its own exponent.
+    """
+    seconds, errors = points["seconds"].to_numpy(), points["error"].to_numpy()
+    below = np.flatnonzero(errors <= level)
+    if below.size == 0:
+        exponent = measured_exponent(points)
+        if not exponent > 0.1:
+            return math.nan, ""
+        return seconds[-1] * (errors[-1] / level) ** (1 / exponent), "~"
+    k = below[0]
+    if k == 0:
+        return seconds[0], "<" if points["rays_per_pixel"].iloc[0] else ""
+    share = math.log(errors[k - 1] / level) / math.log(errors[k - 1] / errors[k])
+    return seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share, ""
+
+
+def write_report(
+    out: Path, studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict
+) -> Path:
+    """Write what `experiments.costs.rendering.measure_costs` found.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``costs.json``, ``costs.png``
+        and ``effects.png``.
+    studies, accuracy, effects, record
+        See there.
+
+    Returns
+    -------
+    Path
+        ``costs.md``.
+    """
+    write_text(out / "accuracy.csv", accuracy.to_csv(index=False))
+    write_text(out / "effects.csv", effects.to_csv(index=False))
+    write_text(out / "costs.md", text(studies, accuracy, effects, record))
+    figures.save(accuracy_figure(studies, accuracy), out / "costs.png")
+    figures.save(effects_figure(effects), out / "effects.png")
+    write_json(out / "costs.json", record)
+    return out / "costs.md"
+
+
+def text(studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict) -> str:
+    """Put the tables and what they rest on into Markdown.
+
+    Parameters
+    ----------
+    studies : sequence of Study
+    accuracy, effects : DataFrame
+        The tables as they are written.
+    record : dict
+        With the values of `provenance.environment`.
+    """
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    scenes = "".join(
+        f"- {study.name}: {study.title}; {study.camera.views} x {study.camera.views} views of "
+        f"{study.camera.lenslets[0]} x {study.camera.lenslets[1]} lenslets, "
+        f"{study.pixels / 1e6:.3g} million pixels\n"
+        for study in studies
+    )
+    return f"""# What accuracy costs in time
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}, of
+which one thread was used; {versions}; {record["wall_s"] / 60:.0f} minutes.
+
+{scenes}
+Error: root-mean-square over the image, relative to its brightest pixel, against the closed form in
+float64, whose own error is rounding (below 1e-12). Seconds: from scene to image, the fastest of a
+few runs, compiled beforehand.
+
+## Seconds to reach an error
+
+Read off the line between two settings. `<`: the coarsest setting errs less; `~`: no setting got
+there, and the curve is continued with its own exponent. Exponent: the error falls as the number of
+rays to minus this, fitted over the finer half of the settings, and by theory for a picture with
+edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make uneven; a smooth
+picture is easier for quasi-random numbers.)
+
+{_levels_table(studies, accuracy)}
+
+## Effects
+
+A small flame with what calls for the effect: `render` with the effect forced on and forced off, all
+else as planned, with planning and the choice of the number of rays. Changes are relative to the
+brightest pixel; the bound is the plan's, for any pixel (for noise: root-mean-square; `inf`: where
+something opaque may hide all, the plan knows no brightest pixel). Spread: by how much the runs
+differ.
+
+{_effects_table(effects)}
+
+## What the plan's estimates rest on
+
+{_nanoseconds_table(studies, accuracy, effects)}
+
+## All settings
+
+{_markdown(accuracy, ("", "", "g", ".3g", ".2e"))}
+"""
+
+
+def _markdown(table: pd.DataFrame, formats) -> str:
+    return table.to_markdown(index=False, floatfmt=formats)
+
+
+def _points(accuracy: pd.DataFrame, study: Study, name: str) -> pd.DataFrame:
+    return accuracy[(accuracy["scene"] == study.name) & (accuracy["method"] == name)]
+
+
+def _levels_table(studies, accuracy: pd.DataFrame) -> str:
+    rows = []
+    for study in studies:
+        for name, method in methods_for(study).items():
+            points = _points(accuracy, study, name)
+            row = {"scene": study.name, "method": method.label}
+            for level in LEVELS:
+                seconds, sign = seconds_for(points, level)
+                row[f"{level:g}"] = f"{sign}{_brief(seconds)} s" if seconds > 0 else "out of reach"
+            row["smallest error"] = f"{points['error'].min():.1e}"
+            row["exponent"] = f"{measured_exponent(points):.2f}" if len(points) > 1 else ""
+            row["theory"] = f"{method.theory_for(study):.3g}" if method.theory else ""
+            rows.append(row)
+    return pd.DataFrame(rows).to_markdown(index=False, disable_numparse=True)
+
+
+def _brief(value: float) -> str:
+    """Two digits, without an exponent where that is short."""
+    return f"{value:.1e}" if value >= 1e5 else f"{float(f'{value:.2g}'):g}"
+
+
+def _effects_table(effects: pd.DataFrame) -> str:
+    columns = {
+        "effect": "effect",
+        "bound": "bound",
+        "error_max": "largest change",
+        "error_rms": "rms change",
+        "seconds_off": "without (s)",
+        "seconds_on": "with (s)",
+        "seconds_added": "adds (s)",
+        "seconds_spread": "spread (s)",
+        "seconds_planned": "plan says (s)",
+        "integrator": "integrator",
+        "criterion": "criterion",
+    }
+    shown = effects[list(columns)].rename(columns=columns)
+    formats = ("", ".2g", ".2g", ".2g", ".4f", ".4f", "+.4f", ".4f", ".4f", "", "")
+    return _markdown(shown, formats)
+
+
+def _nanoseconds_table(studies, accuracy: pd.DataFrame, effects: pd.DataFrame) -> str:
+    """Set the plan's times beside those measured here."""
+    rows = []
+    for study in studies:
+        for name, kind in (("exact", "exact"), ("thin", "ray")):
+            points = _points(accuracy, study, name)
+            if len(points):
+                finest, planes = points.iloc[-1], len(study.scene.layers)
+                work = study.pixels * planes * (finest["rays_per_pixel"] or 1)
+                rows.append(
+                    (kind, f"{study.name}, {METHODS[name].label}", finest["seconds"] / work)
+                )
+    kinds = {"cos4": "cos4", "lenslet_diffraction": "fourier", "shot_noise": "noise"}
+    for line in effects.itertuples():
+        if line.effect in kinds:
+            per_pixel = line.seconds_added / line.pixels
+            rows.append((kinds[line.effect], f"effect {line.effect}", per_pixel))
+    table = pd.DataFrame(
+        [(kind, where, NANOSECONDS[kind], 1e9 * spent) for kind, where, spent in rows],
+        columns=["constant", "measured on", "plan (ns)", "measured (ns)"],
+    )
+    return _markdown(table, ("", "", ".2g", ".2g"))
+
+
+def accuracy_figure(studies, accuracy: pd.DataFrame):
+    """Draw error against seconds, one panel a scene, with the slopes that theory gives.
+
+    Parameters
+    ----------
+    studies : sequence of Study
+    accuracy : DataFrame
+        Columns scene, method, rays_per_pixel, seconds and error.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = subplots(
+        1,
+        len(studies),
+        figsize=(5.0 * len(studies), 6.4),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    span = accuracy["seconds"].min() / 2, 5 * accuracy["seconds"].max()
+    for study, axis in zip(studies, axes[0], strict=True):
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.axhline(MARKED_LEVEL, color="0.5", linewidth=0.8, linestyle=":")
+        curves = {name: _points(accuracy, study, name) for name in methods_for(study)}
+        for name, points in curves.items():
+            _draw_theory(axis, METHODS[name].theory_for(study), points, span[1])
+            _draw_curve(axis, name, points)
+        _list_seconds(axis, curves)
+        views, millions = study.camera.views, study.pixels / 1e6
+        size = f"{views} x {views} views, {millions:.2g} million pixels"
+        axis.set_title(f"{study.title}\n{size}", fontsize=10)
+        axis.set_xlabel("seconds on one thread")
+        axis.grid(which="major", alpha=0.25)
+    axes[0, 0].set_xlim(*span)
+    axes[0, 0].set_ylim(min(1e-9, accuracy["error"].min() / 3), 3 * accuracy["error"].max())
+    axes[0, 0].set_ylabel("root-mean-square error, relative to the brightest pixel")
+    shown = [name for name in STYLES if (accuracy["method"] == name).any()]
+    handles = [
+        Line2D(
+            [], [], color=STYLES[n][0], marker=STYLES[n][1], label=METHODS[n].label,
+            linestyle="-" if METHODS[n].theory else "",
+        )
+        for n in shown
+    ]  # fmt: skip
+    handles.append(Line2D([], [], color="0.6", linewidth=0.8, label="slope by theory"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    return figure
+
+
+def _draw_curve(axis, name: str, points: pd.DataFrame) -> None:
+    colour, marker = STYLES[name]
+    size = 12 if marker == "*" else 4.5
+    axis.plot(points["seconds"], points["error"], color=colour, marker=marker, markersize=size)
+    seconds, sign = seconds_for(points, MARKED_LEVEL)
+    if METHODS[name].theory and seconds > 0 and sign != "<":
+        axis.plot(seconds, MARKED_LEVEL, "|", color=colour, markersize=11)
+
+
+def _list_seconds(axis, curves: dict[str, pd.DataFrame]) -> None:
+    """Write what each method takes for the marked error, where no curve is."""
+    lines = {}
+    for name, points in curves.items():
+        seconds, sign = seconds_for(points, MARKED_LEVEL)
+        if seconds > 0:
+            lines[f"{METHODS[name].label}: {sign}{_brief(seconds)} s"] = STYLES[name][0]
+    lines = {f"to an error of {MARKED_LEVEL:.0%} (~ extrapolated)": "0.3", **lines}
+    for k, (line, colour) in enumerate(reversed(lines.items())):
+        axis.text(
+            0.97, 0.02 + 0.03 * k, line, transform=axis.transAxes, fontsize=8, color=colour,
+            horizontalalignment="right",
+        )  # fmt: skip
+
+
+def _draw_theory(axis, exponent: float | None, points: pd.DataFrame, until: float) -> None:
+    """Draw the slope of theory through the middle of a curve's finer half."""
+    if exponent is None or len(points) < 2:
+        return
+    fine = points.iloc[len(points) // 2 :]
+    seconds, error = (np.exp(np.log(fine[column]).mean()) for column in ("seconds", "error"))
+    ends = np.array([points["seconds"].iloc[0], until])
+    errors = error * (ends / seconds) ** -exponent
+    axis.plot(ends, errors, color="0.6", linewidth=0.8, zorder=0)
+    axis.annotate(
+        f"$N^{{-{Fraction(exponent)}}}$", (ends[1], errors[1]), (3, 0), textcoords="offset points",
+        fontsize=9, color="0.4", verticalalignment="center", annotation_clip=False,
+    )  # fmt: skip
+
+
+def effects_figure(effects: pd.DataFrame):
+    """Draw what leaving an effect out costs in error, beside what doing it costs in seconds.
+
+    Parameters
+    ----------
+    effects : DataFrame
+        Columns effect, bound, error_max, error_rms, seconds_added, seconds_spread and
+        seconds_planned.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, (left, right) = subplots(
+        1, 2, figsize=(11.5, 1.4 + 0.3 * len(effects)), sharey=True, layout="constrained"
+    )
+    y = np.arange(len(effects))
+    _draw_changes(left, effects, y)
+    _draw_seconds(right, effects, y)
+    left.set_yticks(y, [name.replace("_", " ") for name in effects["effect"]])
+    left.set_ylim(len(effects) - 0.4, -0.6)
+    for axis in (left, right):
+        axis.set_xscale("log")
+        axis.grid(axis="x", alpha=0.25)
+        axis.set_axisbelow(True)
+        axis.legend(
+            loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=8, frameon=False
+        )
+    return figure
+
+
+def _draw_changes(axis, effects: pd.DataFrame, y: np.ndarray) -> None:
+    """Draw what the image changes by, and the bound that the plan knew beforehand."""
+    axis.barh(y, effects["error_rms"], color="#0072B2", height=0.6, label="root-mean-square")
+    noise = effects["effect"].str.endswith("noise")  # the largest pixel grows with their number
+    largest = effects["error_max"].where(~noise)
+    axis.plot(largest, y, "|", color="k", markersize=11, label="largest of any pixel")
+    finite = effects["bound"].replace(np.inf, np.nan)
+    axis.plot(finite, y, "d", color="#D55E00", label="bound of the plan")
+    right = 10 * np.nanmax([finite.max(), effects["error_max"].max()])
+    for k in y[finite.isna()]:
+        axis.annotate(
+            "no bound", (right, k), (-4, 0), textcoords="offset points", fontsize=8,
+            color="#D55E00", horizontalalignment="right", verticalalignment="center",
+        )  # fmt: skip
+    threshold = LEFT_OUT_SHARE * TOLERANCE
+    label = f"left out below (tolerance {TOLERANCE:g})"
+    axis.axvline(threshold, color="0.4", linewidth=0.9, linestyle="--", label=label)
+    axis.set_xlim(min(threshold, effects["error_rms"].min()) / 3, right)
+    axis.set_xlabel("change of the image if left out, relative to the brightest pixel")
+
+
+def _draw_seconds(axis, effects: pd.DataFrame, y: np.ndarray) -> None:
+    """Draw the seconds that an effect adds; hollow, at most, where the runs differ by as much."""
+    added, spread = (effects[column].to_numpy() for column in ("seconds_added", "seconds_spread"))
+    sure = added > 2 * spread
+    most = np.maximum(added, 0) + spread
+    axis.barh(y[sure], added[sure], color="#009E73", height=0.6, label="measured")
+    axis.barh(
+        y[~sure], most[~sure], color="none", edgecolor="#009E73", height=0.6,
+        label="at most (spread of the runs)",
+    )  # fmt: skip
+    planned = effects["seconds_planned"].replace(0.0, np.nan)
+    axis.plot(planned, y, "d", color="#D55E00", label="estimate of the plan")
+    highest = max(most.max(), effects["seconds_planned"].max())
+    axis.set_xlim(max(np.where(sure, added, most).min(), 1e-6) / 3, 3 * highest)
+    axis.set_xlabel("seconds that it adds, on one thread")

@@ -1,0 +1,1 @@
+"""What a network knows of depth: the depth permutation test."""

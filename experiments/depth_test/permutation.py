@@ -1,0 +1,221 @@
+"""The swap test: whether a network sees how far away things are, or knows it by heart.
+
+In the training images of the paper every object stands at the depth of its own. A network that has
+only learnt which object is sharp in which plane looks perfect there, and goes wrong where the
+objects stand otherwise. Here they do (`lf_flame.datasets.depth_scenarios`), in scenes that no network was trained on.
+
+Shift-and-sum is right by construction; its images are the truth. What a network would draw that
+knows the depths by heart is the truth of the scene as it was before. Between both lies what a
+network draws; where, is the share of their difference that it follows:
+
+    by heart = sum((drawn - truth) * (learnt - truth)) / sum((learnt - truth)^2),
+
+0 for a network that draws what is there, 1 for one that draws every object at its own depth. One
+that cannot tell, and was trained with objects at all depths, draws something between.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lf_flame.datasets.depth_scenarios import Case, draw_case, make_cases, scene_settings
+from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.store import DatasetConfig
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import open_run
+from lf_flame.learning.scoring import score
+from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.resnet50 import ResNet50
+
+SAMPLES = 16
+
+COLUMNS = [
+    "case", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_lit_db", "ssim", "ssim_sd",
+    "by_heart",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A refocusing system under test.
+
+    Parameters
+    ----------
+    name : str
+    title : str
+        What it is, for tables.
+    trained : {"", "fixed depths", "shuffled depths"}
+        With which objects; a reference is not trained.
+    about : dict
+        Record of its training.
+    system : RefocusingSystem
+    """
+
+    name: str
+    title: str
+    trained: str
+    about: dict
+    system: RefocusingSystem
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the systems made of one case.
+
+    Parameters
+    ----------
+    case : Case
+    truth, learnt : ndarray of float32, shape (n, planes, h, w)
+        Refocused by shift-and-sum: the scenes as they are, and with every object at its own depth.
+    drawn : dict of str to ndarray of float32, shape (n, planes, h, w)
+        By system.
+    """
+
+    case: Case
+    truth: np.ndarray
+    learnt: np.ndarray
+    drawn: dict[str, np.ndarray]
+
+
+def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], list[Subject]]:
+    """Load trained networks that differ in nothing but in what they were shown and trained with.
+
+    Returns
+    -------
+    DatasetConfig
+        Of the first; the scenes are drawn by it.
+    list of float
+        Slopes of the planes.
+    list of Subject
+        Shift-and-sum of some views, as a reference, and the networks.
+
+    Raises
+    ------
+    InputError
+        If a run is missing, or two were made for other scenes or cameras.
+    """
+    opened = [open_run(run) for run in runs]
+    _, first = opened[0]
+    subjects = [_reference(first.config, InputEncoding(kind)) for kind in ("views", "grid")]
+    for run, (record, dataset) in zip(runs, opened, strict=True):
+        if scene_settings(dataset.config) != scene_settings(first.config):
+            raise InputError(
+                f"{run} was trained on other scenes than {runs[0]}, or for another camera; "
+                f"test them one by one."
+            )
+        name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
+        subjects.append(_network(name, run, record, dataset.config))
+    return first.config, first.attrs["slopes"], subjects
+
+
+def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
+    """Shift-and-sum of those views alone that an encoding shows, all as bright as they are."""
+    count = len(encoding.places(config.camera.views, config.camera.views))
+    name = f"shift-and-sum of {count} views"
+    return Subject(name, name, "", {}, ShiftAndSum(name, encoding.places))
+
+
+def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:
+    trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
+    title = f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe"
+    about = {key: value for key, value in record.items() if key != "test_indices"}
+    return Subject(name, title, trained, about, ResNet50.of_run(run))
+
+
+def run_cases(
+    config: DatasetConfig, slopes: Sequence[float], subjects: Sequence[Subject], samples: int
+) -> Iterator[Outcome]:
+    """Render the scenes of each case and let all systems refocus them.
+
+    Yields
+    ------
+    Outcome
+    """
+    systems = {"truth": ShiftAndSum()} | {one.name: one.system for one in subjects}
+    learnt = None
+    for case in make_cases(config):
+        stacks = {name: [] for name in systems}
+        for light_field in draw_case(config, case, samples):
+            for name, system in systems.items():
+                stacks[name].append(system.refocus(light_field, slopes, config.block))
+        drawn = {name: np.stack(some) for name, some in stacks.items()}
+        truth = drawn.pop("truth")
+        learnt = truth if learnt is None else learnt  # the first case is as trained
+        yield Outcome(case, truth, learnt, drawn)
+
+
+def tabulate(outcomes: Iterable[Outcome], depths_mm: Sequence[float]) -> pd.DataFrame:
+    """Score every system on every case, plane by plane; columns as in `COLUMNS`.
+
+    The rows of depth NaN hold the mean over the planes, and the share that a system knows by heart
+    over all of them.
+    """
+    tables = []
+    for outcome in outcomes:
+        for name, images in outcome.drawn.items():
+            scores = score(outcome.truth, images)
+            means = scores.mean().to_frame().T
+            planes = [
+                by_heart(*(x[:, k] for x in (images, outcome.truth, outcome.learnt)))
+                for k in range(len(depths_mm))
+            ]
+            whole = by_heart(images, outcome.truth, outcome.learnt)
+            scores = scores.assign(depth_mm=depths_mm, by_heart=planes)
+            means = means.assign(depth_mm=np.nan, by_heart=whole)
+            rows = pd.concat([scores, means])
+            tables.append(rows.assign(case=outcome.case.name, system=name))
+    return pd.concat(tables, ignore_index=True)[COLUMNS]
+
+
+def by_heart(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) -> float:
+    """Find the share of what is learnt that a system draws, see above; NaN: nothing differs."""
+    way = (learnt - truth).astype(float)
+    squares = np.sum(way**2)
+    if squares == 0:
+        return np.nan
+    return float(np.sum((drawn - truth) * way) / squares)
+
+
+def run_swap_test(
+    runs: Sequence[Path],
+    out: Path,
+    samples: int = SAMPLES,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+) -> Path:
+    """Test trained networks, and write the report.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Folders of finished runs.
+    out : Path
+        Folder for the report, see `experiments.depth_test.report.write_report`.
+    samples : int, optional
+        Scenes for each case.
+    progress : callable, optional
+        ``progress(outcomes, done, total)`` wraps the iterable of outcomes.
+
+    Returns
+    -------
+    Path
+        The report's Markdown file.
+
+    Raises
+    ------
+    InputError
+        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_cases`; or if there are no samples.
+    """
+    from experiments.depth_test import report
+
+    if samples < 1:
+        raise InputError(f"The swap test needs at least 1 scene for each case, got {samples}.")
+    config, slopes, subjects = load_subjects(runs)
+    cases = len(make_cases(config))
+    outcomes = run_cases(config, slopes, subjects, samples)
+    outcomes = list(outcomes if progress is None else progress(outcomes, 0, cases))
+    table = tabulate(outcomes, config.depths_mm)
+    return report.write_report(config, slopes, subjects, outcomes, table, out)

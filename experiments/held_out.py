@@ -1,0 +1,65 @@
+"""Light fields that no network was trained on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lf_flame.datasets.store import DatasetConfig
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import open_run
+
+SAMPLES = 3
+"""Light fields of each data set."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Light fields of a data set that no network was trained on.
+
+    Attributes
+    ----------
+    name : str
+    config : DatasetConfig
+    slopes : tuple of float
+        At which to refocus.
+    indices : tuple of int
+        Samples.
+    run : Path or None
+        Folder of the network, if there is one.
+    origin : str
+        What network it is, or why there is none.
+    """
+
+    name: str
+    config: DatasetConfig
+    slopes: tuple[float, ...]
+    indices: tuple[int, ...]
+    run: Path | None
+    origin: str
+
+
+def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> HeldOut:
+    """Take the test split of a finished run, or, without a run, the last samples of a preset.
+
+    Parameters
+    ----------
+    config : DatasetConfig
+        Which data set it is, and what it is made of where there is no run.
+    run : Path
+        Folder of a training run.
+    samples : int, optional
+        As many of them, or fewer where there are not as many.
+    """
+    try:
+        record, dataset = open_run(run)
+    except InputError as error:
+        count = min(config.samples.values())
+        slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
+        indices = tuple(range(max(count - samples, 0), count))
+        return HeldOut(config.kind, config, slopes, indices, None, f"missing. {error}")
+    origin = (
+        f"preset {record['preset']}, {record['epochs']} epochs, backbone "
+        f"{record['backbone_weights']}"
+    )
+    indices = tuple(record["test_indices"][:samples])
+    slopes = tuple(dataset.attrs["slopes"])
+    return HeldOut(config.kind, dataset.config, slopes, indices, run, origin)

@@ -1,0 +1,1 @@
+"""The paper's tables, slopes and figures, beside the printed values."""

@@ -1,0 +1,279 @@
+"""Results folders side by side, the seeds of one recipe pooled."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from experiments.paper.figures import learning_figure
+from experiments.paper.paper_values import read_paper_values
+from experiments.paper.tables import TABLES, read_tables
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_text
+from lf_flame._common.config import read_record
+from lf_flame.errors import InputError
+from lf_flame.learning.scoring import standard_deviation
+
+SCORES = ["ssim", "psnr_db"]
+COLUMNS = [
+    "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
+    "paper_ssim", "paper_psnr_db",
+]  # fmt: skip
+ASKED = (
+    "seed", "preset", "split", "model", "recipe", "epochs", "backbone_weights", "scenes_sha256",
+    "data_sha256",
+)  # fmt: skip
+"""What was asked of a run: runs that agree in all but the seed are pooled. The same scenes may
+differ in their last bits from machine to machine, and so in the hash of their data."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A table of a results folder.
+
+    Parameters
+    ----------
+    run : str
+        Name of the folder.
+    scores : DataFrame
+        Index ``depth_mm``, columns `SCORES`: means over the test split; NaN where it is missing.
+    asked : dict
+        `ASKED` of its record; empty where it is missing.
+    """
+
+    run: str
+    scores: pd.DataFrame
+    asked: dict
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of the run."""
+        return self.asked.get("seed")
+
+    @property
+    def weights(self) -> str:
+        """Backbone weights; random ones without their seed, which is the run's."""
+        return re.sub(r" \(seed \d+\)", "", self.asked.get("backbone_weights", ""))
+
+    @property
+    def recipe(self) -> dict:
+        """What was asked, but for the seed and the data set's last bits."""
+        return {**self.asked, "seed": None, "backbone_weights": self.weights, "data_sha256": None}
+
+
+def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
+    """Read a table of a results folder.
+
+    Raises
+    ------
+    InputError
+        If the table is there, but is not what `experiments.paper.tables.write_table` writes.
+    """
+    path = folder / f"{name}.csv"
+    if not path.exists():
+        index = pd.Index(depths_mm, name="depth_mm")
+        return Result(run, pd.DataFrame(math.nan, index, SCORES), {})
+    record = read_record(path.with_suffix(".json"))
+    try:
+        scores = pd.read_csv(path).set_index("depth_mm").loc[list(depths_mm), SCORES].astype(float)
+        return Result(run, scores, {name: record[name] for name in ASKED})
+    except (KeyError, ValueError):
+        raise InputError(
+            f"{path}, or the record beside it, is damaged; make it anew by `lf-flame evaluate`."
+        ) from None
+
+
+def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
+    """Put the results of one recipe together, none of them with a seed that is there already.
+
+    Missing results all have the same seed, none, and so stay apart.
+    """
+    pools = []
+    for result in results:
+        for pool in pools:
+            if pool[0].recipe == result.recipe and result.seed not in [r.seed for r in pool]:
+                pool.append(result)
+                break
+        else:
+            pools.append([result])
+    return pools
+
+
+def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
+    """Put pools of results beside the paper's values.
+
+    Returns
+    -------
+    DataFrame
+        `COLUMNS`, one row a pool and plane: the pool's first run, how many seeds it holds (0 where
+        it is missing), mean and standard deviation (n - 1) over the seeds, the paper's values.
+    """
+    blocks = []
+    for pool in pools:
+        seeds = pd.concat([result.scores for result in pool]).groupby("depth_mm", sort=False)
+        spreads = seeds.agg(standard_deviation).set_axis(["ssim_seed_sd", "psnr_seed_sd"], axis=1)
+        block = seeds.mean().join(spreads).reset_index()
+        blocks.append(
+            block.assign(
+                run=pool[0].run,
+                n_seeds=sum(bool(result.asked) for result in pool),
+                object=paper["object"],
+                paper_ssim=paper["ssim"],
+                paper_psnr_db=paper["psnr_db"],
+            )
+        )
+    return pd.concat(blocks)[COLUMNS]
+
+
+def comparison_markdown(table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict) -> str:
+    """Write a comparison as Markdown: one column a pool, and what each pool is."""
+    printed = [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)]
+    shown = {"depth (mm)": paper["depth_mm"], "object": paper["object"], "printed": printed}
+    for pool in pools:
+        rows = table[table["run"] == pool[0].run]
+        shown[_title(pool)] = [_cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()]
+    lines = pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True, stralign="right")
+    notes = "\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools)
+    caption = "SSIM / PSNR (dB), means over the test split; printed: the paper's values."
+    return f"### {paper['title']}\n\n{lines}\n\n{caption}\n\n{notes}\n"
+
+
+def _title(pool: list[Result]) -> str:
+    return pool[0].run if len(pool) == 1 else f"{pool[0].run}, {len(pool)} seeds"
+
+
+def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
+    if math.isnan(ssim):
+        return "missing"
+    if math.isnan(ssim_sd):
+        return f"{ssim:.3f} / {psnr:.2f}"
+    return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
+
+
+def _describe(pool: list[Result]) -> str:
+    asked = pool[0].asked
+    if not asked:
+        return "no finished run"
+    seeds = f"seed {pool[0].seed}"
+    if len(pool) > 1:
+        listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))
+        seeds = f"mean ± standard deviation over the seeds {listed}"
+    data = ", ".join(dict.fromkeys(result.asked["data_sha256"][:8] for result in pool))
+    return (
+        f"{seeds}; preset {asked['preset']}, {asked['epochs']} epochs, batch "
+        f"{asked['recipe']['batch_size']}; data set {data}; "
+        f"backbone weights: {pool[0].weights}"
+    )
+
+
+def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None = None) -> str:
+    """Both tables of one results folder, or of several side by side, as Markdown.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+    paper_values : Path
+    out : Path, optional
+        Markdown file to keep the text in; the numbers go into a CSV file beside it.
+
+    Raises
+    ------
+    InputError
+        If a folder is not there, or holds something else than results.
+    """
+    if out is not None and out.suffix != ".md":
+        raise InputError(f"The file for the tables must end in .md, got {out}.")
+    folders = list(dict.fromkeys(folders))
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
+    texts, tables = [], []
+    for name in TABLES:
+        paper = read_paper_values(paper_values, name)
+        runs = zip(folders, _short_names(folders), strict=True)
+        pools = pool_seeds([read_result(f, name, run, paper["depth_mm"]) for f, run in runs])
+        table = compare_table(pools, paper)
+        texts.append(comparison_markdown(table, pools, paper))
+        histories = read_histories(folders, name)
+        if histories:
+            texts.append(learning_markdown(histories))
+        tables.append(table.assign(table=name))
+    text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
+    if out is not None:
+        numbers = pd.concat(tables).set_index("table").round(6)
+        write_text(out, text)
+        write_text(out.with_suffix(".csv"), numbers.to_csv())
+    return text
+
+
+def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame]:
+    """Read how the runs behind a table learnt, those that are there.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        By run: the columns of a run's ``history.csv``, ``seconds`` counted since its start.
+    """
+    histories = {}
+    for folder, run in zip(folders, _short_names(folders), strict=True):
+        path = folder / f"{name}_history.csv"
+        if path.exists():
+            history = pd.read_csv(path)
+            histories[run] = history.assign(seconds=history.seconds.cumsum())
+    return histories
+
+
+def learning_markdown(histories: dict[str, pd.DataFrame]) -> str:
+    """Write how long each run took to its best epoch, and to where the weakest run ended.
+
+    Parameters
+    ----------
+    histories : dict of str to DataFrame
+        From `read_histories`, at least one.
+    """
+    best = {run: rows.loc[rows.val_psnr_db.idxmax()] for run, rows in histories.items()}
+    weakest = min(best, key=lambda run: best[run].val_psnr_db)
+    level = best[weakest].val_psnr_db
+    there = {run: rows[rows.val_psnr_db >= level].iloc[0] for run, rows in histories.items()}
+    shown = pd.DataFrame(
+        {
+            "run": list(best),
+            "best validation PSNR (dB)": [f"{row.val_psnr_db:.2f}" for row in best.values()],
+            "seconds (epoch)": [_when(row) for row in best.values()],
+            f"to {level:.2f} dB, the best of {weakest}": [_when(row) for row in there.values()],
+        }
+    )
+    lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
+    return f"Learning, in seconds since a run was started, the data set on disk:\n\n{lines}\n"
+
+
+def _when(row: pd.Series) -> str:
+    return f"{row.seconds:.0f} ({row.epoch:.0f})"
+
+
+def _short_names(folders: Sequence[Path]) -> list[str]:
+    names = [folder.resolve().name for folder in folders]
+    return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
+
+
+def compare_runs(folders: Sequence[Path], paper_values: Path, out: Path | None) -> str:
+    """Set the tables of results folders side by side; with `out`, keep them and draw the learning.
+
+    Parameters
+    ----------
+    folders, paper_values, out
+        See `report_tables`. Beside `out`, NAME.md, goes NAME.png: validation
+        PSNR against seconds.
+    """
+    text = report_tables(folders, paper_values, out)
+    if out is not None:
+        panels, printed = {}, {}
+        for name in TABLES:
+            paper = read_paper_values(paper_values, name)
+            panels[paper["title"]] = read_histories(folders, name)
+            printed[paper["title"]] = paper["psnr_db"]
+        figures.save(learning_figure(panels, printed), out.with_suffix(".png"))
+    return text

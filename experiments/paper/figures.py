@@ -1,0 +1,169 @@
+"""Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
+
+import numpy as np
+from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatter
+
+from lf_flame._common.figures import subplots
+from lf_flame.refocus.figures import _draw_searches, _shown
+
+
+def result_figure(light_field_image, targets, predictions, depths_mm, title: str):
+    """Figures 7 and 8 of the paper: input, ground truth, prediction, and the error they leave out.
+
+    Parameters
+    ----------
+    light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
+    targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
+    depths_mm : sequence of float
+    title : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    planes = len(targets)
+    errors = predictions - targets
+    limit = max(np.abs(errors).max(), 1e-6)
+    figure, axes = subplots(3, planes + 1, figsize=(2.7 * (planes + 1), 4.9), layout="constrained")
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+    axes[0, 0].imshow(light_field_image, cmap="gray", vmin=0, vmax=1)
+    axes[0, 0].set_title("(a) light-field image,\nas the network sees it", fontsize=10)
+    for axis in axes[1:, 0]:
+        axis.axis("off")
+    for k, depth in enumerate(depths_mm):
+        axes[0, k + 1].set_title(f"{depth:g} mm", fontsize=10)
+        axes[0, k + 1].imshow(targets[k], cmap="gray", vmin=0, vmax=1)
+        axes[1, k + 1].imshow(predictions[k], cmap="gray", vmin=0, vmax=1)
+        error = axes[2, k + 1].imshow(errors[k], cmap="RdBu_r", vmin=-limit, vmax=limit)
+    labels = ("(b) ground truth", "(c) prediction", "(d) error, (c) − (b)")
+    for row, label in enumerate(labels):
+        axes[row, 1].set_ylabel(label, fontsize=10)
+    figure.colorbar(error, ax=axes[2, 1:], fraction=0.05, aspect=12)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def sharpness_figure(panels):
+    """Sharpness of layers against slope, with the slopes of the geometry and of the paper.
+
+    Parameters
+    ----------
+    panels : dict of str to list of (str, SlopeSearch, float, float)
+        Layers by title: label, search, slope by geometry, slope in the paper (NaN: not printed).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = subplots(
+        len(panels),
+        figsize=(11, 1 + 2.9 * len(panels)),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    monospace = FontProperties(family="monospace", size=8.5)
+    for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
+        width = max(len(label) for label, *_ in layers)
+        rows = [
+            f"{label:{width}}{_shown(search.slope, 3):>8}{_shown(there, 3):>10}"
+            f"{_shown(printed, 2):>7}"
+            for label, search, there, printed in layers
+        ]
+        _draw_searches(axis, [search for _, search, *_ in layers], rows)
+        for k, (_, _, there, printed) in enumerate(layers):
+            _mark_slopes(axis, there, printed, f"C{k}")
+        axis.set_ylim(0, 1.25)
+        axis.set_title(title, fontsize=11, loc="left")
+        legend = axis.legend(
+            title=f"{'':{width + 4}}{'found':>8}{'geometry':>10}{'paper':>7}",
+            prop=monospace,
+            title_fontproperties=monospace,
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1),
+            handlelength=2,
+        )
+        legend.set_alignment("left")
+    axes[-1, 0].set_xlabel("slope (lenslets per view step)")
+    marks = {"found: peak of the curve": "o", "paper: as printed": "v"}
+    handles = [Line2D([], [], color="black", linestyle="--", label="geometry: closed form")]
+    handles += [
+        Line2D([], [], color="black", linestyle="", marker=marker, label=label)
+        for label, marker in marks.items()
+    ]
+    figure.legend(handles=handles, ncols=3, fontsize=9, loc="outside upper left")
+    return figure
+
+
+def _mark_slopes(axis, geometry: float, paper: float, color: str) -> None:
+    """Mark both slopes above a curve, and by how much they differ if it is to be seen."""
+    axis.plot([geometry] * 2, [0, 1.2], "--", color=color, linewidth=1)
+    axis.plot([paper, geometry], [1.12] * 2, "-", color=color, linewidth=1.5)
+    axis.plot(paper, 1.12, "v", color=color, markersize=9, markeredgecolor="black")
+    if abs(paper - geometry) > 0.05:  # the step of the paper's search
+        axis.annotate(
+            f"paper {paper - geometry:+.2f}",
+            (max(paper, geometry), 1.12),
+            (5, 0),
+            textcoords="offset points",
+            color=color,
+            va="center",
+        )
+
+
+FEW_EPOCHS = 60
+"""Up to which each epoch is marked."""
+
+
+def draw_learning(axis, curves: dict) -> None:
+    """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+    curves : dict of str to DataFrame
+        By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
+    """
+    for k, (label, curve) in enumerate(curves.items()):
+        style = ".-" if len(curve) <= FEW_EPOCHS else "-"
+        axis.plot(
+            curve.seconds, curve.val_psnr_db, style, color=f"C{k}", lw=1, markersize=3, label=label
+        )
+        best = curve.loc[curve.val_psnr_db.idxmax()]
+        axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(LogFormatter())
+    axis.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
+    axis.set_xlabel("seconds since the run was started, the data set on disk")
+    axis.set_ylabel("PSNR of the validation split (dB)")
+    axis.grid(alpha=0.3, which="both")
+
+
+def learning_figure(panels: dict, printed: dict):
+    """Draw how runs learnt, one panel a data set.
+
+    Parameters
+    ----------
+    panels : dict of str to dict of str to DataFrame
+        By title, see `draw_learning`.
+    printed : dict of str to sequence of float
+        PSNR that the paper prints for each plane, by title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, axes = subplots(
+        1, len(panels), figsize=(6.5 * len(panels), 5.5), squeeze=False, layout="constrained"
+    )
+    for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
+        low, high = min(printed[title]), max(printed[title])
+        axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
+        draw_learning(axis, curves)
+        axis.set_title(title, fontsize=11)
+        axis.legend(fontsize=9, loc="lower right")
+    return figure

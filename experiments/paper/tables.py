@@ -1,0 +1,218 @@
+"""SSIM and PSNR of a trained model on its test split, and the tables made of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from experiments.paper.figures import result_figure
+from experiments.paper.paper_values import read_paper_values
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.metrics import LIT, WINDOWS
+from lf_flame.datasets.store import Dataset
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.learning.scoring import score
+
+COLUMNS = [
+    "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
+    "n_test", "psnr_lit_db", "psnr_lit_sd",
+]  # fmt: skip
+
+TABLES = ("table1", "table2")
+
+
+def compare_with_paper(scores: pd.DataFrame, paper: dict) -> pd.DataFrame:
+    """Put the paper's values beside ours; columns as in `COLUMNS`."""
+    if len(scores) != len(paper["depth_mm"]):
+        raise InputError(
+            f"The paper has {len(paper['depth_mm'])} planes, the model has {len(scores)}."
+        )
+    table = scores.assign(
+        depth_mm=paper["depth_mm"],
+        object=paper["object"],
+        paper_ssim=paper["ssim"],
+        paper_psnr_db=paper["psnr_db"],
+    )
+    return table[COLUMNS]
+
+
+def score_windows(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
+    """Score SSIM by the table's window and by others: the paper does not state its own.
+
+    Parameters
+    ----------
+    targets, predictions : ndarray, shape (n, planes, h, w)
+
+    Returns
+    -------
+    DataFrame
+        One row a window, one column a plane: the mean over the samples.
+    """
+    pairs = list(zip(targets, predictions, strict=True))
+    rows = {
+        window: np.mean(
+            [[measure(a, b) for a, b in zip(*pair, strict=True)] for pair in pairs], axis=0
+        )
+        for window, measure in WINDOWS.items()
+    }
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def windows_markdown(windows: pd.DataFrame, depths_mm: list[float]) -> str:
+    """One row a window; the mean SSIM for each depth."""
+    shown = windows.map("{:.4f}".format).set_axis([f"{z:g} mm" for z in depths_mm], axis=1)
+    lines = shown.to_markdown(disable_numparse=True, stralign="right")
+    return f"SSIM of the same images by other windows:\n\n{lines}\n"
+
+
+def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd.DataFrame:
+    """Score what needs no network: the mean training image, and the input image as it is.
+
+    The latter where the input is one image of the targets' size.
+
+    Returns
+    -------
+    DataFrame
+        One row a plane and baseline; columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``,
+        ``psnr_lit_db``.
+    """
+    targets = dataset.targets[test]
+    mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
+    baselines = [("mean of the training images", mean)]
+    if dataset.inputs.shape[1:] == (*targets.shape[2:], 1):
+        copied = np.broadcast_to(np.moveaxis(dataset.inputs[test], 3, 1), targets.shape)
+        baselines.append(("the input image", copied))
+    tables = []
+    for name, images in baselines:
+        scores = score(targets, images)
+        tables.append(scores.assign(baseline=name, depth_mm=dataset.config.depths_mm))
+    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_lit_db"]]
+
+
+def baselines_markdown(baselines: pd.DataFrame) -> str:
+    """One row a baseline; SSIM / PSNR / PSNR over the lit pixels for each depth."""
+    numbers = baselines[["ssim", "psnr_db", "psnr_lit_db"]].itertuples(index=False)
+    cells = baselines.assign(cell=["{:.3f} / {:.2f} / {:.2f}".format(*row) for row in numbers])
+    shown = cells.pivot(index="baseline", columns="depth_mm", values="cell")
+    shown = shown[baselines.depth_mm.unique()]
+    shown.columns = [f"{depth:g} mm" for depth in shown.columns]
+    lines = shown.to_markdown(disable_numparse=True, stralign="right")
+    return (
+        f"Without a network, SSIM / PSNR / PSNR over the lit pixels (dB) on the same test split:"
+        f"\n\n{lines}\n"
+    )
+
+
+def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) -> str:
+    """Write a table as Markdown: ours, the paper's, the difference; a missing run as missing."""
+    if table is None:
+        shown = pd.DataFrame(
+            {
+                "depth (mm)": paper["depth_mm"],
+                "object": paper["object"],
+                "SSIM": "missing",
+                "SSIM, paper": paper["ssim"],
+                "PSNR (dB)": "missing",
+                "PSNR, paper": paper["psnr_db"],
+            }
+        )
+        note = "No finished run: `make tables` makes it."
+    else:
+        shown = pd.DataFrame(
+            {
+                "depth (mm)": table.depth_mm,
+                "object": table.object,
+                "SSIM": _with_spread(table.ssim, table.ssim_sd, 3),
+                "SSIM, paper": table.paper_ssim,
+                "difference": (table.ssim - table.paper_ssim).map("{:+.3f}".format),
+                "PSNR (dB)": _with_spread(table.psnr_db, table.psnr_sd, 2),
+                "PSNR, paper": table.paper_psnr_db,
+                "difference ": (table.psnr_db - table.paper_psnr_db).map("{:+.2f}".format),
+                "PSNR, lit (dB)": _with_spread(table.psnr_lit_db, table.psnr_lit_sd, 2),
+            }
+        )
+        note = (
+            f"Mean ± standard deviation over {table.n_test[0]} test samples; lit: over the pixels "
+            f"brighter than {LIT:.0%} of the peak in the truth. "
+            f"Preset {run['preset']}: {run['epochs']} epochs (best: {run['best_epoch']}), batch "
+            f"{run['recipe']['batch_size']}; backbone weights: {run['backbone_weights']}; "
+            f"trained in {run['train_s']:.0f} s on {run['machine']}."
+        )
+    lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
+    return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
+
+
+def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:
+    return [f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(mean, spread, strict=True)]
+
+
+def write_table(
+    table: pd.DataFrame,
+    baselines: pd.DataFrame,
+    windows: pd.DataFrame,
+    paper: dict,
+    run: dict,
+    name: str,
+    out: Path,
+) -> None:
+    """Write ``NAME.json``, ``NAME.md`` and, last because make looks at it, ``NAME.csv``."""
+    evaluation = provenance.environment()
+    # What was asked for as weights may not be what was had; `backbone_weights` is what was used.
+    model = {key: value for key, value in run["model"].items() if key != "backbone_weights"}
+    record = {
+        **{key: value for key, value in run.items() if key != "test_indices"},
+        "model": model,
+        "table": table.to_dict("records"),
+        "baselines": baselines.to_dict("records"),
+        "ssim_by_window": {window: list(row) for window, row in windows.T.items()},
+        "paper": paper["source"],
+        "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
+    }
+    write_json(out / f"{name}.json", record)
+    parts = [
+        table_markdown(table, paper, run),
+        baselines_markdown(baselines),
+        windows_markdown(windows, paper["depth_mm"]),
+    ]
+    write_text(out / f"{name}.md", "\n".join(parts))
+    write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
+
+
+def read_tables(out: Path, paper_values: Path) -> str:
+    """Both tables of a results folder as Markdown, missing ones shown as missing."""
+    texts = []
+    for name in TABLES:
+        found = out / f"{name}.md"
+        if found.exists():
+            texts.append(found.read_text(encoding="utf-8"))
+        else:
+            texts.append(table_markdown(None, read_paper_values(paper_values, name), None))
+    return "\n".join(texts)
+
+
+def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Path) -> None:
+    """Score a run's test split; write its table and the figure of its first test sample."""
+    record = load_run(run)
+    paper = read_paper_values(paper_values, table)
+    tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
+    dataset, indices, predictions = predict_test_split(run)
+    record["scenes_sha256"] = dataset.scenes_sha256
+    targets = dataset.targets[indices]
+    scores = compare_with_paper(score(targets, predictions), paper)
+    picture = result_figure(
+        dataset.inputs[indices[0]].squeeze(),
+        targets[0],
+        predictions[0],
+        dataset.config.depths_mm,
+        f"{record['title']}: sample {indices[0]}, the first of the test split ({record['preset']}, "
+        f"backbone {record['backbone_weights']})",
+    )
+    figures.save(picture, out / f"{figure}.png")
+    train = training_indices(len(dataset), record)
+    baselines = score_baselines(dataset, train, indices)
+    write_text(out / f"{table}_history.csv", (run / "history.csv").read_text(encoding="utf-8"))
+    windows = score_windows(targets, predictions)
+    write_table(scores, baselines, windows, paper, record, table, out)

@@ -1,0 +1,1 @@
+"""Variants of data and training, side by side."""

@@ -1,0 +1,383 @@
+"""Learning studies: variants of a data set, a model and a recipe, trained alike, set side by side.
+
+A study file (experiments/studies/*.toml) names a data set, a training configuration and a preset,
+and what each variant changes of them. All variants are scored on the same light fields, those of
+the configuration's own test split. A work folder holds ``data/`` (data sets, by the hash of what
+they are made of, so that variants share them) and, for each variant, ``STUDY/VARIANT/``: a run of
+`lf_flame.learning.training.train` and, last, ``score.json``.
+"""
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import keras
+import numpy as np
+from tqdm import tqdm
+
+from experiments.recipes.pca_bound import principal_component_bound
+from lf_flame._common.atomic_files import write_json
+from lf_flame._common.config import build, read_record, read_toml, to_json
+from lf_flame.datasets.store import DatasetConfig, config_from_json, make_dataset, split_indices
+from lf_flame.errors import InputError
+from lf_flame.learning.backbone import ImagenetUnavailable
+from lf_flame.learning.decoder import AVERAGES
+from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.learning.scoring import score
+from lf_flame.learning.training import TrainingConfig, train
+
+PROVENANCE = ("backbone_weights", "data_sha256", "machine", "git_revision", "versions", "date")
+"""What `score.json` takes over from the record of the run."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What to change in the TOML values of a data set, and of a model and recipe.
+
+    Tables merge key by key, lists of tables of the same length one by one; all else is replaced.
+    """
+
+    data: dict[str, Any] = field(default_factory=dict)
+    model: dict[str, Any] = field(default_factory=dict)
+    recipe: dict[str, Any] = field(default_factory=dict)
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant(Changes):
+    """A variant of a study.
+
+    Parameters
+    ----------
+    name : str
+        As tables show it.
+    series : str
+        Curve in the figure that it belongs to.
+    x : float, optional
+        Place on the study's axis.
+    training_samples : int, optional
+        Light fields to train on, instead of the training split's number.
+    preset : str, optional
+        Recipe to start from, instead of the study's.
+    data, model, recipe : dict
+        See `Changes`.
+    """
+
+    name: str
+    series: str = ""
+    x: float | None = None
+    training_samples: int | None = None
+    preset: str | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if not self.folder:
+            raise InputError(f"A variant needs a name with a letter or a digit, got {self.name!r}.")
+
+    @property
+    def folder(self) -> str:
+        """Name of its folder: words and numbers of its name."""
+        return "-".join(re.findall(r"[\w.]*\w", self.name))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The number in which variants differ: its name, its unit and how a figure scales it."""
+
+    label: str
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study; read from experiments/studies/*.toml.
+
+    Parameters
+    ----------
+    title : str
+    data, training : str
+        Files of a data set and of a training experiment, from the working directory.
+    preset : str
+        Recipe of the training experiment to start from.
+    samples : int
+        Light fields, of which the training experiment's split makes three parts.
+    variants : list of Variant
+    common : Changes
+        What all variants change; their own changes come behind it.
+    x : Axis, optional
+        Then every variant has a place on it.
+    timed : bool, optional
+        Whether it is about seconds, and has to be run on an idle machine; else none are shown.
+    """
+
+    title: str
+    data: str
+    training: str
+    preset: str
+    samples: int
+    variants: list[Variant]
+    common: Changes = field(default_factory=Changes)
+    x: Axis | None = None
+    timed: bool = False
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if not self.variants or self.samples < 1:
+            raise InputError(
+                f"A study needs variants and samples, got {len(self.variants)} and {self.samples}."
+            )
+        folders = [variant.folder for variant in self.variants]
+        for variant in self.variants:
+            if folders.count(variant.folder) > 1:
+                raise InputError(f"Two variants are called {variant.name!r}, or nearly so.")
+            if (variant.x is None) != (self.x is None):
+                raise InputError(
+                    f"x belongs to the study and to every variant, or to none; "
+                    f"variant {variant.name!r} differs."
+                )
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A variant with all that it is made of.
+
+    Parameters
+    ----------
+    variant : Variant
+    data : DatasetConfig
+        With one preset, "study".
+    training : TrainingConfig
+        With one preset.
+    test : ndarray of int
+        Light fields to score, the same for all variants.
+    """
+
+    variant: Variant
+    data: DatasetConfig
+    training: TrainingConfig
+    test: np.ndarray
+
+    @property
+    def preset(self) -> str:
+        """Name of the recipe."""
+        (name,) = self.training.presets
+        return name
+
+    @property
+    def asked(self) -> dict:
+        """What is asked for, as JSON values."""
+        return {"data": to_json(self.data), "training": to_json(self.training)}
+
+    @property
+    def dataset_name(self) -> str:
+        """Name of the data set's folder: a hash of what it is made of."""
+        text = json.dumps(to_json(self.data), sort_keys=True)
+        return f"{hashlib.sha256(text.encode()).hexdigest()[:12]}.zarr"
+
+    def read_score(self, runs: Path) -> dict | None:
+        """Read the scores from the study's work folder; None where there are none of this trial."""
+        path = runs / self.variant.folder / "score.json"
+        found = read_record(path) if path.exists() else {}
+        return found if found.get("asked") == self.asked else None
+
+
+def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
+    """Read a study file and build the configurations of all its variants.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read or holds an unknown, missing or impossible value.
+    """
+    study = build(Study, read_toml(path), path)
+    data, training = read_toml(study.data), read_toml(study.training)
+    build(TrainingConfig, training, study.training)
+    return study, [
+        _build_trial(study, variant, data, training, f"{path}: variant {variant.name!r}")
+        for variant in study.variants
+    ]
+
+
+def _build_trial(study: Study, variant: Variant, data: dict, training: dict, source: str) -> Trial:
+    preset = variant.preset or study.preset
+    recipe = training["presets"].get(preset)
+    if recipe is None:
+        known = ", ".join(training["presets"])
+        raise InputError(f"{source}: preset must be one of {known}, got {preset!r}.")
+    values = {"data": data, "model": training.get("model", {}), "recipe": recipe}
+    for changes in (study.common, variant):
+        values = _merge(values, {name: getattr(changes, name) for name in values})
+    recipe = {**values["recipe"], "without_imagenet": "stop"}
+    parts = {"model": values["model"], "presets": {preset: recipe}}
+    config = build(TrainingConfig, {**training, **parts}, source)
+    config, test = _with_training_samples(config, study.samples, variant, source)
+    samples = {"study": study.samples}
+    dataset = config_from_json({**values["data"], "samples": samples}, source)
+    return Trial(variant, dataset, config, test)
+
+
+def _merge(values, changes):
+    """Put changes over parsed TOML values; see `Changes`."""
+    both = (values, changes)
+    if all(isinstance(x, dict) for x in both):
+        return values | {key: _merge(values.get(key), change) for key, change in changes.items()}
+    if all(_is_list_of_tables(x) for x in both) and len(values) == len(changes):
+        return [_merge(*pair) for pair in zip(*both, strict=True)]
+    return changes
+
+
+def _is_list_of_tables(x) -> bool:
+    return isinstance(x, list) and all(isinstance(item, dict) for item in x)
+
+
+def _with_training_samples(
+    config: TrainingConfig, samples: int, variant: Variant, source: str
+) -> tuple[TrainingConfig, np.ndarray]:
+    """Let the split train on fewer samples, the rest going to the test part; and the common test.
+
+    The split cuts one random order of the samples into three parts, so the last ones stay.
+    """
+    parts = split_indices(samples, config.split, config.seed)
+    count, most = variant.training_samples, len(parts["train"])
+    if count is None:
+        return config, parts["test"]
+    if not 1 <= count <= most:
+        raise InputError(f"{source}: training_samples must be 1 to {most}, got {count}.")
+    shares = count / samples, len(parts["validation"]) / samples
+    return replace(config, split=(*shares, 1 - sum(shares))), parts["test"]
+
+
+def run_study(
+    path: str | Path,
+    out: Path,
+    work: Path,
+    paper_values: Path,
+    only: Collection[str] = (),
+    workers: int = 1,
+    progress: Callable | None = None,
+    imagenet: Path | None = None,
+) -> Path:
+    """Train and score the variants of a study that are not yet done; report after each.
+
+    Variants whose ImageNet weights cannot be had are left out, and show as missing.
+
+    Parameters
+    ----------
+    path : str or Path
+        Study file; its name is the study's.
+    out : Path
+        Folder for the report, see `experiments.recipes.report.write_report`.
+    work : Path
+        Folder for data sets and runs.
+    paper_values : Path
+        The numbers that the paper prints.
+    only : collection of str, optional
+        Names of variants to run; the others are reported if they are done. Default: all.
+    workers, progress
+        See `lf_flame.datasets.store.make_dataset`.
+    imagenet : Path, optional
+        Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
+
+    Returns
+    -------
+    Path
+        The report's Markdown file.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, there is no variant of that name, or its folder holds a run of
+        another configuration.
+    """
+    study, trials = read_study(path)
+    names = [trial.variant.name for trial in trials]
+    for name in only:
+        if name not in names:
+            raise InputError(f"{path} has no variant {name!r}; it has {', '.join(names)}.")
+    runs = Path(work) / Path(path).stem
+
+    def report() -> Path:
+        return report.write_report(Path(path), study, trials, runs, paper_values, out)
+
+    for number, trial in enumerate(trials, 1):
+        if trial.variant.name in (only or names) and trial.read_score(runs) is None:
+            tqdm.write(f"{number} of {len(trials)}: {trial.variant.name}")
+            try:
+                run_trial(trial, runs, Path(work) / "data", workers, progress, imagenet)
+            except ImagenetUnavailable:
+                tqdm.write("Left out: Keras cannot get its ImageNet weights; see --imagenet.")
+            report()
+    return report()
+
+
+def run_trial(
+    trial: Trial,
+    runs: Path,
+    data: Path,
+    workers: int = 1,
+    progress: Callable | None = None,
+    imagenet: Path | None = None,
+) -> None:
+    """Make the data set, train and score, going on where an earlier call was cut off.
+
+    Parameters
+    ----------
+    trial : Trial
+    runs, data : Path
+        Folders of the study's runs and of data sets.
+    workers, progress
+        See `lf_flame.datasets.store.make_dataset`.
+    imagenet : Path, optional
+        Weights file, where the trial asks for ImageNet's.
+    """
+    dataset, folder = data / trial.dataset_name, runs / trial.variant.folder
+    if not dataset.exists():
+        make_dataset(trial.data, *trial.data.samples.values(), dataset, workers, progress)
+    keras.utils.clear_session()  # frees the networks of the variants before
+    training = trial.training
+    if imagenet is not None and training.model.backbone_weights == "imagenet":
+        model = replace(training.model, backbone_weights=str(imagenet))
+        training = replace(training, model=model)
+    train(training, trial.preset, dataset, folder)
+    run = load_run(folder)
+    write_json(
+        folder / "score.json",
+        {
+            "asked": trial.asked,
+            "planes": _score_planes(trial, folder, run),
+            "test_samples": len(trial.test),
+            "training_samples": run["parts"]["train"],
+            **{name: run[name] for name in ("epochs", "best_epoch", "start_s", "train_s")},
+            **{name: run[name] for name in PROVENANCE},
+        },
+    )
+    for checkpoint in folder.glob("checkpoint-*"):  # hundreds of megabytes, needed no more
+        shutil.rmtree(checkpoint)
+
+
+def _score_planes(trial: Trial, folder: Path, run: dict) -> list[dict]:
+    """Score the test samples plane by plane, beside the bound."""
+    dataset, indices, predictions = predict_test_split(folder)
+    targets, train_targets = (
+        dataset.targets[chosen] for chosen in (trial.test, training_indices(len(dataset), run))
+    )
+    scores = score(targets, predictions[np.isin(indices, trial.test)])
+    objects = trial.data.template.objects
+    table = scores[["ssim", "psnr_db", "psnr_lit_db"]].assign(
+        # The objects stand side by side and vary independently: a band for each.
+        bound_db=principal_component_bound(train_targets, targets, AVERAGES, bands=len(objects)),
+        depth_mm=trial.data.depths_mm,
+        object=[item.name for item in objects],
+    )
+    return table.to_dict("records")

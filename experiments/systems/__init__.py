@@ -1,0 +1,1 @@
+"""Refocusing systems side by side."""

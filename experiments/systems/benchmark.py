@@ -1,0 +1,298 @@
+"""The contest: every refocusing system on the same light fields, by the same measures.
+
+Right is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems refocus
+from views in memory to images in memory, on all cores; each is timed in a process of its own, whose
+peak memory is what it takes.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from experiments.held_out import find_scenes
+from experiments.systems import report
+from experiments.systems.cost import price
+from experiments.systems.figures import figure, noise_figure
+from experiments.systems.test_sets import Scene, TestSet
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame.datasets.depth_scenarios import scene_settings
+from lf_flame.datasets.store import DatasetConfig
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import load_run, open_run
+from lf_flame.learning.scoring import score
+from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
+from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
+from lf_flame.systems.registry import NETWORKS
+from lf_flame.systems.resnet50 import ResNet50
+from lf_flame.systems.training import load_system
+from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, square_of_views
+
+COLUMNS = [
+    "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
+    "psnr_lit_db", "psnr_lit_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A system that can be loaded, here or in another process.
+
+    Attributes
+    ----------
+    name : str
+    load : callable
+        Takes nothing, gives the system; can be pickled. Raises InputError where it is missing.
+    about : dict
+        How it was trained, for the record.
+    only : str
+        Test sets whose name starts so; "": all.
+    """
+
+    name: str
+    load: Callable[[], RefocusingSystem]
+    about: dict
+    only: str = ""
+
+
+def classical_contestants() -> list[Contestant]:
+    """List the systems that need no training."""
+    some = {
+        "shift-and-sum, 3 x 3 views": square_of_views,
+        "shift-and-sum, lattice of 9 views": lattice_of_views,
+        "shift-and-sum, cross of 17 views": cross_of_views,
+        "shift-and-sum, 7 x 7 views": partial(square_of_views, side=7),
+    }
+    return [
+        Contestant("shift-and-sum, all views", ShiftAndSum, {}),
+        Contestant("Fourier slice, all views", FourierSlice, {}),
+        *(
+            Contestant(name, partial(ShiftAndSum, name, places), {})
+            for name, places in some.items()
+        ),
+    ]
+
+
+def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> list[Contestant]:
+    """List the networks of a folder of runs; those that are not there will show as missing.
+
+    Parameters
+    ----------
+    runs : Path
+        With a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
+        ``flames``, those of the paper's.
+    official_refocusnet : Path, optional
+        The authors' trained weights, see `RefocusNet.of_weights`.
+    """
+    found = []
+    for name, network in NETWORKS.items():
+        load = partial(load_system, runs / name)
+        found.append(Contestant(network.title, load, _about(runs / name)))
+    if official_refocusnet:
+        load = partial(RefocusNet.of_weights, official_refocusnet)
+        found.append(Contestant(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
+    for kind in ("shapes", "flames"):
+        load = partial(ResNet50.of_run, runs / kind)
+        name = f"{ResNet50.name}, trained on {kind}"
+        found.append(Contestant(name, load, _about(runs / kind), only=kind))
+    return found
+
+
+def variant_contestant(
+    folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int
+) -> Contestant:
+    """Enter another run of the paper's network, such as one that is shown other views.
+
+    It shows as missing if there is no such run, or if it has seen light fields of the test sets.
+
+    Parameters
+    ----------
+    folder : Path
+        Its run folder.
+    configs : sequence of DatasetConfig
+        Data sets to be compared on.
+    runs, count
+        As for `experiments.systems.test_sets.paper_sets`.
+    """
+    name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
+    try:
+        record, dataset = open_run(folder)
+        for config in configs:
+            held_out = find_scenes(config, runs / config.kind, count)
+            if scene_settings(held_out.config) == scene_settings(dataset.config):
+                _refuse_seen(set(held_out.indices) - set(record["test_indices"]), folder)
+    except InputError as error:
+        return Contestant(name, partial(_refuse, str(error)), {})
+    load = partial(ResNet50.of_run, folder)
+    return Contestant(name, load, _about(folder), only=dataset.config.kind)
+
+
+def _refuse_seen(seen: set[int], folder: Path) -> None:
+    if seen:
+        raise InputError(
+            f"{folder} has seen light fields that it would be tested on, such as {min(seen)}."
+        )
+
+
+def _refuse(reason: str) -> None:
+    raise InputError(reason)
+
+
+def _about(folder: Path) -> dict:
+    """Read the record of a run, with the seconds that it took; nothing where there is none."""
+    try:
+        record = load_run(folder)
+    except InputError:
+        return {}
+    record.pop("test_indices", None)
+    return {**record, "seconds": record.get("start_s", np.nan) + record.get("train_s", np.nan)}
+
+
+def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
+    """Score systems on a test set, plane by plane; columns as in `COLUMNS`.
+
+    What one refuses shows as missing, with its own words.
+
+    Parameters
+    ----------
+    systems : dict of RefocusingSystem or InputError
+        By the name that the table calls it; an error says why it is not there.
+    test_set : TestSet
+    """
+    refused = {name: str(one) for name, one in systems.items() if isinstance(one, InputError)}
+    truths, drawn = [], {name: [] for name in systems}
+    for scene in test_set.scenes():
+        truths.append(_inner(scene.truth(test_set.truth), scene.border))
+        for name in set(systems) - set(refused):
+            try:
+                images = systems[name].refocus(scene.views, scene.slopes, scene.block)
+                drawn[name].append(_inner(images, scene.border))
+            except InputError as error:
+                refused[name] = str(error)
+    tables = []
+    for name, system in systems.items():
+        if name in refused:
+            tables.append(_missing(test_set, name, refused[name]))
+            continue
+        table = score(np.stack(truths), np.stack(drawn[name]))
+        table = table.rename(columns={"n_test": "light_fields"}).assign(
+            test_set=test_set.name, truth=test_set.truth, electrons=test_set.electrons,
+            system=name, views=len(set(system.chosen(*scene.views.shape[:2]))),
+            slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
+        )  # fmt: skip
+        tables.append(table[COLUMNS])
+    return pd.concat(tables, ignore_index=True)
+
+
+def _missing(test_set: TestSet, name: str, reason: str) -> pd.DataFrame:
+    row = {"test_set": test_set.name, "truth": test_set.truth, "electrons": test_set.electrons}
+    row |= {"system": name, "why_missing": reason}
+    return pd.DataFrame([row]).reindex(columns=COLUMNS)
+
+
+def _inner(stack: np.ndarray, border: int) -> np.ndarray:
+    return stack[:, border:-border, border:-border] if border else stack
+
+
+def run_contest(
+    contestants: Sequence[Contestant],
+    test_sets: Sequence[TestSet],
+    out: Path,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+) -> Path:
+    """Let systems refocus test sets, and write the report.
+
+    Parameters
+    ----------
+    contestants : sequence of Contestant
+    test_sets : sequence of TestSet
+        The first scene of the first one is the frame that systems are timed on.
+    out : Path
+        Folder for ``compare.csv``, ``systems.csv``, ``compare.md``, ``.png`` and ``.json``.
+    progress : callable, optional
+        ``progress(steps, done, total)`` wraps the iterable of steps.
+
+    Returns
+    -------
+    Path
+        ``compare.md``.
+    """
+    _refuse_same_names(contestants, test_sets)
+    started = time.perf_counter()
+    frame = next(test_sets[0].scenes())
+    results = _compete(contestants, test_sets, frame)
+    steps = len(contestants) + len(test_sets)
+    results = list(results if progress is None else progress(results, 0, steps))
+    scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
+    prices = pd.DataFrame([x for x in results if isinstance(x, dict)])
+    record = {
+        "systems": {one.name: one.about for one in contestants},
+        "test_sets": {one.name: one.origin for one in test_sets},
+        "frame": {
+            "planes": len(frame.slopes),
+            "image": " x ".join(str(n) for n in frame.truth().shape[1:]),
+            "views": " x ".join(str(n) for n in frame.views.shape[:2]),
+        },
+        "wall_s": round(time.perf_counter() - started, 1),
+        **provenance.environment(),
+    }
+    write_text(out / "compare.csv", scores.round(5).to_csv(index=False))
+    write_text(out / "systems.csv", prices.round(3).to_csv(index=False))
+    write_text(out / "compare.md", report.text(scores, prices, record))
+    clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
+    figures.save(figure(clean, prices), out / "compare.png")
+    if len(dark):
+        figures.save(noise_figure(dark), out / "compare_noise.png")
+    write_json(out / "compare.json", record)
+    return out / "compare.md"
+
+
+def _refuse_same_names(contestants, test_sets: Sequence[TestSet]) -> None:
+    for kind, names in (
+        ("test sets", [(one.name, one.truth, one.electrons) for one in test_sets]),
+        ("systems", [(one.name,) for one in contestants]),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"Two {kind} are called {name[0]!r}; compare one at a time.")
+
+
+def _compete(contestants, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
+    """Yield what each system takes, then the scores of all on each test set."""
+    loaded = {}
+    for one in contestants:
+        loaded[one.name] = _loaded(one)
+        yield _described(one, loaded[one.name], frame)
+    for test_set in test_sets:
+        systems = dict(loaded)
+        for one in contestants:
+            if not test_set.name.startswith(one.only):
+                systems[one.name] = InputError(f"it was trained on {one.only}.")
+        yield score_systems(systems, test_set)
+
+
+def _loaded(contestant: Contestant) -> RefocusingSystem | InputError:
+    try:
+        return contestant.load()
+    except InputError as error:
+        return error
+
+
+def _described(contestant: Contestant, system, frame: Scene) -> dict:
+    row = {"system": contestant.name, "views": np.nan, "parameters": np.nan}
+    row |= {"training_s": np.nan, "milliseconds": np.nan, "memory_mb": np.nan}
+    if isinstance(system, InputError):
+        return row
+    row |= {"parameters": system.parameters, "training_s": contestant.about.get("seconds", np.nan)}
+    try:
+        row["views"] = len(set(system.chosen(*frame.views.shape[:2])))
+        system.refocus(frame.views, frame.slopes, frame.block)
+    except InputError:
+        return row
+    return row | asdict(price(contestant.load, frame.views, frame.slopes, frame.block))

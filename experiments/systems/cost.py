@@ -1,0 +1,81 @@
+"""What a refocusing system takes: milliseconds and memory, in a process of its own.
+
+This module imports nothing heavy, so that a process that runs no network does not load one.
+"""
+
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiments.timing import forget_peak_memory, peak_memory
+from lf_flame.systems.base import RefocusingSystem
+
+REPEATS = 15
+SECONDS = 1.0
+"""Repeats go on for so long, for a network is at its full speed only after some."""
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a system takes.
+
+    Attributes
+    ----------
+    milliseconds : float
+        For a frame, the fastest of 15, or of as many as a second holds.
+    memory_mb : float
+        Peak of its process, less the light field.
+
+    Both are NaN where the process died.
+    """
+
+    milliseconds: float
+    memory_mb: float
+
+
+def price(
+    load: Callable[[], RefocusingSystem],
+    views: np.ndarray,
+    slopes: np.ndarray,
+    block: tuple[int, int],
+) -> Price:
+    """Time a system on a frame, in a process of its own that does nothing else.
+
+    Parameters
+    ----------
+    load : callable
+        Gives the system; can be pickled.
+    views, slopes, block
+        The frame, see `RefocusingSystem.refocus`.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, context, _shut_standard_error) as pool:
+        try:
+            return pool.submit(_measure, load, views, slopes, block).result()
+        except BrokenProcessPool:  # killed, as for want of memory
+            return Price(float("nan"), float("nan"))
+
+
+def _shut_standard_error() -> None:
+    """Keep TensorFlow's pages back; what goes wrong still comes back as an exception."""
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+
+
+def _measure(load, views, slopes, block) -> Price:
+    forget_peak_memory()
+    system = load()
+    system.refocus(views, slopes, block)  # compiles
+    seconds = []
+    while len(seconds) < REPEATS or sum(seconds) < SECONDS:
+        started = time.perf_counter()
+        system.refocus(views, slopes, block)
+        seconds.append(time.perf_counter() - started)
+    return Price(1e3 * min(seconds), (peak_memory() - views.nbytes) / 1e6)

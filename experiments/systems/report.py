@@ -1,0 +1,142 @@
+"""The text of the contest (`experiments.systems.benchmark`)."""
+
+import numpy as np
+import pandas as pd
+
+from experiments.systems.test_sets import SIXTEEN
+
+MISSING = "missing"
+
+CLAIMED_SSIM = 0.925
+"""Of RefNet against the Fourier slice, as the paper reports it of Hedayati et al."""
+
+
+def text(scores: pd.DataFrame, prices: pd.DataFrame, record: dict) -> str:
+    """Put what came out into Markdown.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        Columns as in `experiments.systems.benchmark.COLUMNS`.
+    prices : DataFrame
+        One row a system: system, views, parameters, training_s, milliseconds, memory_mb.
+    record : dict
+        As it is written.
+    """
+    clean = without_noise(scores)
+    return f"""# Refocusing systems side by side
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
+{record["wall_s"]:.0f} s.
+
+Right is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and light
+fields; every plane is in compare.csv. Views are those that a system looks at; training in seconds,
+with drawing the lessons (the ResNet-50's data set is drawn beforehand and not counted);
+milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
+{record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
+of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
+cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares;
+what is exact, or beyond the axis, stands at its edge as a triangle.
+
+{_prices(prices)}
+
+## PSNR (dB)
+
+{_pivot(clean, "psnr_db", "{:.2f}")}
+
+## SSIM
+
+{_pivot(clean, "ssim", "{:.3f}")}
+
+## The weakest plane, PSNR (dB)
+
+{_pivot(clean, "psnr_db", "{:.2f}", "min")}
+
+{_sixteen(scores)}{_noise(scores)}## What is missing
+
+{_missing(scores)}
+"""
+
+
+def without_noise(scores: pd.DataFrame) -> pd.DataFrame:
+    """Keep the planes that all systems are for, in enough light."""
+    return scores[np.isinf(scores.electrons) & ~scores.test_set.str.endswith(SIXTEEN)]
+
+
+def _missing(scores: pd.DataFrame) -> str:
+    """List what is missing: systems that were refused for the same reason, and the first time."""
+    rows = scores[scores.psnr_db.isna()].drop_duplicates(["system", "why_missing"])
+    reasons = [
+        row.why_missing.removeprefix(row.system).removeprefix(f"{row.system.split(',')[0]} ")
+        for row in rows.itertuples()
+    ]
+    lines = [
+        f"- {test_set}: {reason.strip()} ({'; '.join(some.system)})"
+        for (test_set, reason), some in rows.groupby(["test_set", pd.Series(reasons, rows.index)])
+    ]
+    return "\n".join(lines) or "Nothing."
+
+
+def _sixteen(scores: pd.DataFrame) -> str:
+    """Write a table for the slopes of RefNet; nothing where they were not asked for."""
+    seen = scores[scores.test_set.str.endswith(SIXTEEN)]
+    if seen.empty:
+        return ""
+    names = seen.test_set.str.removesuffix(SIXTEEN) + ", " + seen.truth
+    return f"""## SSIM at RefNet's sixteen slopes
+
+Slope 1 - alpha, alpha from 0.125 to 2; right is shift-and-sum or the Fourier slice of all views.
+The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on other
+data.
+
+{_pivot(seen.assign(test_set=names), "ssim", "{:.3f}")}
+
+"""
+
+
+def _noise(scores: pd.DataFrame) -> str:
+    """Write a table for each test set that was seen in less light; nothing where none was."""
+    seen = scores[np.isfinite(scores.electrons)]
+    if seen.empty:
+        return ""
+    parts = [
+        "## In less light, PSNR (dB)",
+        "Shot noise of as many electrons as a pixel at full scale holds; right is what all views "
+        "show without noise. Only the system that says so has learnt from noisy lessons.",
+    ]
+    for name in seen.test_set.unique():
+        rows = scores[scores.test_set == name]
+        rows = rows.assign(test_set=[_light(value) for value in rows.electrons])
+        parts += [f"### {name}", _pivot(rows, "psnr_db", "{:.2f}")]
+    return "\n\n".join(parts) + "\n\n"
+
+
+def _light(electrons: float) -> str:
+    if np.isinf(electrons):
+        return "no noise"
+    return f"{electrons:g} electron" + "s" * (electrons != 1)
+
+
+def _prices(prices: pd.DataFrame) -> str:
+    shown = prices.copy()
+    for name, form in {"training_s": "{:.0f}", "milliseconds": "{:.1f}", "memory_mb": "{:.0f}",
+                       "views": "{:.0f}", "parameters": "{:,.0f}"}.items():  # fmt: skip
+        shown[name] = ["" if pd.isna(x) else form.format(x) for x in prices[name]]
+    shown.columns = ["system", "views", "parameters", "training (s)", "ms a frame", "memory (MB)"]
+    sides = ("left", *["right"] * (len(shown.columns) - 1))
+    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
+
+
+def _pivot(scores: pd.DataFrame, measure: str, form: str, how: str = "mean") -> str:
+    groups = scores.groupby(["system", "test_set"], sort=False)[measure]
+    values = groups.min() if how == "min" else groups.mean()
+    wide = values.unstack("test_set").loc[scores.system.unique(), scores.test_set.unique()]
+    shown = wide.map(lambda value: _number(value, form))
+    sides = ("left", *["right"] * len(shown.columns))
+    return shown.to_markdown(disable_numparse=True, colalign=sides)
+
+
+def _number(value: float, form: str) -> str:
+    if np.isinf(value):
+        return "exact"
+    return MISSING if pd.isna(value) else form.format(value)

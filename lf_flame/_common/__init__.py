@@ -1,0 +1,1 @@
+"""Small helpers that all parts share: nothing here knows of optics or learning."""

@@ -1,0 +1,35 @@
+"""Figures that go to files: no screen is needed, and the backend of a notebook stays as it is."""
+
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from lf_flame._common.atomic_files import written_aside
+
+
+def subplots(rows: int = 1, columns: int = 1, *, figsize=None, layout=None, **options):
+    """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot.
+
+    Parameters
+    ----------
+    rows, columns : int, optional
+    figsize, layout
+        Of `matplotlib.figure.Figure`.
+    **options
+        Of `matplotlib.figure.Figure.subplots`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    matplotlib.axes.Axes or ndarray of them
+    """
+    figure = Figure(figsize=figsize, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+    """Write a figure as PNG."""
+    with written_aside(path) as aside:
+        figure.savefig(aside, dpi=dpi)

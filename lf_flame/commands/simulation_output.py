@@ -1,0 +1,70 @@
+"""From a scene to the files a user looks at."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import write_json, write_text, written_aside
+from lf_flame._common.config import to_json
+from lf_flame.formats import write_focal_stack
+from lf_flame.formats.images import to_preview, white_level, write_image
+from lf_flame.formats.view_sheet import view_sheet
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import shift_and_sum
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.rendering import render
+
+
+def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dict:
+    """Render a scene, refocus it at the depth of each layer, and write everything.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    out : Path
+        Folder for ``raw.tif`` and ``raw.png`` (lenslet image), ``views.png`` (sheet of
+        sub-aperture views), ``refocused.tif`` (stack) and ``refocused_N_DEPTHmm.png``,
+        ``light_field.npz`` (arrays), ``plan.txt`` (the effect plan) and ``simulation.json``
+        (the record).
+    **options
+        Those of `lf_flame.render`.
+
+    Returns
+    -------
+    dict
+        The record.
+    """
+    light_field = render(scene, camera, **options)
+    depths = np.array(scene.depths_mm)
+    slopes = camera.depth_to_slope(depths)
+    stack = shift_and_sum(light_field, slopes)
+    white = white_level(light_field.views)
+    _write_images(light_field, stack, slopes, depths, white, out)
+    arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
+    with written_aside(out / "light_field.npz") as aside:
+        np.savez_compressed(aside, **arrays)
+    record = {
+        "camera": to_json(camera),
+        "depths_mm": depths.tolist(),
+        "slopes": slopes.tolist(),
+        "radiance_of_white_in_png": white,
+        "plan": light_field.plan.to_json(),
+        "seed": options.get("seed"),
+        **provenance.environment(),
+    }
+    write_text(out / "plan.txt", f"{light_field.plan}\n")
+    write_json(out / "simulation.json", record)
+    return record
+
+
+def _write_images(light_field: LightField, stack, slopes, depths, white: float, out: Path) -> None:
+    raw = light_field.to_raw()
+    write_image(out / "raw.tif", raw)
+    write_image(out / "raw.png", to_preview(raw, white))
+    write_focal_stack(stack, slopes, out / "refocused.tif")
+    for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
+        write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, white))
+    figures.save(view_sheet(light_field.views), out / "views.png")

@@ -1,0 +1,1 @@
+"""Data sets of simulated light fields and their refocused images, on disk."""

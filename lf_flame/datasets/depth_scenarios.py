@@ -1,0 +1,90 @@
+"""Cases: the objects of a data set at other depths than those that a network was trained with.
+
+They are scaled so that the central view stays as it was: parallax and defocus alone tell the scenes
+apart.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame._common.config import to_json
+from lf_flame.datasets.store import DatasetConfig, render_drawn
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.plan import plan_effects
+
+FIRST_SAMPLE = 1_000_000
+"""Index of the first scene: data sets draw theirs from lower ones."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A way of placing the objects of a data set.
+
+    Parameters
+    ----------
+    name : str
+    depths_mm : tuple of float
+        Of each object.
+    present : tuple of int
+        Objects that are there.
+    """
+
+    name: str
+    depths_mm: tuple[float, ...]
+    present: tuple[int, ...]
+
+    def place(self, scene: Scene, config: DatasetConfig) -> Scene:
+        """Place the objects of a scene so."""
+        placed = scene.at_depths(self.depths_mm, config.camera)
+        return Scene([placed.layers[k] for k in self.present])
+
+
+def make_cases(config: DatasetConfig) -> list[Case]:
+    """List the ways of placing the objects of a data set; the first is its own.
+
+    Raises
+    ------
+    InputError
+        If there is but one object, so that nothing can change places.
+    """
+    own, names = config.depths_mm, [item.name for item in config.template.objects]
+    if len(set(own)) < 2:
+        raise InputError(
+            f"Only objects at two depths at least can change places; those of {config.kind} stand "
+            f"at {', '.join(f'{z:g}' for z in own)} mm."
+        )
+    everyone = tuple(range(len(own)))
+    half = float(np.diff(np.unique(own)).min()) / 2
+    cases = [
+        Case("as trained", tuple(own), everyone),
+        Case("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
+        Case("order reversed", tuple(own[::-1]), everyone),
+        Case(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
+        Case(f"{names[0]} alone", tuple(own), (0,)),
+    ]
+    # Of two or three objects, exchanging the ends is reversing the order.
+    return list({(case.depths_mm, case.present): case for case in cases[::-1]}.values())[::-1]
+
+
+def draw_case(config: DatasetConfig, case: Case, samples: int) -> Iterator[LightField]:
+    """Draw light fields whose objects are placed so, of the same scenes for every case.
+
+    Yields
+    ------
+    LightField
+    """
+    mean, _ = config.template.draw(None)
+    plan = plan_effects(case.place(mean, config), config.camera, effects=config.effects)
+    for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
+        scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
+        yield render_drawn(case.place(scene, config), config, plan, index)
+
+
+def scene_settings(config: DatasetConfig) -> dict:
+    """Keep what makes two data sets hold the same scenes, but for the depths of the objects."""
+    free = ("input", "shuffled_depths", "samples")
+    return {key: value for key, value in to_json(config).items() if key not in free}

@@ -1,0 +1,94 @@
+"""The network's input: what an image network is shown of a light field.
+
+The paper shows its network the raw lenslet image, resized. Area averaging makes that a photograph:
+no angular information is left (deviation 5). The other encodings keep parallax, in channels or side
+by side, and go through the same frozen backbone.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from lf_flame._common.arrays import area_average, spread
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+
+CHANNELS = 3
+"""Of the images that the backbone was made for."""
+
+
+@dataclass(frozen=True)
+class InputEncoding:
+    """How a light field becomes the network's input.
+
+    Parameters
+    ----------
+    kind : {"raw", "views", "grid"}
+        "raw" is the paper's: the raw lenslet image resized by area averaging, in one channel.
+        "views": three views of the middle row, leftmost, central and rightmost, in three channels.
+        "grid": views from all over the main lens side by side, in one channel.
+    image : (int, int), optional
+        Height and width of the image, of each view where there are several. Default: as the
+        network's output.
+    grid : int
+        Views of a "grid" along each axis.
+    """
+
+    kind: Literal["raw", "views", "grid"] = "raw"
+    image: tuple[int, int] | None = None
+    grid: int = 3
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if self.grid < 1:
+            raise InputError(f"grid must be at least 1 view along each axis, got {self.grid}.")
+
+    @property
+    def views_per_side(self) -> int:
+        """Views along an axis that a camera must have."""
+        return {"raw": 1, "views": CHANNELS, "grid": self.grid}[self.kind]
+
+    def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
+        """Height, width and channels of the input of a network with outputs of this size."""
+        height, width = self.image or output
+        if self.kind == "grid":
+            return self.grid * height, self.grid * width, 1
+        return height, width, CHANNELS if self.kind == "views" else 1
+
+    def chosen(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Index the views that are shown, of rows x columns: ``views[encoding.chosen(v, u)]``."""
+        if self.kind == "raw":
+            return np.ix_(range(rows), range(columns))
+        down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
+        return np.ix_(spread(rows, down), spread(columns, across))
+
+    def places(self, rows: int, columns: int) -> list[tuple[int, int]]:
+        """List row and column of each view that is shown, of rows x columns."""
+        down, across = self.chosen(rows, columns)
+        return list(product(down.ravel().tolist(), across.ravel().tolist()))
+
+    def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
+        """Show a light field to a network with outputs of this size.
+
+        Parameters
+        ----------
+        light_field : LightField
+            Grey; its lenslets are a whole multiple of the image.
+        output : (int, int)
+
+        Returns
+        -------
+        ndarray of float32, shape ``self.shape(output)``
+            From 0 to 1.
+        """
+        size, views = self.image or output, light_field.views
+        if self.kind == "raw":
+            # Every output pixel is the mean of whole micro-images, so of the photograph.
+            return area_average(light_field.photograph, size)[..., None]
+        tiles = area_average(views[self.chosen(*views.shape[:2])], size)
+        if self.kind == "views":
+            return np.moveaxis(tiles[0], 0, -1)
+        return np.block([list(row) for row in tiles])[..., None]

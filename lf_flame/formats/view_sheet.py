@@ -1,0 +1,39 @@
+"""A sheet of sub-aperture views, to look at."""
+
+import numpy as np
+
+from lf_flame._common.figures import subplots
+
+
+def view_sheet(views: np.ndarray, per_side: int = 5):
+    """Draw a sheet of sub-aperture views, spread evenly over the aperture.
+
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s), values from 0
+    per_side : int
+        Views along each axis, at most.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    rows, columns = (
+        np.unique(np.linspace(0, n - 1, min(n, per_side)).round().astype(int))
+        for n in views.shape[:2]
+    )
+    height, width = views.shape[2:]
+    figure, axes = subplots(
+        len(rows),
+        len(columns),
+        figsize=(2 * len(columns), 2 * len(rows) * height / width + 0.8),
+        squeeze=False,
+        layout="constrained",
+    )
+    for v, line in zip(rows, axes, strict=True):
+        for u, axis in zip(columns, line, strict=True):
+            axis.imshow(views[v, u], cmap="gray", vmin=0, vmax=max(views.max(), 1e-9))
+            axis.set_title(f"v = {v}, u = {u}", fontsize=7, pad=2)
+            axis.axis("off")
+    figure.suptitle("Sub-aperture views", fontsize=10)
+    return figure

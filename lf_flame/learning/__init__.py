@@ -1,0 +1,1 @@
+"""The paper's network: backbone, decoder, training, and trained networks in files."""

@@ -1,0 +1,211 @@
+"""The paper's network (section II.C, Figure 4): frozen ResNet-50 and a decoder of its own.
+
+Images are [n, h, w, channels] in, [n, planes, h, w, 1] out, float32 in [0, 1].
+"""
+
+from pathlib import Path
+
+import keras
+from keras import layers, ops
+
+from lf_flame.errors import InputError
+from lf_flame.learning.backbone import build_backbone
+
+DROPOUT_PLACES = ("image", "vector", "none")
+NECKS = ("pooled", "positions")
+AVERAGES = 256
+"""Numbers that the decoder draws all its images from."""
+
+
+def build_refocus_resnet50(
+    image: tuple[int, int] = (90, 180),
+    planes: int = 4,
+    backbone_weights: str | Path = "imagenet",
+    backbone_depth: str = "conv5",
+    dropout: float = 0.3,
+    dropout_place: str = "image",
+    neck: str = "pooled",
+    seed: int = 0,
+    shown: tuple[int, int, int] | None = None,
+) -> keras.Model:
+    """Build the Keras functional model that turns one light-field image into refocused images.
+
+    Parameters
+    ----------
+    image : (int, int)
+        Height and width of the outputs.
+    planes : int
+        Number of refocused images.
+    backbone_weights, backbone_depth
+        See `lf_flame.learning.backbone.build_backbone`.
+    dropout : float
+        Rate, in [0, 1).
+    dropout_place : {"image", "vector", "none"}
+        "image" is the paper's order, before the last convolution; "vector" behind the global
+        average pooling (deviation 9).
+    neck : {"pooled", "positions"}
+        How the feature map becomes 256 numbers. "pooled" is the paper's: two convolutions and
+        their averages over all positions. "positions" is one dense layer on the whole map, which
+        tells one place from another (deviation 17).
+    seed : int
+        Of the initial weights, of random backbone weights and of the dropout.
+    shown : (int, int, int), optional
+        Height, width and channels of the input, see `lf_flame.datasets.encodings`. Default: (h, w, 1).
+
+    Returns
+    -------
+    keras.Model
+        Input `shown`, output (planes, h, w, 1). Its layers "backbone", frozen and in inference
+        mode, and "decoder" are models themselves; because the first never changes, the second
+        can be trained on cached features.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+    """
+    shown = shown or (*image, 1)
+    backbone = build_backbone(shown, backbone_weights, backbone_depth, seed)
+    decoder = build_decoder(
+        backbone.output_shape[1:], image, planes, dropout, dropout_place, neck, seed
+    )
+    seen = keras.Input(shown, name="light_field_image")
+    outputs = decoder(backbone(seen, training=False))
+    return keras.Model(seen, outputs, name="refocus_resnet50")
+
+
+def build_decoder(
+    features: tuple[int, int, int],
+    image: tuple[int, int],
+    planes: int,
+    dropout: float = 0.3,
+    dropout_place: str = "image",
+    neck: str = "pooled",
+    seed: int = 0,
+) -> keras.Model:
+    """Build the trainable part, layer by layer as in the paper's section II.C.
+
+    What the paper leaves open is as Keras has it by default: "same" padding, a linear dense
+    layer, slope 0.3 of the leaky ReLU, a 3x3 last convolution (deviation 10).
+
+    Returns
+    -------
+    keras.Model
+        Named "decoder"; input `features`, output (planes, h, w, 1).
+    """
+    if not 0 <= dropout < 1 or dropout_place not in DROPOUT_PLACES:
+        raise InputError(
+            f"dropout must be in [0, 1) and dropout_place one of {', '.join(DROPOUT_PLACES)}, "
+            f"got {dropout} and {dropout_place!r}."
+        )
+    if neck not in NECKS:
+        raise InputError(f"neck must be one of {', '.join(NECKS)}, got {neck!r}.")
+
+    def initial(layer: int) -> keras.initializers.Initializer:
+        return keras.initializers.GlorotUniform(seed=1000 * seed + layer)
+
+    def drop(x, place: str):
+        return layers.Dropout(dropout, seed=seed)(x) if dropout_place == place else x
+
+    feature_map = keras.Input(features, name="features")
+    if neck == "pooled":
+        x = _conv_block(feature_map, 512, initial(1))
+        x = _conv_block(x, AVERAGES, initial(2))
+        x = layers.GlobalAveragePooling2D()(x)
+    else:
+        x = layers.Flatten()(feature_map)
+        x = layers.Dense(AVERAGES, kernel_initializer=initial(1), name="neck")(x)
+    x = drop(x, "vector")
+    x = layers.Dense(image[0] * image[1] * planes, kernel_initializer=initial(3), name="basis")(x)
+    x = layers.Reshape((*image, planes))(x)
+    x = drop(x, "image")
+    x = layers.Conv2D(
+        planes,
+        3,
+        padding="same",
+        activation="sigmoid",
+        kernel_initializer=initial(4),
+        name="planes",
+    )(x)
+    x = layers.Permute((3, 1, 2))(x)
+    stack = layers.Reshape((planes, *image, 1))(x)
+    return keras.Model(feature_map, stack, name="decoder")
+
+
+def _conv_block(x, filters: int, initializer):
+    x = layers.Conv2D(filters, 3, padding="same", kernel_initializer=initializer)(x)
+    return layers.LeakyReLU()(layers.BatchNormalization()(x))
+
+
+class MatrixConvolution(layers.Layer):
+    """A "same" 3x3 convolution as one matrix product, on the weights of a `Conv2D`.
+
+    On feature maps of 3 x 6 positions and 2,048 channels a library's convolution spends most of
+    its time rearranging; gathering the nine neighbours and multiplying once avoids that.
+    """
+
+    def __init__(self, convolution: layers.Conv2D):
+        super().__init__(name=f"{convolution.name}_as_matrix")
+        self.convolution = convolution
+
+    def call(self, x):
+        """Convolve [n, h, w, channels]."""
+        height, width = x.shape[1:3]
+        padded = ops.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)))
+        neighbours = [padded[:, i : i + height, j : j + width] for i in range(3) for j in range(3)]
+        kernel = ops.reshape(self.convolution.kernel, (-1, self.convolution.filters))
+        return ops.matmul(ops.concatenate(neighbours, axis=-1), kernel) + self.convolution.bias
+
+    def compute_output_shape(self, input_shape):
+        """Shape of the result: as the convolution's own."""
+        return self.convolution.compute_output_shape(input_shape)
+
+
+class OffsetDense(layers.Layer):
+    """A dense layer, on its own weights, with an offset of its outputs for each sample.
+
+    The gradient of the offset is what comes back to the outputs; together with the inputs it gives
+    the gradient of the kernel, which need not be written down (`lf_flame.learning.trainers`).
+    """
+
+    def __init__(self, dense: layers.Dense):
+        super().__init__(name=f"{dense.name}_with_offset")
+        self.dense = dense
+
+    def call(self, inputs):
+        """Take [n, inputs] and an offset [n, outputs]."""
+        x, offset = inputs
+        return ops.matmul(x, self.dense.kernel) + (offset + self.dense.bias)
+
+    def compute_output_shape(self, input_shapes):
+        """Shape of the result: that of the offset."""
+        return input_shapes[1]
+
+
+def training_view(decoder: keras.Model) -> keras.Model:
+    """Give the same decoder, on the same variables, in the form that trains fastest on a CPU.
+
+    The convolutions on the feature map become matrix products, and the dense layer shows what goes
+    in and takes an offset; all else is shared. Training this trains `decoder`.
+
+    Parameters
+    ----------
+    decoder : keras.Model
+        From `build_decoder`.
+
+    Returns
+    -------
+    keras.Model
+        Inputs: features, and the offset [n, outputs of the dense layer]. Outputs: inputs of the
+        dense layer [n, 256], and the decoder's stack.
+    """
+    x = decoder.input
+    offset = keras.Input((decoder.get_layer("basis").units,), name="offset")
+    for layer in decoder.layers[1:]:
+        if layer.name == "basis":
+            vectors, x = x, OffsetDense(layer)([x, offset])
+        elif isinstance(layer, layers.Conv2D) and layer.name != "planes":
+            x = MatrixConvolution(layer)(x)
+        else:
+            x = layer(x)
+    return keras.Model([decoder.input, offset], [vectors, x], name="decoder_in_training")

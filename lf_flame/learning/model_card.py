@@ -1,0 +1,200 @@
+"""A trained network in a file, and the card that says what it is.
+
+In a run folder the network is ``model.keras``; the run's record and its data set say the rest. An
+exported network is ``NAME.keras``, which Keras loads without this package, and ``NAME.json``, its
+card.
+"""
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import write_json, written_aside
+from lf_flame._common.config import build, read_record, to_json
+from lf_flame._common.keras_loading import load_model
+from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import open_run
+from lf_flame.optics.camera import PlenopticCamera
+
+USAGE = (
+    "network.predict(x)[..., 0] with x float32 [n, {}, {}, {}], from 0 to 1, linear in radiance, "
+    "averaged over blocks of pixels: {}; gives [n, planes, height, width] from 0 to 1, sized as "
+    "`image` says, refocused at `depths_mm`, positive = behind the focal plane."
+)
+
+SHOWN = {
+    "raw": "a grey picture",
+    "views": "the leftmost, central and rightmost view of the middle row, as channels",
+    "grid": "views from all over the main lens, side by side",
+}
+"""What the input is, by its kind."""
+
+
+@dataclass(frozen=True)
+class NetworkCard:
+    """What a stranger needs to know of a trained network.
+
+    Parameters
+    ----------
+    title, preset : str
+        Of the training.
+    backbone_weights : str
+        Those that were used.
+    image : (int, int)
+        Height and width of the output.
+    depths_mm, slopes : list of float
+        Where each plane of the output is refocused; positive = behind the focal plane of `camera`,
+        slopes in its lenslets per view step.
+    objects : list of str
+        What stood at these depths in every training image.
+    camera : PlenopticCamera
+        Of the training images.
+    sha256 : str
+        Of the network's file.
+    training : dict
+        The rest of the run's record.
+    input : InputEncoding, optional
+        What the network is shown of a light field.
+    exported : dict, optional
+        By which program, see `lf_flame._common.provenance.environment`.
+    usage : str, optional
+        What the network takes and makes.
+    """
+
+    title: str
+    preset: str
+    backbone_weights: str
+    image: tuple[int, int]
+    depths_mm: list[float]
+    slopes: list[float]
+    objects: list[str]
+    camera: PlenopticCamera
+    sha256: str
+    training: dict[str, Any]
+    input: InputEncoding = InputEncoding()
+    exported: dict[str, Any] = field(default_factory=dict)
+    usage: str = ""
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+def read_card(path: str | Path) -> NetworkCard:
+    """Read what there is to know of a trained network, without loading it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a finished run, or an exported ``.keras`` file.
+
+    Raises
+    ------
+    InputError
+        If there is no network, or its card is missing or belongs to another file.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _card_of_run(path)
+    if not path.is_file():
+        raise InputError(
+            f"There is no trained network {path}: it must be a run folder, or a .keras file that "
+            f"`lf-flame export` wrote."
+        )
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        raise InputError(
+            f"{path} has no {beside.name} beside it, which `lf-flame export` writes; of a network "
+            f"that was not exported, name the run folder."
+        )
+    card = build(NetworkCard, read_record(beside), beside)
+    if card.sha256 != _sha256(path):
+        raise InputError(f"{path} is not the file that {beside} was written for; export it again.")
+    return card
+
+
+def _card_of_run(folder: Path) -> NetworkCard:
+    run, dataset = open_run(folder)
+    shape = dataset.config.input.shape(dataset.config.image)
+    named = {key: run.pop(key) for key in ("title", "preset", "backbone_weights")}
+    del run["test_indices"], run["model"]["backbone_weights"]  # these were only asked for
+    return NetworkCard(
+        **named,
+        image=dataset.config.image,
+        depths_mm=dataset.config.depths_mm,
+        slopes=dataset.attrs["slopes"],
+        objects=dataset.attrs["objects"],
+        camera=dataset.config.camera,
+        sha256=_sha256(_model_file(folder)),
+        training=run,
+        input=dataset.config.input,
+        usage=USAGE.format(*shape, SHOWN[dataset.config.input.kind]),
+    )
+
+
+def load_network(path: str | Path, card: NetworkCard):
+    """Load a trained network; no code but Keras's own is run.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for `read_card`.
+    card : NetworkCard
+
+    Returns
+    -------
+    keras.Model
+        Not compiled: for prediction.
+
+    Raises
+    ------
+    InputError
+        If the file is no Keras file, is damaged, needs code of others, or takes or makes images
+        of other shapes than the card says.
+    """
+    file = _model_file(Path(path))
+    network = load_model(file)
+    found = network.input_shape[1:], network.output_shape[1:]
+    stated = card.input.shape(card.image), (len(card.depths_mm), *card.image, 1)
+    if found != stated:
+        raise InputError(
+            f"{file} turns images of shape {found[0]} into {found[1]}, but by its card it should "
+            f"turn {stated[0]} into {stated[1]}."
+        )
+    return network
+
+
+def export_network(run: str | Path, out: str | Path) -> None:
+    """Write a run's network so that others can use it: ``NAME.json``, its card, and ``NAME.keras``.
+
+    Parameters
+    ----------
+    run : str or Path
+        Folder of a finished run.
+    out : str or Path
+        The ``.keras`` file, outside that folder.
+
+    Raises
+    ------
+    InputError
+        If the run is not finished, or `out` is no such file.
+    """
+    run, out = Path(run), Path(out)
+    if out.suffix != ".keras" or out.resolve().parent == run.resolve():
+        raise InputError(f"A network is exported to a .keras file outside of its run, got {out}.")
+    card = read_card(run)
+    network = load_network(run, card)
+    with written_aside(out) as aside:
+        network.save(aside)
+        card = replace(card, sha256=_sha256(aside), exported=provenance.environment())
+        write_json(out.with_suffix(".json"), to_json(card))
+
+
+def _model_file(path: Path) -> Path:
+    return path / "model.keras" if path.is_dir() else path
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,197 @@
+"""A prediction: the refocused images that a trained network makes of one picture."""
+
+import hashlib
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from skimage.color import rgb2gray
+from skimage.transform import resize
+
+from lf_flame._common import figures, provenance
+from lf_flame._common.arrays import area_average
+from lf_flame._common.atomic_files import write_json
+from lf_flame._common.config import to_json
+from lf_flame._common.figures import subplots
+from lf_flame.errors import InputError
+from lf_flame.formats import read_light_field, write_focal_stack
+from lf_flame.formats.images import to_preview, write_image
+from lf_flame.learning.model_card import NetworkCard
+
+ASPECT_TOLERANCE = 0.02
+"""Share by which a picture's aspect ratio may differ from the network's."""
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkInput:
+    """A picture as the network sees it.
+
+    Attributes
+    ----------
+    source : Path
+    image : ndarray of float32, shape (h, w), values in [0, 1]
+    notes : list of str
+        What had to be done to it beyond area averaging.
+    """
+
+    source: Path
+    image: np.ndarray
+    notes: list[str]
+
+
+def input_size(card: NetworkCard) -> tuple[int, int]:
+    """Height and width of the pictures that a network is shown.
+
+    Raises
+    ------
+    InputError
+        If it is shown several views, which no picture holds.
+    """
+    if card.input.kind != "raw":
+        raise InputError(
+            f"This network is shown several views ({card.input.kind!r}), which no picture holds; "
+            f"only networks of input kind 'raw' can be shown a picture."
+        )
+    return card.input.image or card.image
+
+
+def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
+    """Read a picture or a light field, and bring it to the network's size as in training.
+
+    By area averaging where that divides its size (deviation 5: so a raw lenslet image and the
+    photograph of its light field are the same input), else by interpolation.
+
+    Parameters
+    ----------
+    source : str or Path
+        An image or a light field, see `lf_flame.formats.read_light_field`; colours become
+        luminance (Rec. 709).
+    size : (int, int)
+        Height and width of the network's images.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, holds NaN or infinite values, or its aspect ratio is another.
+    """
+    source = Path(source)
+    picture = _read_grey(source)
+    (height, width), (rows, columns) = picture.shape, size
+    if abs((width * rows) / (height * columns) - 1) > ASPECT_TOLERANCE:
+        raise InputError(
+            f"{source} has {height} x {width} pixels, {width / height:.3g} times as wide as high; "
+            f"crop it to {columns / rows:.3g} times, as the network's {rows} x {columns} are "
+            f"(within {ASPECT_TOLERANCE:.0%})."
+        )
+    notes = []
+    if picture.min() < 0 or picture.max() > 1:
+        notes.append(
+            f"values from {picture.min():.3g} to {picture.max():.3g}: cut off below 0 and above 1"
+        )
+    if height % rows or width % columns:
+        notes.append(f"{height} x {width} is no multiple of {rows} x {columns}: interpolated")
+        picture = resize(picture, size, anti_aliasing=True)
+    return NetworkInput(source, area_average(picture, size), notes)
+
+
+def _read_grey(source: Path) -> np.ndarray:
+    """Read the photograph of a light field, of which a picture is a single view."""
+    try:
+        picture = read_light_field(source, views=1).photograph
+    except InputError as error:
+        if str(source) in str(error):
+            raise
+        raise InputError(f"{source}: {error}") from None
+    if picture.shape[2:] not in ((), (3,)):
+        raise InputError(f"{source} must be grey or have 3 channels, got {picture.shape[2]}.")
+    return rgb2gray(picture) if picture.ndim == 3 else picture
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a network made of a picture.
+
+    Attributes
+    ----------
+    seen : NetworkInput
+    stack : ndarray of float32, shape (planes, h, w), values in [0, 1]
+    ms : float
+        Milliseconds from input to stack, by a network that is loaded and compiled.
+    """
+
+    seen: NetworkInput
+    stack: np.ndarray
+    ms: float
+
+    def write(self, card: NetworkCard, out: Path) -> None:
+        """Write pictures, stack and record into a folder.
+
+        Parameters
+        ----------
+        card : NetworkCard
+        out : Path
+            Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
+            ``prediction.png`` (input and planes side by side) and ``prediction.json`` (record).
+        """
+        write_focal_stack(self.stack, card.slopes, out / "refocused.tif")
+        for number, (depth, image) in enumerate(zip(card.depths_mm, self.stack, strict=True), 1):
+            write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, 1.0))
+        figures.save(_prediction_figure(self, card), out / "prediction.png")
+        record = {
+            "source": str(self.seen.source),
+            "notes": self.seen.notes,
+            "input_sha256": hashlib.sha256(self.seen.image).hexdigest(),
+            "ms": round(self.ms, 3),
+            "network": to_json(card),
+            **provenance.environment(),
+        }
+        write_json(out / "prediction.json", record)
+
+
+def predict(network, inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:
+    """Let a network refocus pictures, one by one.
+
+    Parameters
+    ----------
+    network : keras.Model
+        From `lf_flame.learning.model_card.load_network`.
+    inputs : iterable of NetworkInput
+
+    Yields
+    ------
+    Prediction
+    """
+    network.predict_on_batch(np.zeros((1, *network.input_shape[1:]), np.float32))  # compiles
+    for seen in inputs:
+        started = time.perf_counter()
+        stack = network.predict_on_batch(seen.image[None, ..., None])[0, ..., 0]
+        yield Prediction(seen, stack, 1e3 * (time.perf_counter() - started))
+
+
+def _prediction_figure(prediction: Prediction, card: NetworkCard):
+    """Draw input and refocused images in a row, all from black at 0 to white at 1."""
+    titles = ["input, as the network sees it"]
+    titles += [
+        f"{depth:g} mm ({name})" for depth, name in zip(card.depths_mm, card.objects, strict=True)
+    ]
+    height, width = card.image
+    figure, axes = subplots(
+        1,
+        len(titles),
+        figsize=(2.7 * len(titles), 0.8 + 2.7 * height / width),
+        layout="constrained",
+    )
+    images = [prediction.seen.image, *prediction.stack]
+    for axis, image, title in zip(axes, images, titles, strict=True):
+        axis.imshow(image, cmap="gray", vmin=0, vmax=1)
+        axis.set_title(title, fontsize=10)
+        axis.axis("off")
+    figure.suptitle(
+        f"{prediction.seen.source.name}: predicted by the network of “{card.title}” "
+        f"({card.preset}, backbone {card.backbone_weights})",
+        fontsize=11,
+        parse_math=False,  # a file's name may hold dollars
+    )
+    return figure

@@ -1,0 +1,278 @@
+"""Training the decoder on cached backbone features, resumable, with a record of where it came from.
+
+The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the history is the start; its seconds hold all
+that comes before training: reading, the backbone's features, the warm start.
+"""
+
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import keras
+import numpy as np
+from tqdm import tqdm
+
+from lf_flame._common.config import build, read_toml
+from lf_flame.datasets.store import Dataset, split_indices
+from lf_flame.errors import InputError
+from lf_flame.learning.backbone import ImagenetUnavailable, describe_weights
+from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.trainers import decoder_variables, make_trainer
+from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
+from lf_flame.learning.warm_start import freeze_normalisations, warm_start
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Arguments of `lf_flame.learning.decoder.build_refocus_resnet50`; see there."""
+
+    backbone_weights: str = "imagenet"
+    backbone_depth: Literal["conv4", "conv5"] = "conv5"
+    dropout: float = 0.3
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to train.
+
+    Parameters
+    ----------
+    epochs, batch_size : int
+    learning_rate : float
+        Of Adam; with "cosine" its first value.
+    schedule : {"constant", "cosine"}
+        "cosine" falls to zero over all epochs.
+    checkpoint_s : float
+        Seconds between checkpoints; 0 writes one after every epoch.
+    without_imagenet : {"random", "stop"}
+        What to do where the ImageNet weights cannot be had.
+    warm_start : bool
+        Start the decoder from the training images and freeze its normalisations, see
+        `lf_flame.learning.warm_start`.
+    bands : int
+        Of the warm start with neck "positions": vertical bands of the picture, each drawn from
+        what the features say in the same band alone.
+    dropout_place, neck
+        See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
+    backbone_depth : {"conv4", "conv5"}, optional
+        Where this recipe cuts the backbone, instead of where the model's configuration says.
+    """
+
+    epochs: int
+    batch_size: int = 2
+    learning_rate: float = 1e-4
+    schedule: Literal["constant", "cosine"] = "constant"
+    checkpoint_s: float = 0.0
+    without_imagenet: Literal["random", "stop"] = "stop"
+    warm_start: bool = False
+    bands: int = 1
+    dropout_place: Literal["image", "vector", "none"] = "image"
+    neck: Literal["pooled", "positions"] = "pooled"
+    backbone_depth: Literal["conv4", "conv5"] | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if min(self.epochs, self.batch_size, self.bands) < 1 or not self.learning_rate > 0:
+            raise InputError(
+                f"epochs, batch_size and bands must be at least 1 and learning_rate above 0, got "
+                f"{self.epochs}, {self.batch_size}, {self.bands}, {self.learning_rate}."
+            )
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """A training experiment; read from experiments/*.toml.
+
+    Parameters
+    ----------
+    title : str
+    seed : int
+        Of the split, the initial weights, the order of the batches and the dropout.
+    split : (float, float, float)
+        Shares of training, validation and test.
+    model : ModelConfig
+    presets : dict of Recipe
+    """
+
+    title: str
+    seed: int
+    presets: dict[str, Recipe]
+    model: ModelConfig = field(default_factory=ModelConfig)
+    split: tuple[float, float, float] = (0.8, 0.1, 0.1)
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if min(self.split) <= 0 or abs(sum(self.split) - 1) > 1e-9:
+            raise InputError(f"split must be three positive shares of 1, got {self.split}.")
+        check_seed(self.seed)
+
+    def recipe(self, preset: str) -> Recipe:
+        """Recipe of a preset."""
+        if preset not in self.presets:
+            raise InputError(f"preset must be one of {', '.join(self.presets)}, got {preset!r}.")
+        return self.presets[preset]
+
+    def with_epochs(self, preset: str, epochs: int) -> "TrainingConfig":
+        """Let the recipe of a preset run for another number of epochs."""
+        recipe = replace(self.recipe(preset), epochs=epochs)
+        return replace(self, presets={**self.presets, preset: recipe})
+
+    def with_recipe(self, preset: str) -> "TrainingConfig":
+        """Let the model follow what the recipe of a preset says of it."""
+        depth = self.recipe(preset).backbone_depth or self.model.backbone_depth
+        return replace(self, model=replace(self.model, backbone_depth=depth))
+
+
+def read_training_config(path: str | Path, **model_options) -> TrainingConfig:
+    """Read a training configuration, with those options of the model that are not None changed.
+
+    They come before what recipes say of the model.
+    """
+    config = build(TrainingConfig, read_toml(path), path)
+    options = {name: value for name, value in model_options.items() if value is not None}
+    presets = config.presets
+    if "backbone_depth" in options:
+        presets = {name: replace(x, backbone_depth=None) for name, x in presets.items()}
+    return replace(config, model=replace(config.model, **options), presets=presets)
+
+
+def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
+    """Build the network for a data set, falling back to a random backbone where that is allowed.
+
+    Returns
+    -------
+    keras.Model
+    str
+        The backbone weights that were used, for tables and records.
+    """
+    planes, *image = dataset.targets.shape[1:]
+    options = {**asdict(config.model), "seed": config.seed, "shown": dataset.inputs.shape[1:]}
+    options |= {"dropout_place": recipe.dropout_place, "neck": recipe.neck}
+    try:
+        model = build_refocus_resnet50(tuple(image), planes, **options)
+    except ImagenetUnavailable as error:
+        if recipe.without_imagenet == "stop":
+            raise ImagenetUnavailable(
+                f"{error} This preset does not choose for you: "
+                f"say BACKBONE_WEIGHTS=random or BACKBONE_WEIGHTS=FILE "
+                f"(--backbone-weights without make)."
+            ) from None
+        tqdm.write(f"NOTE: {error} Going on with RANDOM backbone weights.")
+        options["backbone_weights"] = "random"
+        model = build_refocus_resnet50(tuple(image), planes, **options)
+    weights = describe_weights(
+        options["backbone_weights"], options["backbone_depth"], options["seed"]
+    )
+    return model, weights
+
+
+def compute_features(model: keras.Model, inputs: np.ndarray, batch_size: int = 16) -> np.ndarray:
+    """Run the frozen backbone over all inputs once.
+
+    Parameters
+    ----------
+    model : keras.Model
+        From `build_refocus_resnet50`.
+    inputs : ndarray, shape (n, h, w, channels)
+
+    Returns
+    -------
+    ndarray of float32, shape (n, h', w', channels)
+    """
+    backbone = model.get_layer("backbone")
+    starts = tqdm(range(0, len(inputs), batch_size), "backbone features", unit="batch")
+    batches = [backbone.predict_on_batch(inputs[k : k + batch_size]) for k in starts]
+    return np.concatenate(batches)
+
+
+def train(
+    config: TrainingConfig, preset: str, data: str | Path, out: str | Path, show: bool = True
+) -> Path:
+    """Train a model, or go on with a run that was cut off.
+
+    Parameters
+    ----------
+    config : TrainingConfig
+    preset : str
+    data : str or Path
+        Data set made by `lf_flame.datasets.store.make_dataset`.
+    out : str or Path
+        Run folder.
+    show : bool, optional
+        Show progress.
+
+    Returns
+    -------
+    Path
+        ``model.keras`` in the run folder.
+
+    Raises
+    ------
+    InputError
+        If the run folder holds a run with another configuration, or the loss stops being a number.
+    """
+    started, recipe = time.perf_counter(), config.recipe(preset)
+    config = config.with_recipe(preset)
+    dataset = Dataset(data)
+    parts = split_indices(len(dataset), config.split, config.seed)
+    if recipe.warm_start and recipe.bands > 1 and dataset.config.input.kind == "grid":
+        raise InputError(
+            f"The warm start draws each of {recipe.bands} bands from the same band of what the "
+            f"network is shown, and views side by side have none: bands must be 1 with a grid."
+        )
+    model, weights = build_model(config, recipe, dataset)
+    asked = {
+        "title": config.title,
+        "preset": preset,
+        "seed": config.seed,
+        "split": list(config.split),
+        "model": asdict(config.model),
+        "recipe": asdict(recipe),
+        "backbone_weights": weights,
+        "data_sha256": dataset.attrs["sha256"],
+    }
+    decoder = model.get_layer("decoder")
+
+    def start(new: bool):
+        features = compute_features(model, dataset.inputs)
+        arrays = {
+            name: (features[indices], dataset.targets[indices][..., None])
+            for name, indices in parts.items()
+        }
+        return _start(decoder, recipe, arrays, new)
+
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        assign(decoder_variables(decoder), best)
+        return model
+
+    about = {
+        "backbone_depth": config.model.backbone_depth,
+        "parts": {name: len(indices) for name, indices in parts.items()},
+        "test_indices": parts["test"].tolist(),
+        "data": str(data),
+    }
+    job = Job(asked, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, about)
+    return carry_out(job, Path(out), started, show)
+
+
+def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, new: bool):
+    """Make the trainer; a new run may start from the training images."""
+    if recipe.warm_start:
+        freeze_normalisations(decoder)
+        if new:
+            warm_start(decoder, arrays["train"], arrays["validation"], recipe.bands)
+    steps = -(-len(arrays["train"][0]) // recipe.batch_size)
+    return make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
+
+
+def _learning_rate(recipe: Recipe, steps_per_epoch: int):
+    if recipe.schedule == "constant":
+        return recipe.learning_rate
+    return keras.optimizers.schedules.CosineDecay(
+        recipe.learning_rate, recipe.epochs * steps_per_epoch
+    )

@@ -1,0 +1,200 @@
+"""A run folder, and the epochs of a training run that goes on where it was cut off.
+
+The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole state),
+``history.csv``, and at the end ``model.keras`` (the best weights by validation loss, the whole
+network) and ``run.json`` (the record).
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import keras
+import numpy as np
+from tqdm import tqdm
+
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import write_json, written_aside
+from lf_flame._common.config import read_record
+from lf_flame.errors import InputError
+from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+
+MAX_SEED = 1_000_000
+"""Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is out of range."""
+    if not 0 <= seed <= MAX_SEED:
+        raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A training run to be carried out.
+
+    Attributes
+    ----------
+    asked : dict
+        Everything that decides how the run turns out, as JSON values; one of them, "recipe", holds
+        `epochs` and `schedule`.
+    epochs, seed : int
+        The seed is that of the order of the samples.
+    checkpoint_s : float
+        Seconds between checkpoints; 0 writes one after every epoch.
+    start : callable
+        Takes whether the run is at its start, gives the trainer (`lf_flame.learning.trainers`).
+    finish : callable
+        Takes the best weights, gives the network with them.
+    about : dict
+        What the record says beside `asked`.
+    """
+
+    asked: dict
+    epochs: int
+    seed: int
+    checkpoint_s: float
+    start: Callable
+    finish: Callable
+    about: dict
+
+
+def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
+    """Carry out a training run, or go on with one that was cut off.
+
+    Parameters
+    ----------
+    job : Job
+    out : Path
+        Run folder.
+    started : float
+        By `time.perf_counter`; the seconds of epoch 0, the start, are all since then.
+    show : bool, optional
+        Show progress.
+
+    Returns
+    -------
+    Path
+        ``model.keras`` in the run folder.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another run, or the loss stops being a number.
+    """
+    model = out / "model.keras"
+    out.mkdir(parents=True, exist_ok=True)
+    if _is_done(out, job.asked):
+        tqdm.write(f"{out} holds this run, finished.")
+        model.touch()  # make compares it with the configuration file
+        return model
+    _claim_folder(out, job.asked)
+    run = load_checkpoint(out)
+    if run.history:
+        tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
+    if run.next_epoch <= job.epochs:
+        trainer = job.start(not run.history)
+        if run.state:
+            trainer.state = run.state
+        _fit(run, trainer, job, out, show, started)
+    network = job.finish(run.best)
+    record = {
+        **job.asked,
+        "epochs": job.epochs,
+        "best_epoch": run.best_row["epoch"],
+        "best_validation_loss": run.best_row["val_loss"],
+        **job.about,
+        "keras_backend": keras.backend.backend(),
+        "start_s": run.history[0]["seconds"],
+        "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
+        "wall_s": round(time.perf_counter() - started, 2),
+        **provenance.environment(),
+    }
+    write_json(out / "run.json", record)
+    with written_aside(model) as aside:  # last: make looks at this file
+        network.save(aside)
+    return model
+
+
+def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:
+    """Give variables their values."""
+    for variable, value in zip(variables, values, strict=True):
+        variable.assign(value)
+
+
+def _is_done(out: Path, asked: dict) -> bool:
+    if not ((out / "run.json").exists() and (out / "model.keras").exists()):
+        return False
+    found = read_record(out / "run.json")
+    return all(found.get(key) == asked[key] for key in asked)
+
+
+def _claim_folder(out: Path, asked: dict) -> None:
+    """Write what is asked for into a new run folder; refuse one that holds something else.
+
+    A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
+    """
+    path = out / "config.json"
+    if not path.exists():
+        write_json(path, asked)
+        return
+    found = read_record(path)
+    if _goes_on(found.get("recipe", {}), asked["recipe"]):
+        found["recipe"]["epochs"] = asked["recipe"]["epochs"]
+        if found == asked:
+            write_json(path, asked)
+    changed = [key for key in asked if found.get(key) != asked[key]]
+    if changed:
+        key = changed[0]
+        raise InputError(
+            f"{out} holds a run with another {key} ({found.get(key)}, now {asked[key]}); "
+            f"remove the folder or choose another (RUN=name)."
+        )
+
+
+def _goes_on(found: dict, asked: dict) -> bool:
+    return asked["schedule"] == "constant" and found.get("epochs", math.inf) < asked["epochs"]
+
+
+def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
+    """Train until the last epoch, with a progress bar and checkpoints."""
+    saved_at = time.perf_counter()
+    bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=not show)
+    with bar:
+        bar.update(run.epochs_done)
+        for epoch in range(run.next_epoch, job.epochs + 1):
+            begun = time.perf_counter() if epoch else started
+            losses = _run_epoch(trainer, job.seed, epoch)
+            seconds = round(time.perf_counter() - begun, 4)
+            run.record({"epoch": epoch, **losses, "seconds": seconds}, trainer)
+            bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
+            bar.update(epoch > 0)
+            now = time.perf_counter()
+            if epoch == job.epochs or now - saved_at >= job.checkpoint_s:
+                run.state = trainer.state
+                save_checkpoint(run, out)
+                saved_at = now
+
+
+def _run_epoch(trainer, seed: int, epoch: int) -> dict:
+    """One pass over the training samples, in an order that depends on seed and epoch alone.
+
+    Epoch 0 only measures where training starts.
+    """
+    if epoch == 0:
+        loss = trainer.evaluate("train")
+    else:
+        loss = trainer.train_epoch(np.random.default_rng([seed, epoch]))
+    validation = trainer.evaluate("validation")
+    if not np.isfinite([loss, validation]).all():
+        raise InputError(
+            f"The loss is no longer a number in epoch {epoch} (training {loss}, validation "
+            f"{validation}); the last checkpoint is kept."
+        )
+    return {
+        "loss": loss,
+        "val_loss": validation,
+        "val_psnr_db": float(-10 * np.log10(validation)),
+    }

@@ -1,0 +1,307 @@
+"""The plenoptic camera: main lens, microlens array at its image plane, sensor behind that.
+
+Lengths are in mm, angles in rad. ``depth`` is measured from the focal plane, positive = farther
+from the main lens. ``slope`` is in lenslets per view step, positive = behind the focal plane.
+``alpha`` is Ng's relative image distance: the refocused image plane lies at ``alpha`` times the
+distance of the microlens array. Images are stored upright: the whole sensor, lenslets and
+micro-images alike, is turned by 180 degrees, so that rows run down and columns run right in the
+scene and in the image; that leaves the sign of the slope as it is.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.optics import ray_transfer
+from lf_flame.optics.sensor import Sensor
+
+MOST_PER_AXIS = 100_000
+"""Views or lenslets along an axis beyond which a number can only be a mistake."""
+
+SHORTEST, LONGEST = 1e-50, 1e50
+"""Lengths, in any unit, whose products still are float64 numbers."""
+
+WIDEST_APERTURE = 4
+"""Widths of the matched aperture beyond which a lenslet's light would spread over too many."""
+
+_RANGES = (
+    ("rim_distance_mm", 0.0, LONGEST),
+    ("chromatic_shift", 0.0, 0.2),
+    ("lenslet_rotation_rad", -0.1, 0.1),
+    ("lenslet_pitch_error", -0.1, 0.1),
+)
+"""Lowest and highest value of the camera's imperfections; larger ones are mistakes."""
+
+
+@dataclass(frozen=True)
+class PlenopticCamera:
+    """A standard (unfocused) plenoptic camera.
+
+    Parameters
+    ----------
+    main_lens_focal_mm : float
+        Focal length of the main lens, above 0.
+    focus_distance_mm : float
+        Distance from the focal plane in object space to the main lens, above the focal length.
+        The microlens array stands at the image distance that the thin-lens equation gives for it
+        (deviation 1 in experiments/DEVIATIONS.md).
+    lenslet_focal_mm : float
+        Focal length of a lenslet, which is its distance from the sensor too; above 0.
+    lenslet_pitch_mm : float
+        Distance between the centres of neighbouring lenslets, above 0; the lenslets are square
+        and fill the array.
+    views : int
+        Pixels under a lenslet along each axis, 1 to 100,000. An odd number has a central view.
+    lenslets : (int, int)
+        Lenslet rows and columns that are recorded, 1 to 100,000 each.
+    pixel_pitch_mm : float, optional
+        Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
+    aperture_diameter_mm : float, optional
+        Diameter of the main lens's round aperture. Default: an ideal square one, matched to the
+        lenslets (`aperture_mm` wide), which lights every pixel alike.
+    rim_diameter_mm, rim_distance_mm : float, optional
+        A second round stop, this far in front of the main lens: the rim of the lens barrel or of
+        a window. Default: none.
+    wavelength_nm : float, optional
+        Wavelength for diffraction. Default: none given, ray optics.
+    chromatic_shift : float, optional
+        Relative change of the main lens's focal length over the band of light that is recorded,
+        0 to 0.2: about the band's share of the F-C range divided by the Abbe number.
+    lenslet_rotation_rad : float, optional
+        Rotation of the microlens array against the sensor, about the optical axis, within 0.1.
+    lenslet_pitch_error : float, optional
+        Relative error of the lenslet pitch, within 0.1; the sensor is read as if it were 0.
+    falloff_corrected : bool, optional
+        Whether the images are divided by a white image, as plenoptic processing does, which takes
+        out the natural falloff (cos^4). Default: they are, so that a uniform field is uniform.
+    sensor : Sensor, optional
+        Noise, full well and bits of the sensor. Default: an ideal one.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; the message names it.
+    """
+
+    main_lens_focal_mm: float
+    focus_distance_mm: float
+    lenslet_focal_mm: float
+    lenslet_pitch_mm: float
+    views: int
+    lenslets: tuple[int, int]
+    pixel_pitch_mm: float | None = None
+    aperture_diameter_mm: float | None = None
+    rim_diameter_mm: float | None = None
+    rim_distance_mm: float = 0.0
+    wavelength_nm: float | None = None
+    chromatic_shift: float = 0.0
+    lenslet_rotation_rad: float = 0.0
+    lenslet_pitch_error: float = 0.0
+    falloff_corrected: bool = True
+    sensor: Sensor | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
+
+    def __post_init__(self):
+        lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
+        lengths += ["lenslet_pitch_mm"]
+        optional = ("pixel_pitch_mm", "aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm")
+        for name in lengths + [name for name in optional if getattr(self, name) is not None]:
+            value = getattr(self, name)
+            if not SHORTEST <= value <= LONGEST:
+                raise InputError(
+                    f"{name} must be a positive, finite length in {name.rsplit('_')[-1]}, "
+                    f"{SHORTEST:g} to {LONGEST:g}, got {value}."
+                )
+        for name, low, high in _RANGES:
+            if not low <= getattr(self, name) <= high:
+                raise InputError(
+                    f"{name} must lie between {low:g} and {high:g}, got {getattr(self, name)}."
+                )
+        if self.focus_distance_mm <= self.main_lens_focal_mm:
+            raise InputError(
+                f"focus_distance_mm must exceed main_lens_focal_mm ({self.main_lens_focal_mm}) for "
+                f"the main lens to form an image on the microlens array, "
+                f"got {self.focus_distance_mm}."
+            )
+        object.__setattr__(self, "lenslets", tuple(self.lenslets))
+        counts = (self.views, *self.lenslets)
+        if len(counts) != 3 or min(counts) < 1 or max(counts) > MOST_PER_AXIS:
+            raise InputError(
+                f"views must be one number and lenslets two, of 1 to {MOST_PER_AXIS} each, "
+                f"got views={self.views}, lenslets={self.lenslets}."
+            )
+        if self.pixel_mm * self.views > self.micro_image_pitch_mm * (1 + 1e-9):
+            raise InputError(
+                f"pixel_pitch_mm must be at most {self.micro_image_pitch_mm / self.views:.6g} for "
+                f"{self.views} pixels to fit under a lenslet, got {self.pixel_pitch_mm}."
+            )
+
+        widest = WIDEST_APERTURE * self.aperture_mm
+        if self.aperture_diameter_mm is not None and self.aperture_diameter_mm > widest:
+            raise InputError(
+                f"aperture_diameter_mm must be at most {widest:.6g}, {WIDEST_APERTURE} times what "
+                f"matches the lenslets, got {self.aperture_diameter_mm}."
+            )
+
+    @cached_property
+    def image_distance_mm(self) -> float:
+        """Main lens to microlens array, in mm, by the thin-lens equation."""
+        f, a = self.main_lens_focal_mm, self.focus_distance_mm
+        return a * f / (a - f)
+
+    @cached_property
+    def micro_image_pitch_mm(self) -> float:
+        """Distance between micro-image centres: the lenslet pitch seen from the main lens."""
+        return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.image_distance_mm)
+
+    @cached_property
+    def pixel_mm(self) -> float:
+        """Sensor pixel pitch in mm, worked out where `pixel_pitch_mm` is None."""
+        return self.pixel_pitch_mm or self.micro_image_pitch_mm / self.views
+
+    @cached_property
+    def aperture_mm(self) -> float:
+        """Width of the main-lens aperture whose f-number matches the lenslets', in mm."""
+        return self.image_distance_mm * self.lenslet_pitch_mm / self.lenslet_focal_mm
+
+    @cached_property
+    def view_step_mm(self) -> float:
+        """Distance on the main lens between the centres of neighbouring views, in mm."""
+        return self.image_distance_mm * self.pixel_mm / self.lenslet_focal_mm
+
+    @cached_property
+    def field_of_view_deg(self) -> tuple[float, float]:
+        """Full angles (vertical, horizontal) that the recorded lenslets see, in degrees."""
+        return tuple(
+            math.degrees(2 * math.atan(n * self.lenslet_pitch_mm / 2 / self.image_distance_mm))
+            for n in self.lenslets
+        )
+
+    def field_mm(self, depth_mm: float) -> tuple[float, float]:
+        """Height and width, in mm, of what the central view sees at a depth."""
+        scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
+        return tuple(n * self.lenslet_pitch_mm * scale for n in self.lenslets)
+
+    def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
+        """Ray transfer matrix from a layer at `depth_mm` to the microlens array.
+
+        Parameters
+        ----------
+        depth_mm : float
+        focal_mm : float, optional
+            Focal length of the main lens for light of another colour; the array stays in place.
+
+        Raises
+        ------
+        InputError
+            If the layer does not stand in front of the main lens.
+        """
+        distance = self.focus_distance_mm + depth_mm
+        if not distance > 0:
+            raise InputError(
+                f"A layer must stand in front of the main lens, at a depth above "
+                f"{-self.focus_distance_mm} mm, got {depth_mm} mm."
+            )
+        return self._from_focal_plane(depth_mm, focal_mm)
+
+    def plane_to_array(self, distance_mm: float, focal_mm: float | None = None) -> np.ndarray:
+        """Ray transfer matrix to the array from a plane `distance_mm` in front of the main lens.
+
+        At distance 0 it starts at the main lens itself, where its aperture is.
+        """
+        return self._from_focal_plane(distance_mm - self.focus_distance_mm, focal_mm)
+
+    def _from_focal_plane(self, depth_mm: float, focal_mm: float | None) -> np.ndarray:
+        """Chain of the way to the focal plane, its image on the array, and a change of colour.
+
+        The product of free space, lens and free space is the same, but there the B of a layer
+        near the focal plane would be the rounding of a difference of long ways.
+        """
+        f, a0, i0 = self.main_lens_focal_mm, self.focus_distance_mm, self.image_distance_mm
+        imaging = np.array([[-i0 / a0, 0.0], [-1 / f, -a0 / i0]])
+        if focal_mm is not None and focal_mm != f:
+            weak_lens = np.array([[i0, i0 * a0], [1.0, a0]])  # free space, power 1, free space
+            imaging = imaging - (1 / focal_mm - 1 / f) * weak_lens
+        return ray_transfer.chain(ray_transfer.free_space(depth_mm), imaging)
+
+    def lenslet_to_sensor(self) -> np.ndarray:
+        """Ray transfer matrix from before a lenslet to the sensor, about the lenslet's own axis.
+
+        With the sensor in the lenslet's focal plane it is ``[[0, f], [-1/f, 1]]``: a pixel
+        collects a range of angles, over the whole lenslet.
+        """
+        return ray_transfer.chain(
+            ray_transfer.thin_lens(self.lenslet_focal_mm),
+            ray_transfer.free_space(self.lenslet_focal_mm),
+        )
+
+    def depth_to_slope(self, depth_mm):
+        """Slope at which a layer is in focus.
+
+        From ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the thin-lens equation put in,
+        which leaves ``1/a0 - 1/(a0 + z)``: finite for z to infinity and through the focal length.
+
+        Parameters
+        ----------
+        depth_mm : float or ndarray
+            Depth from the focal plane, above minus the focus distance; infinity is allowed.
+
+        Returns
+        -------
+        float or ndarray
+            Slope in lenslets per view step.
+        """
+        depth, a0 = np.asarray(depth_mm, float), self.focus_distance_mm
+        if not np.all(depth > -a0):
+            raise InputError(f"depth_mm must be above {-a0} (the main lens), got {depth_mm}.")
+        with np.errstate(invalid="ignore"):
+            vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 + depth) / a0)
+        return _scalar(vergence * self.image_distance_mm / self._alpha_step)
+
+    def slope_to_depth(self, slope):
+        """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
+
+        Infinite at the slope of infinity; beyond it no real layer is in focus and the depth is
+        that of the virtual one, below minus the focus distance.
+        """
+        a0 = self.focus_distance_mm
+        shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
+        with np.errstate(divide="ignore"):
+            return _scalar(a0 * shift / (1 - shift))
+
+    def slope_to_alpha(self, slope):
+        """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
+
+        Infinite at ``slope = -view_step / pitch``, where the refocused image is at infinity.
+        """
+        with np.errstate(divide="ignore"):
+            return _scalar(1 / (1 + np.asarray(slope, float) * self._alpha_step))
+
+    def alpha_to_slope(self, alpha):
+        """Slope for Ng's alpha; the inverse of `slope_to_alpha`, infinite alpha allowed."""
+        with np.errstate(divide="ignore"):
+            return _scalar((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
+
+    @cached_property
+    def _alpha_step(self) -> float:
+        """Change of 1/alpha for a slope of 1."""
+        return self.lenslet_pitch_mm / self.view_step_mm
+
+
+def _scalar(array: np.ndarray):
+    return array.item() if np.ndim(array) == 0 else array
+
+
+PAPER_CAMERA = PlenopticCamera(
+    main_lens_focal_mm=150.0,  # section III.A
+    focus_distance_mm=326.0,  # Figure 5
+    lenslet_focal_mm=0.4,  # section III.A
+    lenslet_pitch_mm=0.112,  # section III.A
+    views=15,  # not stated; follows from the slopes (deviation 2)
+    lenslets=(270, 540),  # not stated; 3 x 3 lenslets to a pixel of 90 x 180 (deviation 4)
+)
+"""The camera of the paper, as far as the paper states it (experiments/DEVIATIONS.md)."""

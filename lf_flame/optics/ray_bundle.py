@@ -1,0 +1,142 @@
+"""What a sensor pixel sees of a layer: the ray bundle behind it, traced backward.
+
+In one dimension a pixel collects all rays that cross its lenslet at ``h + delta`` and reach the
+sensor within its own width. On a layer they cover the segment
+``centre + lenslet_width * a + pixel_width * b`` with a and b uniform in [-1/2, 1/2]: a trapezoid.
+Both axes have this form, and a square lenslet over a square pixel makes the two independent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame._common.arrays import centred
+from lf_flame.optics import ray_transfer
+from lf_flame.optics.camera import PlenopticCamera
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Ray bundles of all pixels along one axis, on one layer.
+
+    Attributes
+    ----------
+    centres_mm : ndarray of float64, shape (views, lenslets)
+        Where the bundle's central ray meets the layer, in mm from the optical axis, upright.
+    lenslet_width_mm, pixel_width_mm : float
+        Signed images of the lenslet and of the pixel on the layer, in mm.
+    shift_per_lenslet_shift : float
+        How far the bundle moves on the layer when the lenslet moves over a pixel that stays.
+    """
+
+    centres_mm: np.ndarray
+    lenslet_width_mm: float
+    pixel_width_mm: float
+    shift_per_lenslet_shift: float
+
+    @property
+    def half_width_mm(self) -> float:
+        """Half of the bundle's full extent on the layer, in mm."""
+        return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
+
+
+def trace_footprint(
+    camera: PlenopticCamera,
+    depth_mm: float,
+    axis: int,
+    focal_mm: float | None = None,
+    lenslet_scale: float = 1.0,
+    neighbour: int = 0,
+) -> Footprint:
+    """Compose the matrices of the camera into one affine map per pixel, for one axis.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    depth_mm : float
+        Depth of the layer.
+    axis : int
+        0 for rows (v, t), 1 for columns (u, s).
+    focal_mm : float, optional
+        Focal length of the main lens for light of another colour.
+    lenslet_scale : float, optional
+        True lenslet pitch over the nominal one, by which the sensor is read.
+    neighbour : int, optional
+        Light that reaches the pixels through the lenslet this many places further on.
+
+    Returns
+    -------
+    Footprint
+    """
+    to_array = camera.object_to_array(depth_mm, focal_mm)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+
+
+def trace_stop(
+    camera: PlenopticCamera,
+    distance_mm: float,
+    axis: int,
+    focal_mm: float | None = None,
+    lenslet_scale: float = 1.0,
+    neighbour: int = 0,
+) -> Footprint:
+    """Trace the same bundles to where they cross a stop `distance_mm` in front of the main lens.
+
+    Distance 0 is the aperture of the main lens; the parameters are those of `trace_footprint`.
+    """
+    to_array = camera.plane_to_array(distance_mm, focal_mm)
+    return _trace(camera, to_array, axis, lenslet_scale, neighbour)
+
+
+def _trace(camera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int):
+    """Compose the bundles' affine maps.
+
+    With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
+    matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
+    matrix takes height and angle to the layer. Micro-images are centred on the chief ray.
+    """
+    back = ray_transfer.inverse(to_array)
+    (s_height, s_angle), _ = camera.lenslet_to_sensor()
+    nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
+    chief = nominal * camera.lenslet_focal_mm / camera.image_distance_mm
+    # Where the lenslet truly stands, as a departure from nominal: 0 stays 0 without rounding.
+    moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
+    pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
+    centres = back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle
+    lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale
+    return Footprint(
+        centres_mm=-centres,  # the sensor is turned by 180 degrees: images are upright
+        lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * lenslet_mm,
+        pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
+        shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),
+    )
+
+
+def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:
+    """Cumulative distribution of the sum of two centred uniform variables.
+
+    Written for ``|x|`` in its linear and its quadratic part, so that nothing cancels and one
+    width, or both, may be zero: a zero width makes a box, two make a step whose middle counts half.
+
+    Parameters
+    ----------
+    x : ndarray
+    width_a, width_b : float
+        Full widths of the two boxes, 0 or above, in the unit of x.
+
+    Returns
+    -------
+    ndarray of float64
+        Rises from 0 to 1; 1/2 at x = 0.
+    """
+    wide, narrow = max(width_a, width_b), min(width_a, width_b)
+    if wide == 0:
+        return 0.5 + 0.5 * np.sign(x)
+    distance = np.abs(x)
+    half = distance / wide
+    rest = (wide + narrow) / 2 - distance
+    shoulder = rest < narrow
+    ramp = np.maximum(rest[shoulder], 0)
+    # In this order no product of widths can underflow.
+    half[shoulder] = 0.5 - ramp / wide * (ramp / max(narrow, np.finfo(float).tiny)) / 2
+    return 0.5 + np.sign(x) * np.minimum(half, 0.5)

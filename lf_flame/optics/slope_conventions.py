@@ -1,0 +1,216 @@
+"""What a slope is called elsewhere: the numbers of other programs, and back.
+
+A slope is the motion of an image: a point that moves by d lenslets from one view to the next, rows
+counted downward and columns rightward as the views are stored, is in focus at ``slope = d``.
+Programs differ in sign, and some stretch their number with the count of views. `CONVENTIONS` holds
+those whose number is proportional to the slope; a distance of refocusing needs a camera: `ng_alpha`
+and `plenoptomos_distance` make conventions of it.
+
+Views must be stored in the same order: a program or decoder that turns the micro-images, and with
+them the views, by 180 degrees changes the sign of every number here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+
+
+@dataclass(frozen=True)
+class Convention:
+    """A number proportional to the slope.
+
+    Attributes
+    ----------
+    sign : int
+        1 or -1: that of the number for a positive slope.
+    formula : str
+        The number in terms of the slope and of N views along an axis.
+    source : str
+        Where the program does it.
+    stretch : callable, optional
+        Slope for a number of 1, without its sign, from the N views along an axis. Default: 1.
+    """
+
+    sign: int
+    formula: str
+    source: str
+    stretch: Callable[[int], float] | None = None
+
+    def to_slope(self, number, views: int | None = None):
+        """Slope for the program's number; scalar or array."""
+        return _scalar(np.asarray(number, float) * self._factor(views))
+
+    def from_slope(self, slope, views: int | None = None):
+        """Give the program's number for a slope; scalar or array."""
+        return _scalar(np.asarray(slope, float) / self._factor(views))
+
+    def _factor(self, views: int | None) -> float:
+        if self.stretch is None:
+            return self.sign
+        if views is None or views != int(views) or views < 2:
+            raise InputError(
+                f"This number depends on the N views along an axis ({self.formula}), of which "
+                f"there must be 2 or more, got views={views}."
+            )
+        return self.sign * self.stretch(views)
+
+
+@dataclass(frozen=True)
+class AlphaConvention:
+    """A distance from the lens, relative to one that is in focus: ``slope = scale (1 - z0/z)``.
+
+    Attributes
+    ----------
+    scale : float
+        Slope at an infinite distance.
+    z0 : float
+        The distance in focus as recorded, in any unit; 1 for a ratio.
+    """
+
+    scale: float
+    z0: float = 1.0
+
+    def __post_init__(self):
+        for name in ("scale", "z0"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value == 0:
+                raise InputError(f"{name} must be finite and not 0, got {value}.")
+
+    def to_slope(self, number, views: int | None = None):
+        """Slope for a distance, which may be infinite; the number of views does not matter."""
+        with np.errstate(divide="ignore"):
+            return _scalar(self.scale * (1 - self.z0 / np.asarray(number, float)))
+
+    def from_slope(self, slope, views: int | None = None):
+        """Distance for a slope, infinite at ``slope = scale``."""
+        with np.errstate(divide="ignore"):
+            return _scalar(self.z0 / (1 - np.asarray(slope, float) / self.scale))
+
+
+def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
+    """Ng's alpha for a camera: image distance over that of the microlens array.
+
+    ``1 - 1/alpha = -slope * pitch / view_step`` (R. Ng, "Fourier slice photography", ACM Trans.
+    Graph. 24, 2005), as `PlenopticCamera.slope_to_alpha` and `alpha_to_slope` have it.
+    """
+    return AlphaConvention(-camera.view_step_mm / camera.lenslet_pitch_mm)
+
+
+def plenoptomos_distance(
+    z0: float, view_pitch: float, pixel_pitch: float, magnification: float = 1.0
+) -> AlphaConvention:
+    """Refocusing distance z of plenoptomos (its parallel beam geometry).
+
+    It reads a view at ``v`` on the lens at ``t + v (1 - 1/alpha)`` with ``alpha = z / z0``
+    (refocus.py, lightfield.py, version 0.2.0): ``slope = view_pitch / (pixel_pitch magnification)
+    (1 - z0/z)``.
+
+    Parameters
+    ----------
+    z0 : float
+        The focused distance of its camera.
+    view_pitch, pixel_pitch : float
+        Distance between views on the lens, and between pixels of a view, in one unit.
+    magnification : float, optional
+        Of its geometry; multiplies `pixel_pitch`.
+
+    Raises
+    ------
+    InputError
+        If a length is 0 or not finite.
+    """
+    if 0 in (pixel_pitch, magnification):
+        raise InputError(
+            f"pixel_pitch and magnification must not be 0, got {pixel_pitch} and {magnification}."
+        )
+    return AlphaConvention(view_pitch / (pixel_pitch * magnification), z0)
+
+
+CONVENTIONS = {
+    "motion": Convention(
+        1, "slope", "motion of an image in lenslets per view; the slope of this package"
+    ),
+    "hci": Convention(
+        -1,
+        "-slope",
+        "disparity in pixels per view, positive for what is nearer than the focus distance: 4D "
+        "Light Field Benchmark, Honauer et al., ACCV 2016, depth2disp of its evaluation toolkit; "
+        "EPINET's output, too",
+    ),
+    "lftoolbox": Convention(
+        1,
+        "slope (N - 1) / N",
+        "LFToolbox 0.5, LFFiltShiftSum: views are read at linspace(-0.5, 0.5, N) Slope N",
+        lambda n: n / (n - 1),
+    ),
+    "liff": Convention(1, "slope", "LiFF, FocalStack.c: views are read at + slope per view"),
+    "plenopticam": Convention(
+        -1, "-slope", "PlenoptiCam 0.9, refo_from_vp: views are moved by + a, a whole number"
+    ),
+    "plenopticam-refined": Convention(
+        -1,
+        "-slope N",
+        "PlenoptiCam 0.9 with refinement: views are enlarged N times and moved by + a of the finer "
+        "pixels (T of them become N T by (T - 1) / (N T - 1) and not 1 / N, which is left aside)",
+        lambda n: 1 / n,
+    ),
+    "plenpy": Convention(
+        -1,
+        "-slope (N - 1) / N",
+        "plenpy 0.9, get_refocus: views are moved by + slope N / (N - 1)",
+        lambda n: n / (n - 1),
+    ),
+    "fdl": Convention(
+        -1,
+        "-slope",
+        "Fourier Disparity Layers, refocusFFT.m: views are moved by + d U, U to the right and V "
+        "upward; Le Pendu, Guillemot, Smolic, IEEE Trans. Image Process. 28, 5740, 2019",
+    ),
+}
+"""Conventions by name."""
+
+
+def to_slope(number, convention, views: int | None = None):
+    """Slope for a number of another program.
+
+    Parameters
+    ----------
+    number : float or array_like
+    convention : str or Convention or AlphaConvention
+        A name in `CONVENTIONS`, or what `ng_alpha` or `plenoptomos_distance` return.
+    views : int, optional
+        Views along an axis, for those that depend on it. Where a light field has more rows than
+        columns of views, such a program shears the axes unequally: no slope does the same.
+
+    Returns
+    -------
+    float or ndarray
+        In lenslets per view step.
+
+    Raises
+    ------
+    InputError
+        If the convention is unknown, or needs the number of views, 2 or more.
+    """
+    return _named(convention).to_slope(number, views)
+
+
+def from_slope(slope, convention, views: int | None = None):
+    """Give the number of another program for a slope; the inverse of `to_slope`."""
+    return _named(convention).from_slope(slope, views)
+
+
+def _named(convention):
+    if isinstance(convention, Convention | AlphaConvention):
+        return convention
+    if convention not in CONVENTIONS:
+        raise InputError(f"convention must be one of {', '.join(CONVENTIONS)}, got {convention!r}.")
+    return CONVENTIONS[convention]
+
+
+def _scalar(array: np.ndarray):
+    return array.item() if np.ndim(array) == 0 else array

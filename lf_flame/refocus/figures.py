@@ -1,0 +1,104 @@
+"""Pictures of slopes: sharpness curves, slope maps, and regions in focus."""
+
+import numpy as np
+from matplotlib.patches import Rectangle
+
+from lf_flame._common.figures import subplots
+
+
+def search_figure(searches, labels=None):
+    """Sharpness against slope: one curve a search, its peak marked.
+
+    Parameters
+    ----------
+    searches : list of SlopeSearch
+        Those without a peak are drawn without a mark.
+    labels : list of str, optional
+        What each search looked at. Default: its region.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if labels is None:
+        labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
+    labels = [
+        f"{label}: {_shown(search.slope, 3)}, confidence {search.confidence:.2f}"
+        for search, label in zip(searches, labels, strict=True)
+    ]
+    figure, axis = subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
+    _draw_searches(axis, searches, labels)
+    axis.set_ylim(bottom=0)
+    axis.set_xlabel("slope (lenslets per view step)")
+    figure.legend(fontsize=9, loc="outside lower center")
+    return figure
+
+
+def _draw_searches(axis, searches, labels) -> None:
+    """Draw the curves of searches, each relative to its peak."""
+    for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
+        scale = max(search.sharpness.max(), np.finfo(float).tiny)
+        axis.plot(search.slopes, search.sharpness / scale, color=f"C{k}", label=label)
+        axis.plot(search.slope, 1, "o", color=f"C{k}", markersize=5)
+    axis.set_ylabel("gradient energy,\nrelative to its peak")
+    axis.set_yticks(np.linspace(0, 1, 6))
+    axis.grid(alpha=0.3)
+
+
+def _shown(slope: float, digits: int) -> str:
+    """Write a slope out, without a minus before zero."""
+    return f"{round(slope, digits) + 0.0:.{digits}f}"
+
+
+def slope_map_figure(focus_map):
+    """Everything in focus beside the slope of each pixel, paler where it is less trusted.
+
+    Parameters
+    ----------
+    focus_map : lf_flame.refocus.FocusMap
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    height, width = focus_map.slope.shape
+    figure, axes = subplots(1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained")
+    picture = focus_map.all_in_focus
+    axes[0].imshow(np.clip(picture / max(picture.max(), 1e-30), 0, 1), cmap="gray", vmin=0, vmax=1)
+    axes[0].set_title("everything in focus", fontsize=10)
+    trust = np.clip(focus_map.confidence / 0.5, 0.15, 1)
+    slopes = axes[1].imshow(focus_map.slope, cmap="viridis", alpha=trust, interpolation="none")
+    axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
+    for axis in axes:
+        axis.axis("off")
+    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
+    return figure
+
+
+def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
+    """Draw an image of which some regions are in focus beside the slope of each pixel.
+
+    Parameters
+    ----------
+    image : ndarray, shape (t, s) or (t, s, 3), from 0 to 1
+    surface : ndarray, shape (t, s)
+    regions : sequence of (int, int, int, int)
+        First and last but one row, first and last but one column.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    height, width = surface.shape
+    figure, axes = subplots(1, 2, figsize=(12, 1.2 + 5.2 * height / width), layout="constrained")
+    axes[0].imshow(np.clip(image, 0, 1), cmap="gray", vmin=0, vmax=1)
+    axes[0].set_title("the framed regions in focus", fontsize=10)
+    slopes = axes[1].imshow(surface, cmap="viridis", interpolation="none")
+    axes[1].set_title("slope that each pixel is refocused at", fontsize=10)
+    for axis in axes:
+        axis.axis("off")
+        for t0, t1, s0, s1 in regions:
+            frame = Rectangle((s0 - 0.5, t0 - 0.5), s1 - s0, t1 - t0, fill=False, color="orange")
+            axis.add_patch(frame)
+    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
+    return figure

@@ -1,0 +1,218 @@
+"""Scenes: layers of light, surfaces and flames at chosen depths.
+
+Layer coordinates are those of the upright image: y runs down with the texture's rows, x runs
+right with its columns, both in mm from the optical axis.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+
+BRIGHTEST = 1e36
+"""Radiance whose sums over some layers still are float32 numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A luminous rectangle perpendicular to the optical axis: a flat picture, a surface, a flame.
+
+    Parameters
+    ----------
+    texture : array_like, shape (rows, columns)
+        Radiance of its cells, 0 or above; constant over each cell. Stored as float64. In a layer
+        with an optical thickness, the radiance that would leave it if nothing were absorbed.
+    depth_mm : float
+        Depth from the focal plane, positive = farther from the main lens; of the middle, where
+        the layer has a thickness.
+    size_mm : (float, float)
+        Height and width.
+    centre_mm : (float, float), optional
+        Position (y, x) of its centre.
+    opaque : bool, optional
+        Whether it hides what is behind it.
+    coverage : array_like, shape (rows, columns), optional
+        Where an opaque layer is: 1, a share of a cell on its outline, 0 for a hole. Default: all
+        of the rectangle, so that a texture of zeros is a black card.
+    optical_thickness : float or array_like of shape (rows, columns), optional
+        Absorption along the line of sight, 0 or above: light from behind is weakened by
+        ``exp(-tau)``, its own by ``(1 - exp(-tau)) / tau`` (emission and absorption evenly mixed;
+        Modest, Radiative Heat Transfer, chapter on the equation of transfer).
+    thickness_mm : float, optional
+        Extent along the optical axis, over which light and absorption spread evenly.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used; the message names it.
+    """
+
+    texture: np.ndarray
+    depth_mm: float
+    size_mm: tuple[float, float]
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    opaque: bool = False
+    coverage: np.ndarray | None = None
+    optical_thickness: np.ndarray | float = 0.0
+    thickness_mm: float = 0.0
+
+    def __post_init__(self):
+        texture = _checked_cells(self.texture, "texture")
+        if texture.max() > BRIGHTEST:
+            raise InputError(
+                f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
+                f"got {texture.max():g}."
+            )
+        object.__setattr__(self, "texture", texture)
+        for name, lowest in (("size_mm", 0.0), ("centre_mm", -np.inf)):
+            pair = tuple(float(value) for value in getattr(self, name))
+            if len(pair) != 2 or not all(np.isfinite(v) and v > lowest for v in pair):
+                raise InputError(
+                    f"{name} must be two finite lengths (y, x) in mm"
+                    f"{' above 0' if lowest == 0 else ''}, got {getattr(self, name)}."
+                )
+            object.__setattr__(self, name, pair)
+        if not np.isfinite(self.depth_mm):
+            raise InputError(f"depth_mm of a layer must be finite, got {self.depth_mm}.")
+        self._check_matter()
+
+    def _check_matter(self) -> None:
+        if self.coverage is not None:
+            coverage = _checked_cells(self.coverage, "coverage", self.texture.shape)
+            if not self.opaque or coverage.max() > 1:
+                raise InputError(
+                    f"coverage goes with opaque=True and lies between 0 and 1, "
+                    f"got opaque={self.opaque} and values up to {coverage.max():g}."
+                )
+            object.__setattr__(self, "coverage", coverage)
+        if np.ndim(self.optical_thickness) == 0:
+            tau = np.full(self.texture.shape, self.optical_thickness, dtype=np.float64)
+        else:
+            tau = self.optical_thickness
+        tau = _checked_cells(tau, "optical_thickness", self.texture.shape)
+        object.__setattr__(self, "optical_thickness", tau)
+        if not (np.isfinite(self.thickness_mm) and self.thickness_mm >= 0):
+            raise InputError(f"thickness_mm must be 0 or above, got {self.thickness_mm}.")
+        if self.opaque and (self.thickness_mm or tau.any()):
+            raise InputError(
+                f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
+                f"got {self.thickness_mm} and up to {tau.max():g}."
+            )
+
+    @property
+    def hides(self) -> np.ndarray | float:
+        """Share of each cell that is opaque: the coverage, 1 without one, 0 if not opaque."""
+        if not self.opaque:
+            return 0.0
+        return 1.0 if self.coverage is None else self.coverage
+
+    def cell_edges_mm(self, axis: int) -> np.ndarray:
+        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, cells + 1 of them."""
+        cells = self.texture.shape[axis]
+        offset = self.centre_mm[axis] - self.size_mm[axis] / 2
+        return offset + np.arange(cells + 1) * (self.size_mm[axis] / cells)
+
+    def extent_mm(self, cells: np.ndarray, axis: int) -> tuple[float, float]:
+        """Where the cells that are not 0 begin and end along an axis, in mm; NaN if all are 0."""
+        filled = np.flatnonzero(cells.any(axis=1 - axis))
+        if filled.size == 0:
+            return (np.nan, np.nan)
+        edges = self.cell_edges_mm(axis)
+        return (float(edges[filled[0]]), float(edges[filled[-1] + 1]))
+
+
+def _checked_cells(values, name: str, shape: tuple | None = None) -> np.ndarray:
+    """Make float64 cells of an argument, read-only."""
+    cells = np.asarray(values)
+    if cells.ndim != 2 or cells.size == 0 or cells.dtype.kind not in "biuf":
+        raise InputError(
+            f"A layer's {name} must be a grey image with rows and columns, "
+            f"got an array of shape {cells.shape} and type {cells.dtype}."
+        )
+    if shape is not None and cells.shape != shape:
+        raise InputError(
+            f"A layer's {name} must have the texture's shape {shape}, got {cells.shape}."
+        )
+    cells = np.array(cells, dtype=np.float64)
+    if not np.all(np.isfinite(cells)) or cells.min() < 0:
+        raise InputError(
+            f"A layer's {name} must be finite and not negative, "
+            f"got values from {cells.min()} to {cells.max()}."
+        )
+    cells.flags.writeable = False
+    return cells
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Layers, whose light adds up except where one hides or dims another.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+        At least one, in any order.
+
+    Raises
+    ------
+    InputError
+        If there is none, or if two opaque layers at one depth overlap, so that neither is in
+        front.
+    """
+
+    layers: tuple[Layer, ...]
+
+    def __post_init__(self):
+        object.__setattr__(self, "layers", tuple(self.layers))
+        if not self.layers:
+            raise InputError("A scene needs at least one layer, got none.")
+        for (i, one), (j, other) in combinations(enumerate(self.layers, 1), 2):
+            if not (one.opaque and other.opaque and one.depth_mm == other.depth_mm):
+                continue
+            if all(_overlap(one, other, axis) for axis in (0, 1)):
+                raise InputError(
+                    f"Layers {i} and {j} are both opaque and overlap at depth "
+                    f"{one.depth_mm} mm; one of them must stand in front."
+                )
+
+    @property
+    def depths_mm(self) -> tuple[float, ...]:
+        """The depths at which there are layers, each once, farthest first."""
+        return tuple(sorted({layer.depth_mm for layer in self.layers}, reverse=True))
+
+    def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> "Scene":
+        """Let each layer stand at another depth, scaled so that the central view stays the same.
+
+        Only parallax and defocus then tell the two scenes apart. That holds for glowing sheets;
+        what hides, absorbs or has a thickness also looks otherwise from another distance.
+        """
+        return Scene(
+            [
+                replace(
+                    layer,
+                    depth_mm=float(depth),
+                    size_mm=tuple(length * ratio for length in layer.size_mm),
+                    centre_mm=tuple(length * ratio for length in layer.centre_mm),
+                )
+                for layer, depth in zip(self.layers, depths_mm, strict=True)
+                for ratio in [camera.field_mm(depth)[0] / camera.field_mm(layer.depth_mm)[0]]
+            ]
+        )
+
+    @property
+    def front_to_back(self) -> tuple[Layer, ...]:
+        """The layers, nearest to the main lens first; at one depth, glow before surfaces."""
+        return tuple(sorted(self.layers, key=lambda layer: (layer.depth_mm, layer.opaque)))
+
+
+def _overlap(one: Layer, other: Layer, axis: int) -> bool:
+    (low, high), (other_low, other_high) = (
+        layer.extent_mm(np.broadcast_to(layer.hides, layer.texture.shape), axis)
+        for layer in (one, other)
+    )
+    # Layers that only touch do not overlap, whatever the rounding of their edges.
+    touch = 1e-12 * (abs(low) + abs(high))
+    return min(high, other_high) - max(low, other_low) > touch

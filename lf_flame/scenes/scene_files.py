@@ -1,0 +1,161 @@
+"""Scenes written by hand: a TOML file of layers, with a camera if it is not the paper's."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from skimage.io import imread
+from skimage.util import img_as_float64
+
+from lf_flame._common.config import build, read_record, read_toml
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
+from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.scenes.shapes import SHAPES, shape_texture
+
+
+@dataclass(frozen=True)
+class LayerEntry:
+    """One ``[[layers]]`` entry of a scene file.
+
+    Parameters
+    ----------
+    depth_mm : float
+        Depth from the focal plane, positive = farther from the main lens.
+    size_mm : (float, float)
+        Height and width.
+    centre_mm : (float, float), optional
+        Down and right of the optical axis.
+    shape : {"rectangle", "square", "circle", "triangle", "flame"}, optional
+    image : str, optional
+        Image file, relative to the scene file; colours are averaged to grey, transparency
+        darkens, and 8-bit and 16-bit values are scaled to [0, 1]. Either shape or image.
+    brightness : float, optional
+        Radiance of white, 0 or above.
+    opaque : bool, optional
+        Whether it hides what is behind it: where the shape is, or where the image is not
+        transparent.
+    optical_thickness : float, optional
+        Absorption along the line of sight where the layer is brightest, elsewhere in proportion
+        to its light: soot that glows also absorbs.
+    thickness_mm : float, optional
+        Extent along the optical axis.
+    """
+
+    depth_mm: float
+    size_mm: tuple[float, float]
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    shape: str | None = None
+    image: str | None = None
+    brightness: float = 1.0
+    opaque: bool = False
+    optical_thickness: float = 0.0
+    thickness_mm: float = 0.0
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if (self.shape is None) == (self.image is None):
+            raise InputError(
+                f"a layer needs a shape or an image file, one of them, "
+                f"got shape={self.shape!r}, image={self.image!r}."
+            )
+        if self.shape not in (None, "flame", *SHAPES):
+            raise InputError(f"shape must be one of {', '.join(SHAPES)}, flame, got {self.shape}.")
+        if min(self.size_mm) <= 0 or not self.brightness >= 0:
+            raise InputError(
+                f"size_mm must be above 0 and brightness 0 or above, "
+                f"got {self.size_mm} and {self.brightness}."
+            )
+
+    def layer(self, folder: Path) -> Layer:
+        """Make the layer, its image file looked for in `folder`."""
+        if self.image is not None:
+            texture, coverage = _read_grey(folder / self.image)
+        elif self.shape == "flame":
+            texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
+            coverage = (texture > 0).astype(float)
+        else:
+            texture = coverage = shape_texture(self.shape, self.size_mm)
+        return Layer(
+            self.brightness * texture,
+            self.depth_mm,
+            self.size_mm,
+            self.centre_mm,
+            opaque=self.opaque,
+            coverage=coverage if self.opaque else None,
+            optical_thickness=self.optical_thickness * texture / max(texture.max(), 1e-300),
+            thickness_mm=self.thickness_mm,
+        )
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A whole scene file.
+
+    Parameters
+    ----------
+    layers : list of LayerEntry
+    camera : PlenopticCamera, optional
+        Default: the paper's.
+    effects : dict of str to bool, optional
+        Effects to force on or off.
+    """
+
+    layers: list[LayerEntry]
+    camera: PlenopticCamera = PAPER_CAMERA
+    effects: dict[str, bool] = field(default_factory=dict)
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+
+def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:
+    """Read a scene from a TOML file.
+
+    Returns
+    -------
+    Scene
+    PlenopticCamera
+    dict
+        Effects that the file forces on or off.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a value in it cannot be used.
+    """
+    entries = build(SceneFile, read_toml(path), path)
+    layers = []
+    for number, entry in enumerate(entries.layers, 1):
+        try:
+            layers.append(entry.layer(Path(path).parent))
+        except InputError as error:
+            raise InputError(f"{path}: layer {number}: {error}") from None
+    try:
+        return Scene(layers), entries.camera, entries.effects
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_camera(path: str | Path) -> PlenopticCamera:
+    """Read the camera of a TOML file of any kind, ``[camera]``, or of a simulation's record."""
+    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
+    if "camera" not in values:
+        raise InputError(f"{path} has no camera: it must hold a table of that name.")
+    return build(PlenopticCamera, values["camera"], f"{path}: camera")
+
+
+def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read the radiance of an image's pixels, and how far they are there at all."""
+    if not path.is_file():
+        raise InputError(f"The image {path} cannot be read: there is no such file.")
+    try:
+        image = img_as_float64(imread(path))
+    except (OSError, ValueError, SyntaxError):  # the readers' own texts run over many lines
+        raise InputError(f"The image {path} cannot be read: it is no image file.") from None
+    coverage = np.ones(image.shape[:2])
+    if image.ndim == 3 and image.shape[2] in (2, 4):
+        coverage = image[..., -1]
+        image = image[..., :-1] * image[..., -1:]  # what is transparent does not shine
+    return (image.mean(axis=2) if image.ndim == 3 else image), coverage

@@ -1,0 +1,386 @@
+"""The effect plan: which physical effects a scene calls for, and how the image will be made.
+
+An effect is left out only if all that is left out together changes the image by less than a
+quarter of the tolerance; the rest is for the slabs of thick flames, the colours of a chromatic lens
+and the finite number of rays. A tighter tolerance so never drops an effect.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import STAGES
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.integrators import Optics
+from lf_flame.simulation.scene_bounds import Survey, neighbours
+
+LEFT_OUT_SHARE = 0.25
+"""Share of the tolerance that all effects left out may use up together."""
+
+SLICING_SHARE = 0.125
+"""Share of the tolerance for the slabs of thick layers, and the same for the colours."""
+
+RAYS_SHARE = 0.5
+"""Share of the tolerance for the finite number of rays."""
+
+MOST_PARTS = 1024
+"""Slabs or colours beyond which a tolerance counts as out of reach."""
+
+NANOSECONDS = {
+    "exact": 2.5,
+    "ray": 1.5,
+    "dimmed": 2.5,
+    "ray_effect": 1.0,
+    "cos4": 0.25,
+    "fourier": 35.0,
+    "noise": 18.0,
+}
+"""Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), a ray
+and stop or shift (ray_effect), and a pixel (others), on one core, as `make costs` measured them.
+For the column of estimates only."""
+
+TYPICAL_RAYS = 18
+"""Rays per pixel and axis that the default tolerance takes in most scenes; for estimates only."""
+
+
+@dataclass(frozen=True)
+class PlannedEffect:
+    """One line of a plan.
+
+    Attributes
+    ----------
+    name : str
+    bound : float
+        Upper bound on the relative change of the image if it is left out: of the light that
+        reaches the sensor, or for a stage of the sensor, of what that stage does by itself.
+        (Behind a converter that rounds, a smaller change can become a whole step.)
+    kept : bool
+    forced : bool
+        Whether the user decided, not the bound.
+    criterion : str
+    seconds : float
+        Estimate of the time that it adds, or would add, on one core.
+    """
+
+    name: str
+    bound: float
+    kept: bool
+    forced: bool
+    criterion: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class EffectPlan:
+    """What will be simulated, and what not, and why; `print` shows it as a table.
+
+    Attributes
+    ----------
+    tolerance : float
+    effects : tuple of PlannedEffect
+        All known effects, in the order in which light meets them.
+    slabs : tuple of int
+        Planes for each layer of the scene, in its order.
+    colours : int
+        Focal lengths over the band of light.
+    traced : tuple of str
+        Kept effects that weigh or shift the rays of one bundle unevenly.
+    """
+
+    tolerance: float
+    effects: tuple[PlannedEffect, ...]
+    slabs: tuple[int, ...]
+    colours: int
+    traced: tuple[str, ...]
+
+    @property
+    def integrator(self) -> str:
+        """The cheapest integrator that does everything kept: "exact" or "rays"."""
+        return "rays" if self.traced else "exact"
+
+    @property
+    def kept(self) -> frozenset[str]:
+        """Names of the effects that will be simulated."""
+        return frozenset(effect.name for effect in self.effects if effect.kept)
+
+    @property
+    def left_out_bound(self) -> float:
+        """Bound on the relative change of the image by all that the plan itself left out."""
+        return sum(e.bound for e in self.effects if not e.kept and not e.forced)
+
+    def __getitem__(self, name: str) -> PlannedEffect:
+        """Look up one effect by name."""
+        return next(effect for effect in self.effects if effect.name == name)
+
+    def to_json(self) -> dict:
+        """Values for a record beside an image or a data set."""
+        lines = [
+            {**asdict(e), "bound": e.bound if math.isfinite(e.bound) else None}
+            for e in self.effects
+        ]
+        return {
+            "tolerance": self.tolerance,
+            "integrator": self.integrator,
+            "slabs": list(self.slabs),
+            "colours": self.colours,
+            "left_out_bound": self.left_out_bound,
+            "effects": lines,
+        }
+
+    def __str__(self) -> str:
+        rows = [
+            (
+                effect.name,
+                f"{effect.bound:.2g}",
+                ("kept" if effect.kept else "left out") + (", forced" if effect.forced else ""),
+                effect.criterion,
+                f"{effect.seconds:.2g}" if effect.seconds else "",
+            )
+            for effect in self.effects
+        ]
+        columns = ["effect", "bound", "decision", "criterion", "adds (s)"]
+        table = pd.DataFrame(rows, columns=columns)
+        style = {"index": False, "disable_numparse": True, "tablefmt": "simple"}
+        notes = [
+            f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
+            f"changes the image by at most {self.left_out_bound:.2g}",
+            f"integrator: {self.integrator}",
+        ]
+        if max(self.slabs) > 1:
+            notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
+        if self.colours > 1:
+            notes.append(f"colours over the band: {self.colours}")
+        return f"{table.to_markdown(**style)}\n\n" + "\n".join(notes)
+
+
+def plan_effects(
+    scene: Scene,
+    camera: PlenopticCamera,
+    tolerance: float = 1e-3,
+    effects: Mapping[str, bool] | None = None,
+) -> EffectPlan:
+    """Decide which effects a scene calls for, before anything is rendered.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    tolerance : float, optional
+        Change of the image that may be accepted, relative to its brightest pixel.
+    effects : mapping of str to bool, optional
+        Effects to force on (True) or off (False), whatever their bound.
+
+    Returns
+    -------
+    EffectPlan
+
+    Raises
+    ------
+    InputError
+        If the tolerance is not above 0, an effect is unknown, or the tolerance would need more
+        slabs or colours than are sensible.
+    """
+    forced = dict(effects or {})
+    check_request(tolerance, forced)
+    survey = Survey(scene, camera)
+    estimates = {name: find(survey) for name, find in EFFECTS.items()}
+    bounds = {name: estimate.bound for name, estimate in estimates.items()}
+    kept = _choose(bounds, forced, LEFT_OUT_SHARE * tolerance)
+    slabs = (
+        _count_slabs(survey, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
+    )
+    colours = _count_colours(survey, tolerance) if "chromatic" in kept else 1
+    traced = _traced(kept, bounds, survey)
+    seconds = _estimate_seconds(survey, kept, slabs, colours, bool(traced))
+    planned = tuple(
+        PlannedEffect(name, e.bound, name in kept, name in forced, e.criterion, seconds[name])
+        for name, e in estimates.items()
+    )
+    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced)
+
+
+def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
+    """Refuse a tolerance or effects that cannot be meant.
+
+    Raises
+    ------
+    InputError
+    """
+    if not (tolerance > 0 and math.isfinite(tolerance)):
+        raise InputError(f"tolerance must be above 0, got {tolerance}.")
+    for name, value in forced.items():
+        if name not in EFFECTS:
+            raise InputError(f"Unknown effect {name!r}; the known ones are {', '.join(EFFECTS)}.")
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
+
+
+def _choose(bounds: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
+    """Leave out effects, smallest bound first, while their sum stays within the allowance."""
+    kept = {name for name, on in forced.items() if on}
+    used = 0.0
+    for name in sorted((name for name in bounds if name not in forced), key=bounds.get):
+        used += bounds[name]
+        if used > allowance:
+            kept.add(name)
+    if "f_number_mismatch" in kept:  # both are one round stop
+        if forced.get("round_aperture", True):
+            kept.add("round_aperture")
+        elif "f_number_mismatch" not in forced:
+            kept.remove("f_number_mismatch")
+        else:
+            raise InputError(
+                "f_number_mismatch cannot be forced on with round_aperture forced off: "
+                "both are one round stop."
+            )
+    return kept
+
+
+def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
+    """Planes for each layer, so that those of all layers together keep within their share."""
+    thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
+    allowance = SLICING_SHARE * tolerance * survey.peak / max(thick, 1)
+
+    def change(layer: Layer, slabs: int) -> float:
+        return _sliced_change(
+            survey,
+            layer,
+            slabs,
+            lambda axis, n: survey.smeared(layer, axis, depth_mm=layer.thickness_mm / n),
+        )
+
+    return [
+        _count_parts(lambda n, at=layer: change(at, n), allowance, "thickness", tolerance)
+        if layer.thickness_mm > 0
+        else 1
+        for layer in scene.layers
+    ]
+
+
+def _count_colours(survey: Survey, tolerance: float) -> int:
+    allowance = SLICING_SHARE * tolerance * survey.peak
+    band_mm = survey.camera.chromatic_shift * survey.camera.main_lens_focal_mm
+
+    def change(colours: int) -> float:
+        return sum(
+            _sliced_change(
+                survey,
+                layer,
+                colours,
+                lambda axis, n, at=layer: survey.smeared(at, axis, focal_mm=band_mm / n),
+            )
+            for layer in survey.layers
+        )
+
+    return _count_parts(change, allowance, "chromatic", tolerance)
+
+
+def _sliced_change(survey: Survey, layer: Layer, parts: int, first_order) -> float:
+    """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
+
+    The smaller of two. Of the first order: as if the light of each part stood where it moves the
+    bundle farthest. Of the second: a box of width a that moves by m in all over cells of width c
+    passes at most 2 (m/c + 2) of their boundaries, where its light bends by ``next m / a``; the
+    midpoint errs by 1/8 of that in units of the part, and in between by the product of both axes'
+    rates, ``2 whole (m_y/a_y) (m_x/a_x) / 24``.
+    """
+    first, moved, bends = 0.0, [], 0.0
+    for axis in (0, 1):
+        steps, box = survey.steps(layer, axis), survey.box(layer, axis)
+        first += first_order(axis, parts)
+        if box == 0 or steps.whole == 0:
+            return first if box == 0 else 0.0
+        rate = min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
+        # The mean over quarters is 5/8 of the farthest, and that half of the whole way.
+        moved.append(2 * 1.6 * first_order(axis, MOST_PARTS) * MOST_PARTS / rate / box)
+        bends += (moved[-1] * box / steps.cell_mm + 2) * steps.next * moved[-1] / 4
+    whole = max(survey.steps(layer, axis).whole for axis in (0, 1))
+    return min(first, (bends + whole * moved[0] * moved[1] / 12) / parts**2)
+
+
+def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int:
+    """Smallest power of 2, or half between two, whose change is within the allowance."""
+    parts = 2
+    while change(parts) > allowance:
+        parts = parts * 3 // 2 if parts & (parts - 1) == 0 else parts // 3 * 4
+        if parts > MOST_PARTS:
+            raise InputError(
+                f"tolerance {tolerance:g} cannot be met: {effect} would need more than "
+                f"{MOST_PARTS} parts; allow more, or force {effect} off."
+            )
+    return parts
+
+
+def _traced(kept: set[str], bounds: dict[str, float], survey: Survey) -> tuple[str, ...]:
+    """Kept effects that arise and that only tracing each ray can do."""
+    alone = all(
+        not layer.thickness_mm and not survey.behind(layer)
+        for layer in survey.layers
+        if layer.optical_thickness.any()
+    )
+    candidates = set(kept) - ({"self_absorption"} if alone else set())
+    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and bounds[name] > 0)
+
+
+def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
+    """Set up the camera as a plan leaves it: a pass for each colour and neighbouring lenslet."""
+    kept = plan.kept
+    turn = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
+    scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
+    stops, reach = [], 0
+    if "round_aperture" in plan.traced:
+        mismatched = "f_number_mismatch" in plan.traced
+        width = camera.aperture_diameter_mm if mismatched else camera.aperture_mm
+        stops.append((0.0, width / 2))
+        reach = neighbours(camera) if mismatched else 0
+    if "vignetting" in plan.traced:
+        stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
+    middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
+    lenslets = range(-reach, reach + 1)
+    return [
+        Optics(
+            camera,
+            focal_mm=camera.main_lens_focal_mm * (1 + camera.chromatic_shift * middle),
+            share=1 / plan.colours,
+            defocus="defocus" in kept,
+            falloff="cos4" in kept and not camera.falloff_corrected,
+            lenslet_scale=scale * math.cos(turn),
+            lenslet_skew=scale * math.sin(turn),
+            stops=tuple(stops),
+            neighbour=(row, column),
+        )
+        for middle in middles
+        for row in lenslets
+        for column in lenslets
+    ]
+
+
+def _estimate_seconds(survey, kept: set[str], slabs, colours: int, trace: bool) -> dict:
+    """Roughly how long each effect takes, on one core."""
+    camera = survey.camera
+    pixels = camera.views**2 * math.prod(camera.lenslets)
+    planes, rays = sum(slabs) * colours, TYPICAL_RAYS**2
+    dims = any(name in kept for name in MATTER)
+    exact = pixels * planes * NANOSECONDS["exact"] * 1e-9
+    traced = pixels * planes * rays * NANOSECONDS["dimmed" if dims else "ray"] * 1e-9
+    per_ray = pixels * planes * rays * NANOSECONDS["ray_effect"] * 1e-9
+    base = traced if trace else exact
+    seconds = dict.fromkeys(EFFECTS, 0.0)
+    seconds["cos4"] = pixels * NANOSECONDS["cos4"] * 1e-9
+    seconds["thickness"] = base * (1 - len(slabs) / sum(slabs))
+    seconds["chromatic"] = base * (1 - 1 / colours)
+    for name in (*MATTER, *RAYS):
+        if name in kept:
+            seconds[name] = per_ray if name in RAYS else traced - exact
+    kernels = ("lenslet_diffraction", "main_lens_diffraction")
+    if camera.wavelength_nm is not None:
+        seconds.update(dict.fromkeys(kernels, pixels * NANOSECONDS["fourier"] * 1e-9))
+    if camera.sensor is not None:
+        seconds.update(dict.fromkeys(STAGES, pixels * NANOSECONDS["noise"] * 1e-9))
+    return seconds

@@ -1,0 +1,1 @@
+"""What the integrators are held against: forward tracing and closed forms."""

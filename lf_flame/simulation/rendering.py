@@ -1,0 +1,229 @@
+"""Rendering: a scene through a plenoptic camera into a light field.
+
+The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two integrators; both
+share one ray transfer chain. A pixel holds the mean radiance over its ray bundle: a uniform layer
+that fills the field gives its own brightness in every pixel, before cos^4, stops and sensor.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.optics import diffraction
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import STAGES, expose
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optics_passes, plan_effects
+from lf_flame.simulation.scene_bounds import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.slabs import Plane, slice_scene
+
+RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
+"""Rays per pixel and axis that are tried for a tolerance."""
+
+FEW_PORTIONS = 4
+"""Portions of light that are added in float32; more are added in float64."""
+
+PROBE_LINES = 24
+"""Lines of the image on which the number of rays for a tolerance is found."""
+
+
+def render(
+    scene: Scene,
+    camera: PlenopticCamera,
+    tolerance: float = 1e-3,
+    integrator: str = "auto",
+    rays: int | None = None,
+    effects: Mapping[str, bool] | None = None,
+    seed: int | Sequence[int] | None = None,
+    layout: str = "views",
+) -> LightField:
+    """Simulate the light field that a camera records of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    tolerance : float, optional
+        Error that is acceptable, root-mean-square over the image relative to its brightest pixel.
+        Effects that change the image by less are left out; the rest takes as many rays, slabs and
+        colours as are needed.
+    integrator : {"auto", "exact", "rays"}, optional
+        "auto" takes the cheapest that does all that the plan keeps.
+    rays : int, optional
+        Fixed number of rays per pixel along each axis for the ray integrator, instead of the
+        tolerance.
+    effects : mapping of str to bool, optional
+        Effects to force on or off, by name (`lf_flame.simulation.effects.EFFECTS`).
+    seed : int or sequence of int, optional
+        Seed of the sensor's noise; needed where the plan keeps noise.
+    layout : {"views", "raw"}, optional
+        Which of the two images of the light field is contiguous in memory; the other is a view
+        of it. The pixels are the same.
+
+    Returns
+    -------
+    LightField
+        ``views[v, u, t, s]``, float32, in the unit of the textures, with its ``plan``.
+
+    Raises
+    ------
+    InputError
+        If a layer lies outside the field or behind the lens, or if the tolerance, an effect or
+        the integrator cannot be had.
+    """
+    _check_options(integrator, rays, layout)
+    plan = plan_effects(scene, camera, tolerance, effects)
+    return render_plan(scene, camera, plan, integrator, rays, seed, layout)
+
+
+def render_plan(
+    scene: Scene,
+    camera: PlenopticCamera,
+    plan: EffectPlan,
+    integrator: str = "auto",
+    rays: int | None = None,
+    seed: int | Sequence[int] | None = None,
+    layout: str = "views",
+) -> LightField:
+    """Render with a plan at hand, for instance one plan for all scenes of a data set.
+
+    The parameters are those of `render`; a plan made for another scene has to fit the number of
+    layers.
+    """
+    _check_options(integrator, rays, layout)
+    noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
+    if noisy and seed is None:
+        raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")
+    if integrator == "exact" and plan.integrator == "rays":
+        blocking = ", ".join(plan.traced)
+        raise InputError(
+            f"The exact integrator cannot do {blocking} here; use integrator='auto', "
+            f"or force them off."
+        )
+    planes = slice_scene(
+        scene,
+        dict(zip(scene.layers, plan.slabs, strict=True)),
+        absorption="self_absorption" in plan.kept,
+        dimming=set(plan.traced),
+    )
+    passes = optics_passes(camera, plan)
+    _check_field(scene, Optics(camera))
+    method = plan.integrator if integrator == "auto" else integrator
+    # Where light comes in many portions, float32 would round after each.
+    many = len(passes) * (len(planes) if method == "rays" else 1) > FEW_PORTIONS
+    image = _blank(camera, layout, np.float64 if many else np.float32)
+    if method == "exact":
+        for optics in passes:
+            integrate(planes, optics, layout, image)
+    else:
+        rays = rays or _count_rays(planes, passes, camera, plan, layout)
+        for optics in passes:
+            trace(planes, optics, layout, rays, image)
+    return _record(image.astype(np.float32, copy=False), camera, plan, seed, layout)
+
+
+def _check_options(integrator: str, rays: int | None, layout: str) -> None:
+    if integrator not in ("auto", "exact", "rays"):
+        raise InputError(f"integrator must be auto, exact or rays, got {integrator!r}.")
+    if layout not in ("views", "raw"):
+        raise InputError(f"layout must be views or raw, got {layout!r}.")
+    if rays is not None and (integrator != "rays" or rays < 1):
+        raise InputError(
+            f"rays must be at least 1 and goes with integrator='rays', "
+            f"got rays={rays}, integrator={integrator!r}."
+        )
+
+
+def _check_field(scene: Scene, optics: Optics) -> None:
+    """Refuse layers that no pixel sees."""
+    for layer in scene.layers:
+        for axis in (0, 1):
+            footprint = optics.footprint(layer.depth_mm, axis)
+            edges, reach = layer.cell_edges_mm(axis), footprint.half_width_mm
+            low, high = footprint.centres_mm.min() - reach, footprint.centres_mm.max() + reach
+            if edges[-1] <= low or edges[0] >= high:
+                raise InputError(
+                    f"The layer at depth {layer.depth_mm} mm lies outside the field: in "
+                    f"{'yx'[axis]} it spans {edges[0]:.4g} to {edges[-1]:.4g} mm, "
+                    f"and the camera sees {low:.4g} to {high:.4g} mm there."
+                )
+
+
+def _blank(camera: PlenopticCamera, layout: str, dtype=np.float32) -> np.ndarray:
+    """Make a dark image; memory that no light reaches is never touched."""
+    n, (lines, columns) = camera.views, camera.lenslets
+    shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
+    return np.zeros(shape, dtype)
+
+
+def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: str) -> int:
+    """Fewest rays that meet the tolerance, found on some lines of the image.
+
+    The error falls at least as one over the number of rays (`make costs` measures it), so the
+    change from one number to half as many again is about the error of the greater. Two images may
+    agree by chance; three in a row, and rays as dense as the cells, do not.
+    """
+    lines = _blank(camera, layout).shape[2]
+    probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
+    allowance = RAYS_SHARE * plan.tolerance
+    coarse, agreed = None, 0
+    for rays in RAY_COUNTS[_first_ray_count(planes, passes[0]) :]:
+        fine = _blank(camera, layout)[:, :, probe].copy()
+        for optics in passes:
+            trace(planes, optics, layout, rays, fine, probe)
+        if coarse is not None:
+            change = math.sqrt(np.mean(np.square(fine - coarse, dtype=np.float64)))
+            agreed = agreed + 1 if change <= allowance * fine.max() else 0
+            if agreed == 2:
+                return rays
+        coarse = fine
+    raise InputError(
+        f"tolerance {plan.tolerance:g} was not met with {rays} x {rays} rays per pixel: the number "
+        f"of rays is the obstacle; allow more, or use the exact integrator."
+    )
+
+
+def _first_ray_count(planes: list[Plane], optics: Optics) -> int:
+    """Find the first of RAY_COUNTS whose rays are as dense as a bundle's cells, or 41 of them."""
+    dense = 1.0
+    for plane in planes:
+        for axis in (0, 1):
+            edges = plane.layer.cell_edges_mm(axis)
+            footprint = optics.footprint(plane.depth_mm, axis)
+            dense = max(dense, 2 * footprint.half_width_mm / (edges[1] - edges[0]))
+    return next(i for i, rays in enumerate(RAY_COUNTS) if rays >= min(dense, 41))
+
+
+def _record(image: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
+    """Do what happens behind the lenslets: diffraction and the sensor."""
+    views = _as_views(image, camera, layout)
+    if camera.wavelength_nm is not None:
+        if "main_lens_diffraction" in plan.kept:
+            views = diffraction.blur_views(views, main_lens_kernel(camera))
+        if "lenslet_diffraction" in plan.kept:
+            raw = LightField.trusted(views).to_raw()
+            views = _as_views(diffraction.blur_raw(raw, lenslet_kernel(camera)), camera, "raw")
+    stages = plan.kept & set(STAGES)
+    if camera.sensor is not None and stages:
+        # Exposed in the order of the views, so that noise does not depend on the layout.
+        ordered = np.ascontiguousarray(views)
+        views = expose(ordered, camera.sensor, stages, np.random.default_rng(seed))
+    if layout == "raw":
+        raw = LightField.trusted(views).to_raw()
+        views = _as_views(raw, camera, "raw")
+    else:
+        views = np.ascontiguousarray(views)
+    return LightField.trusted(views, plan)
+
+
+def _as_views(image: np.ndarray, camera: PlenopticCamera, layout: str) -> np.ndarray:
+    """Show the image as ``[v, u, t, s]``, without a copy."""
+    if layout == "views":
+        return image
+    lines, columns = camera.lenslets
+    raw = image.reshape(lines, camera.views, columns, camera.views)
+    return raw.transpose(1, 3, 0, 2)

@@ -1,0 +1,65 @@
+"""Refocusing by formula, as systems beside the learned ones."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from lf_flame._common.arrays import area_average
+from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
+from lf_flame.systems.base import Places, RefocusingSystem
+from lf_flame.systems.view_selection import every_view
+
+
+class ShiftAndSum(RefocusingSystem):
+    """Shift-and-sum of all views, or of some.
+
+    Parameters
+    ----------
+    name : str
+    places : callable, optional
+        Takes rows and columns of views, gives those that are used. Default: all.
+    """
+
+    def __init__(self, name: str = "shift-and-sum", places: Callable[..., Places] | None = None):
+        self.name, self._places = name, places or every_view
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose the views that are used."""
+        return self._places(rows, columns)
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        places = self.chosen(*views.shape[:2])
+        if max(block) > 1 and len(places) < views.shape[0] * views.shape[1]:
+            # Aligned straight into blocks: for few views faster than to average images afterwards.
+            return align_views(views, slopes, places, block).mean(axis=1)
+        weights = sparse_aperture(views.shape[:2], places)
+        return average(shift_and_sum(views, slopes, weights=weights), block)
+
+
+class FourierSlice(RefocusingSystem):
+    """A slice through the spectrum of the light field (R. Ng, SIGGRAPH 2005)."""
+
+    name = "Fourier slice"
+
+    def chosen(self, rows: int, columns: int) -> Places:
+        """Choose all views."""
+        return every_view(rows, columns)
+
+    def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+        return average(TRUTHS["Fourier slice"](views, slopes), block)
+
+
+TRUTHS = {
+    "shift-and-sum": shift_and_sum,
+    "Fourier slice": partial(fourier_slice, edges="clamp"),
+}
+"""What all views together give: what is right, by two names."""
+
+
+def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    """Average images [n, t, s] or [n, t, s, channels] over blocks."""
+    size = [n // m for n, m in zip(stack.shape[1:3], block, strict=True)]
+    if stack.ndim == 3:
+        return area_average(stack, size)
+    return np.stack([area_average(stack[..., c], size) for c in range(stack.shape[3])], axis=-1)

@@ -1,0 +1,56 @@
+"""The networks that can be trained: how each is built, and what it is trained to make small."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
+from lf_flame.systems.base import NetworkSystem
+from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
+from lf_flame.systems.sparse_unet import SparseUNet, build_unet, unet_loss
+
+
+@dataclass(frozen=True)
+class Network:
+    """A kind of network.
+
+    Attributes
+    ----------
+    system : type of NetworkSystem
+    model : callable
+        Takes a seed, builds the Keras model.
+    loss : str or callable
+    truth : str
+        What it learns to draw: a key of `lf_flame.systems.formulas.TRUTHS`.
+    note : str
+        What sets it apart from others of its kind.
+    """
+
+    system: type[NetworkSystem]
+    model: Callable
+    loss: str | Callable
+    truth: str = "shift-and-sum"
+    note: str = ""
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return f"{self.system.name}, {self.note}" if self.note else self.system.name
+
+    def build(self, seed: int) -> NetworkSystem:
+        """Build the system, untrained."""
+        return self.system(self.model(seed), self.title)
+
+
+NETWORKS = {
+    "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
+    "aperturenet-dark": Network(
+        ApertureNet, build_aperturenet, "mean_squared_error", note="trained in little light"
+    ),
+    "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
+    "refnet": Network(RefNet, build_refnet, refnet_loss),
+    "refnet-fourier": Network(
+        RefNet, build_refnet, refnet_loss, "Fourier slice", "trained on the Fourier slice"
+    ),
+    "volumetric": Network(SparseUNet, build_unet, unet_loss),
+}

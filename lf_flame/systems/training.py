@@ -1,0 +1,334 @@
+"""Training refocusing networks: every one from the same lessons, by the same program.
+
+Batches are patches cut out at random, sooner where there is something to see; the run folder is
+that of `lf_flame.learning.training_run`.
+"""
+
+import math
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import keras
+import numpy as np
+from tqdm import tqdm
+
+from lf_flame._common.config import build, read_toml, to_json
+from lf_flame._common.keras_loading import load_model
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import load_run
+from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
+from lf_flame.systems.base import NetworkSystem
+from lf_flame.systems.refocusnet import RefocusNet
+from lf_flame.systems.registry import NETWORKS
+from lf_flame.systems.training_scenes import Lessons, teach
+
+FIRST_HELD_OUT = 1_000_000
+"""Index of the first lesson to validate with."""
+
+EVALUATION_BATCH = 16
+
+SMALLEST_PATCH = 12
+"""Side of a patch that holds a window of the structural similarity, and halves twice."""
+
+
+@dataclass(frozen=True)
+class SystemRecipe:
+    """How to train a system.
+
+    Parameters
+    ----------
+    epochs : int
+    batch_size : int
+        Patches.
+    patch : int
+        Side of a patch in pixels.
+    learning_rate : float
+        Of the optimiser; with "cosine" its first value, falling to zero.
+    schedule : {"constant", "cosine"}
+    optimizer : {"adam", "rmsprop"}
+    dark : float
+        Share of the lessons that are seen in little light, with shot noise.
+    """
+
+    epochs: int
+    batch_size: int = 16
+    patch: int = 48
+    learning_rate: float = 1e-3
+    schedule: Literal["constant", "cosine"] = "cosine"
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+    dark: float = 0.0
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if min(self.epochs, self.batch_size) < 1 or not self.learning_rate > 0:
+            raise InputError(
+                f"epochs and batch_size must be at least 1 and learning_rate above 0, got "
+                f"{self.epochs}, {self.batch_size}, {self.learning_rate}."
+            )
+        if self.patch < SMALLEST_PATCH:
+            raise InputError(f"patch must be {SMALLEST_PATCH} or more, got {self.patch}.")
+        if not 0 <= self.dark <= 1:
+            raise InputError(f"dark must be a share from 0 to 1, got {self.dark}.")
+
+
+@dataclass(frozen=True)
+class Course:
+    """How many lessons a preset has.
+
+    Parameters
+    ----------
+    lessons, held_out : int
+        Light fields to train on, and to validate with.
+    epochs : int, optional
+        Instead of a system's own.
+    """
+
+    lessons: int
+    held_out: int
+    epochs: int | None = None
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        epochs = 1 if self.epochs is None else self.epochs
+        if min(self.lessons, self.held_out, epochs) < 1:
+            raise InputError(
+                f"lessons, held_out and epochs must be at least 1, got {self.lessons}, "
+                f"{self.held_out}, {epochs}."
+            )
+
+
+@dataclass(frozen=True)
+class SystemsConfig:
+    """Refocusing systems that are trained alike; read from experiments/systems.toml.
+
+    Parameters
+    ----------
+    seed : int
+        Of lessons, initial weights and patches.
+    lessons : Lessons
+    presets : dict of Course
+    systems : dict of SystemRecipe
+    checkpoint_s : float, optional
+        Seconds between checkpoints; 0 writes one after every epoch.
+    """
+
+    seed: int
+    lessons: Lessons
+    presets: dict[str, Course]
+    systems: dict[str, SystemRecipe]
+    checkpoint_s: float = 30.0
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        check_seed(self.seed)
+        unknown = set(self.systems) - set(NETWORKS)
+        if unknown:
+            raise InputError(
+                f"systems must be of {', '.join(NETWORKS)}, got {', '.join(sorted(unknown))}."
+            )
+
+    def recipe(self, name: str, preset: str) -> SystemRecipe:
+        """Recipe of a system in a preset."""
+        for kind, key, known in (
+            ("system", name, self.systems),
+            ("preset", preset, self.presets),
+        ):
+            if key not in known:
+                raise InputError(f"{kind} must be one of {', '.join(known)}, got {key!r}.")
+        epochs = self.presets[preset].epochs
+        return replace(self.systems[name], epochs=epochs or self.systems[name].epochs)
+
+
+def read_systems_config(path: str | Path) -> SystemsConfig:
+    """Read a configuration of systems from a TOML file."""
+    return build(SystemsConfig, read_toml(path), path)
+
+
+def train_system(
+    config: SystemsConfig, name: str, preset: str, out: str | Path, show: bool = True
+) -> Path:
+    """Train a system, or go on with a run that was cut off.
+
+    Parameters
+    ----------
+    config : SystemsConfig
+    name : str
+        Key of its `systems`.
+    preset : str
+        Key of its `presets`.
+    out : str or Path
+        Run folder.
+    show : bool, optional
+        Show progress.
+
+    Returns
+    -------
+    Path
+        ``model.keras`` in the run folder.
+
+    Raises
+    ------
+    InputError
+        If there is no such system or preset, the run folder holds another run, or the loss stops
+        being a number.
+    """
+    started, recipe = time.perf_counter(), config.recipe(name, preset)
+    course = config.presets[preset]
+    asked = {
+        "system": name,
+        "preset": preset,
+        "seed": config.seed,
+        "lessons": to_json(config.lessons),
+        "lesson_configs": [to_json(one) for one in config.lessons.configs],
+        "course": {"lessons": course.lessons, "held_out": course.held_out},
+        "recipe": asdict(recipe),
+    }
+    network = NETWORKS[name]
+    system = network.build(config.seed)
+
+    def start(new: bool) -> PatchTrainer:
+        return PatchTrainer(
+            system, network.loss, recipe, _teach(config, name, preset, system, show)
+        )
+
+    def finish(best: list[np.ndarray]) -> keras.Model:
+        model = network.model(config.seed)  # anew: without the optimiser
+        assign(_variables(model), best)
+        return model
+
+    about = {"title": system.name, "parameters": system.parameters}
+    job = Job(asked, recipe.epochs, config.seed, config.checkpoint_s, start, finish, about)
+    return carry_out(job, Path(out), started, show)
+
+
+def _teach(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
+    course, recipe = config.presets[preset], config.recipe(name, preset)
+    indices = {
+        "train": range(course.lessons),
+        "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + course.held_out),
+    }
+    truth, arrays = NETWORKS[name].truth, {}
+    for part, some in indices.items():
+        some = tqdm(some, f"lessons, {part}", unit="light field", disable=not show)
+        arrays[part] = teach(config.lessons, system, config.seed, some, truth, recipe.dark)
+    return arrays
+
+
+def _variables(model: keras.Model) -> list[keras.Variable]:
+    return [*model.trainable_variables, *model.non_trainable_variables]
+
+
+def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
+    return [np.array(keras.ops.convert_to_numpy(x)) for x in variables]
+
+
+class PatchTrainer:
+    """Trains a network on patches of images, through Keras's own `train_on_batch`.
+
+    Parameters
+    ----------
+    system : NetworkSystem
+        Training starts from its network's weights.
+    loss : str or callable
+        Keras's name of a loss, or a function of truth and image that gives one number a sample.
+    recipe : SystemRecipe
+    arrays : dict
+        ``name: (shown, truth)``, "train" and "validation"; float32, shape (n, h, w, channels).
+    """
+
+    def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
+        self.system, self.model = system, system.model
+        self.recipe, self.arrays = recipe, arrays
+        count, *size = arrays["train"][0].shape[:3]
+        self.side = [min(recipe.patch, n) // system.multiple * system.multiple for n in size]
+        # As many patches in an epoch as cover the images once.
+        self.patches = max(count * math.prod(size) // math.prod(self.side), 1)
+        rate = recipe.learning_rate
+        if recipe.schedule == "cosine":
+            steps = recipe.epochs * -(-self.patches // recipe.batch_size)
+            rate = keras.optimizers.schedules.CosineDecay(rate, steps)
+        kinds = {"adam": keras.optimizers.Adam, "rmsprop": keras.optimizers.RMSprop}
+        self.optimizer = kinds[recipe.optimizer](rate)
+        self.optimizer.build(self.model.trainable_variables)
+        self.model.compile(self.optimizer, loss)
+
+    def train_epoch(self, rng: np.random.Generator) -> float:
+        """Train on as many patches as cover the images once; mean loss while doing so."""
+        batch = self.recipe.batch_size
+        losses = []
+        for first in range(0, self.patches, batch):
+            shown, truth = self._cut(rng, min(batch, self.patches - first))
+            losses.append(self.model.train_on_batch(shown, truth) * len(shown))
+            self.model.reset_metrics()
+        return float(sum(losses) / self.patches)
+
+    def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cut patches out of images drawn at random, never turned or mirrored: views have sides.
+
+        Of two places the one with more contrast is taken: where all is black or even, nothing can
+        be learnt.
+        """
+        shown, truth = self.arrays["train"]
+        cuts = []
+        for _ in range(count):
+            k = rng.integers(len(shown))
+            places = [
+                tuple(slice(at, at + n) for at, n in zip(corner, self.side, strict=True))
+                for corner in rng.integers(0, np.array(shown.shape[1:3]) - self.side + 1, (2, 2))
+            ]
+            cuts.append((k, *max(places, key=lambda place: truth[k][place].std())))
+        return np.stack([shown[cut] for cut in cuts]), np.stack([truth[cut] for cut in cuts])
+
+    def evaluate(self, part: str) -> float:
+        """Mean squared error over whole images, whatever the loss."""
+        shown, truth = self.arrays[part]
+        if part == "train":  # a sample of them will do
+            shown, truth = shown[: 2 * EVALUATION_BATCH], truth[: 2 * EVALUATION_BATCH]
+        total = 0.0
+        for k in range(0, len(shown), EVALUATION_BATCH):
+            images = np.clip(self.system.predict(shown[k : k + EVALUATION_BATCH]), 0, 1)
+            total += np.square(images - truth[k : k + EVALUATION_BATCH]).mean((1, 2, 3)).sum()
+        return float(total / len(shown))
+
+    @property
+    def weights(self) -> list[np.ndarray]:
+        """Copies of all values of the network."""
+        return _values(_variables(self.model))
+
+    @property
+    def state(self) -> list[np.ndarray]:
+        """Everything that the next epoch depends on; set it to go on from there."""
+        return _values([*_variables(self.model), *self.optimizer.variables])
+
+    @state.setter
+    def state(self, values) -> None:
+        assign([*_variables(self.model), *self.optimizer.variables], values)
+
+
+def load_system(path: str | Path) -> NetworkSystem:
+    """Load a trained system from its run folder, or RefocusNet from its authors' weights (.npz).
+
+    Raises
+    ------
+    InputError
+        If there is no finished run of a system, it is damaged, or the file does not hold the
+        weights.
+    """
+    folder = Path(path)
+    if folder.suffix == ".npz":
+        return RefocusNet.of_weights(folder)
+    if folder.is_file():
+        raise InputError(
+            f"A network is a run folder, or RefocusNet's weights (.npz), got the file {folder}."
+        )
+    record = load_run(folder)
+    if record.get("system") not in NETWORKS:
+        raise InputError(f"{folder} holds no run of a refocusing system.")
+    model = load_model(folder / "model.keras")
+    network = NETWORKS[record["system"]]
+    return network.system(model, network.title)

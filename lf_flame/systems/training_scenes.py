@@ -1,0 +1,166 @@
+"""Lessons: light fields to learn refocusing from, each seen at several slopes.
+
+Most of them show the paper's scenes with every object at a depth drawn anew, so that
+nothing can be learnt by heart; the rest are dead leaves, which look like photographs. What a system
+should draw is what all views give, by shift-and-sum or by the Fourier slice.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.datasets.store import DatasetConfig, read_config
+from lf_flame.errors import InputError
+from lf_flame.optics.sensor import Sensor, expose
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.simulation.rendering import render_plan
+from lf_flame.systems.formulas import TRUTHS, average
+
+BEYOND_MM = 3.0
+"""How far beyond the depths of a template its objects may stand."""
+
+SEED_OF_SCENES = 7
+"""Keeps these scenes apart from those of data sets, which are drawn from (seed, index)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """A light field, and slopes at which to look at it.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+    slopes : ndarray of float64, shape (n,)
+        In lenslets per view step.
+    block : (int, int)
+        Lenslets in a pixel of the images.
+    seen : ndarray of float32, shape (v, u, t, s)
+        The views with noise; without any they are `views`.
+    """
+
+    views: np.ndarray
+    slopes: np.ndarray
+    block: tuple[int, int]
+    seen: np.ndarray
+
+    def truth(self, slopes: np.ndarray, right: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, without noise: float32, shape (n, h, w); see `TRUTHS`."""
+        return average(TRUTHS[right](self.views, slopes), self.block)
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Where lessons come from.
+
+    Parameters
+    ----------
+    data : list of str
+        Data-set configurations whose scenes are shown in turn.
+    leaves : float
+        Share of the light fields that are dead leaves.
+    leaf_views : int
+        Views of these along each axis.
+    slopes : int
+        At which each light field is seen: half of them where something is sharp, the rest anywhere
+        between.
+    look : DeadLeaves
+    electrons : (float, float)
+        That a pixel at full scale holds in little light; drawn evenly in its logarithm.
+    """
+
+    data: list[str]
+    leaves: float = 0.4
+    leaf_views: int = 9
+    slopes: int = 6
+    look: DeadLeaves = DeadLeaves()
+    electrons: tuple[float, float] = (0.3, 300.0)
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
+            raise InputError(
+                f"Lessons need a data set, a share of leaves from 0 to 1, and slopes and views of "
+                f"1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
+            )
+        if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
+            raise InputError(f"electrons must be two rising numbers above 0, got {self.electrons}.")
+
+    @cached_property
+    def configs(self) -> list[DatasetConfig]:
+        """The data sets' configurations; their images must be of one size."""
+        configs = [read_config(Path(path)) for path in self.data]
+        sizes = {config.image for config in configs}
+        if len(sizes) > 1:
+            raise InputError(f"Lessons need images of one size, {self.data} have {sorted(sizes)}.")
+        return configs
+
+    def draw(self, seed: int, index: int, dark: float = 0.0) -> Lesson:
+        """Draw a lesson that depends on these numbers alone; a share of them is in little light."""
+        rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
+        if rng.uniform() < self.leaves:
+            views, slopes, block = self._draw_leaves(rng)
+        else:
+            config = self.configs[rng.integers(len(self.configs))]
+            views, slopes, block = self._draw_scene(config, rng)
+        seen = views
+        if rng.uniform() < dark:
+            light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
+            seen = expose(views, light, {"shot_noise"}, rng)
+        return Lesson(views, slopes, block, seen)
+
+    def _draw_leaves(self, rng: np.random.Generator):
+        image = self.configs[0].image
+        views = self.look.draw((self.leaf_views,) * 2, image, rng).views
+        return views, rng.uniform(*self.look.slopes, self.slopes), (1, 1)
+
+    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator):
+        scene, _ = config.template.draw(rng)
+        own = np.array(config.depths_mm)
+        depths = rng.permutation(own)
+        if rng.uniform() < 0.5:
+            depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
+        placed = scene.at_depths(depths, config.camera)
+        light_field = render_plan(placed, config.camera, config.plan, seed=rng.integers(2**31))
+        sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
+        low, high = sharp.min() - 0.2, sharp.max() + 0.2
+        chosen = np.resize(rng.permutation(sharp), self.slopes // 2)
+        between = rng.uniform(low, high, self.slopes - len(chosen))
+        return light_field.views, np.concatenate([chosen, between]), config.block
+
+
+def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", dark: float = 0.0):
+    """Make what a network is shown, and what it should draw.
+
+    Parameters
+    ----------
+    lessons : Lessons
+    system : lf_flame.systems.base.NetworkSystem
+    seed : int
+    indices : sequence of int
+        Of the lessons.
+    right : str, optional
+        What all views give: a key of `lf_flame.systems.formulas.TRUTHS`.
+    dark : float, optional
+        Share of the light fields that are seen in little light, with shot noise.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, h, w, channels)
+    ndarray of float32, shape (n, h, w, channels)
+    """
+    arrays = None
+    for k, index in enumerate(indices):
+        lesson = lessons.draw(seed, index, dark)
+        slopes = system.slopes_to_learn(lesson.slopes, lesson.block)
+        images = (
+            system.show(lesson.seen, slopes, lesson.block),
+            system.truth(lesson.truth(slopes, right)),
+        )
+        if arrays is None:  # at once for all: these are gigabytes
+            arrays = tuple(np.empty((len(indices), *x.shape), np.float32) for x in images)
+        for array, some in zip(arrays, images, strict=True):
+            array[k] = some
+    return tuple(array.reshape(-1, *array.shape[2:]) for array in arrays)

@@ -1,0 +1,327 @@
+"""The program `lf-flame refocus`: from files of anybody's light field to pictures."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+from skimage.io import imread
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame.commands import cli
+from lf_flame.commands.light_fields import SLOPE_CONVENTIONS
+from lf_flame.formats import (
+    read_focal_stack,
+    read_light_field,
+    write_lenslet_image,
+    write_movie,
+    write_view_folder,
+)
+from lf_flame.formats.images import write_image
+from lf_flame.optics.slope_conventions import CONVENTIONS
+from lf_flame.refocus import refocus, round_aperture, shift_and_sum
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.systems.training import load_system
+
+DEPTH = 3.0
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 48))
+
+
+@pytest.fixture(scope="module")
+def light_field(camera):
+    texture = np.random.default_rng(1).uniform(size=(12, 14))
+    rendered = render(Scene([Layer(0.9 * texture, DEPTH, (3.0, 4.0))]), camera)
+    return LightField(np.rint(rendered.views * 65535) / np.float32(65535))
+
+
+@pytest.fixture
+def folder(light_field, tmp_path):
+    write_view_folder(light_field, tmp_path / "views")
+    return tmp_path / "views"
+
+
+def run(*args, command="refocus"):
+    """Run the command in this process; what users may do wrong raises InputError here."""
+    result = CliRunner().invoke(cli.commands, [command, *map(str, args)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_slopes_and_depths(folder, light_field, camera, tmp_path):
+    record = {"camera": {name: getattr(camera, name) for name in (
+        "main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
+        "views", "lenslets")}}  # fmt: skip
+    (tmp_path / "simulation.json").write_text(json.dumps(record))
+    result = run(folder, "--slope", -0.5, "--depth-mm", DEPTH, "--camera",
+                 tmp_path / "simulation.json", "--out", tmp_path / "out")  # fmt: skip
+    assert "5 x 5 views of 40 x 48 pixels" in result.output
+    stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    np.testing.assert_allclose(slopes, [-0.5, camera.depth_to_slope(DEPTH)])
+    np.testing.assert_array_equal(stack, shift_and_sum(light_field, slopes))
+    shown = imread(tmp_path / "out" / f"refocused_2_slope{slopes[1]:+.3f}.png")
+    np.testing.assert_allclose(shown / 255, stack[1], atol=0.003)
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["slopes"] == list(slopes)
+    assert written["views"] == [5, 5]
+
+
+def test_by_default_it_is_refocused_where_it_is_sharpest(folder, camera, tmp_path):
+    result = run(folder, "--out", tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["slopes"][0] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
+    assert "sharpest at slope" in result.output
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"slope_search.png", "focal_stack.tif", "refocus.json"} < names
+
+
+def test_numbers_of_other_programs(folder, light_field, tmp_path):
+    """plenpy's number for our slope 0.5 with 5 views is -0.4."""
+    run(folder, "--slope", -0.4, "--slope-of", "plenpy", "--out", tmp_path / "out")
+    stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    assert slopes[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(stack[0], shift_and_sum(light_field, 0.5)[0], atol=1e-6)
+
+
+def test_apertures_and_interpolations(folder, light_field, tmp_path):
+    run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6, "--ring", 0.2,
+        "--out", tmp_path / "out")  # fmt: skip
+    weights = round_aperture((5, 5), 0.6) - round_aperture((5, 5), 0.2)
+    expected = refocus(light_field, 0.5, "sinc", weights=weights)
+    stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    np.testing.assert_allclose(stack, expected, atol=1e-6)
+
+
+def test_sweep_and_map(folder, camera, tmp_path):
+    run(folder, "--sweep", -1, 1.5, "--map", -1, 2, "--out", tmp_path / "out")
+    with Image.open(tmp_path / "out" / "sweep.gif") as movie:
+        assert movie.n_frames == 80
+        assert movie.size == (48, 40)
+    slopes = imread(tmp_path / "out" / "slope_map.tif")
+    assert np.median(slopes[14:26, 16:32]) == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.05)
+    assert imread(tmp_path / "out" / "all_in_focus.png").shape == (40, 48)
+
+
+def test_lenslet_images_and_raw_images(light_field, tmp_path):
+    """The same picture from N x N pixels to a lenslet, and decoded by a stated pitch."""
+    write_lenslet_image(light_field, tmp_path / "lenslets.png")
+    write_image(tmp_path / "raw.tif", light_field.to_raw())
+    expected = shift_and_sum(light_field, 0.5)
+    for args in (["lenslets.png", "--views", 5], ["raw.tif", "--pitch", 5.0]):
+        out = tmp_path / f"{args[0]}-refocused"
+        run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", out)
+        stack, _ = read_focal_stack(out / "focal_stack.tif")
+        np.testing.assert_allclose(stack, expected, atol=1e-4)
+
+
+def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path):
+    source, targets = folder, ("lenslets.png", "views.npy", "more", "lenslets.tif")
+    for target in targets:
+        options = ["--views", 5] if source.suffix in (".png", ".tif") else []
+        run(source, tmp_path / target, *options, command="convert")
+        source = tmp_path / target
+    found = read_light_field(source, views=5)
+    np.testing.assert_array_equal(found.views, light_field.views)
+    with pytest.raises(InputError, match=r"folder, .png, .tif or .npy, got .*light.xyz"):
+        run(folder, tmp_path / "light.xyz", command="convert")
+
+
+def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
+    for brightness in (1e-3, 50.0):
+        np.save(tmp_path / "views.npy", light_field.views * np.float32(brightness))
+        run(tmp_path / "views.npy", "--slope", 0.5, "--out", tmp_path / "out")
+        assert imread(tmp_path / "out" / "refocused_1_slope+0.500.png").max() > 120
+        written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+        white = written["radiance_of_white_in_png"]
+        assert white == pytest.approx(light_field.views.max() * brightness)
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--depth-mm", 3], "need the camera"),
+        (["--f-number", 8], "need the camera"),
+        (["--slope", "nan"], "finite"),
+        (["--slope", 1e9], "from -20 to 20, beyond which views .* got 1e[+]09"),
+        (["--sweep", "nan", 1], "finite .* got nan"),
+        (["--sweep", 1, 1], "two slopes, got 1.0 twice"),
+        (["--map", -1, 1, "--interpolation", "sinc"], "linear, nearest, cubic, got 'sinc'"),
+        (["--views", 5], "--views does not apply to the folder"),
+        (["--layout", "hexagonal"], "--layout does not apply"),
+        (["--pitch", 9], "is a folder of views"),
+        (["--pitch", 0], "is a folder of views"),
+        (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
+        (["--slope", 1, "--aperture", -1], "diameter above 0"),
+        (["--order", "up,down"], "order"),
+        (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
+    ],
+)
+def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
+    with pytest.raises(InputError, match=message) as caught:
+        run(folder, *args, "--out", tmp_path / "out")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.fixture
+def leaves(tmp_path):
+    """Leaves at two depths, up to three times as bright as a camera's white."""
+    rng = np.random.default_rng(8)
+    left, right = (
+        DeadLeaves(slopes=(slope, slope)).draw((9, 9), (60, 120), rng).views
+        for slope in (0.8, -0.6)
+    )
+    views = 3 * np.concatenate([left[..., :60], right[..., 60:]], axis=-1)
+    np.save(tmp_path / "leaves.npy", views)
+    return tmp_path / "leaves.npy"
+
+
+def test_a_trained_network_refocuses(leaves, system_runs, tmp_path):
+    """It takes values from 0 to 1: brighter light fields are dimmed for it."""
+    network = system_runs / "refocusnet"
+    run(leaves, "--slope", 0.25, "--sweep", 0, 1, "--network", network, "--out", tmp_path / "out")
+    stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
+    views = np.load(leaves)
+    expected = views.max() * load_system(network).refocus(views / views.max(), 0.25)
+    np.testing.assert_allclose(stack, expected, rtol=1e-5, atol=1e-5)
+    assert np.abs(stack - shift_and_sum(views, 0.25)).max() > 0.1
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert written["network"] == "RefocusNet"
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--ring", 0.5], "--ring does not apply to a network"),
+        (["--interpolation", "sinc"], "--interpolation does not apply to a network"),
+        (["--network", "."], "no finished run"),
+        (["--map", -1, 1], "--map does not apply to a network"),
+    ],
+)
+def test_what_a_network_cannot_do_is_one_sentence(folder, system_runs, tmp_path, args, words):
+    args = ["--network", system_runs / "refocusnet", *args]
+    with pytest.raises(InputError, match=words):
+        run(folder, "--slope", 0, *args, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("how", ["dense", "cross", "network"])
+def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
+    options = {"dense": [], "cross": ["--cross"],
+               "network": ["--network", system_runs / "volumetric"]}[how]  # fmt: skip
+    regions = ["--region", 16, 44, 10, 50, "--region", 16, 44, 70, 110]
+    shown = run(leaves, *regions, "--slopes", -2, 2, *options, "--out", tmp_path / "out",
+                command="refocus-regions").stdout  # fmt: skip
+    assert "region 16 44 10 50: slope +0." in shown
+    assert "region 16 44 70 110: slope -0." in shown
+    written = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    slopes = [region["slope"] for region in written["regions"]]
+    assert all(
+        0.5 < region["certain" if how == "dense" else "ms_ssim"] <= 1
+        for region in written["regions"]
+    )
+    assert [written["slopes_searched"], written["background"]] == [[-2, 2], -2]
+    assert slopes == pytest.approx([0.8, -0.6], abs=0.11)
+    assert set(written["files"]) == {"regions.tif", "regions.png", "regions_slope.tif",
+                                     "regions_slope.png", "refocus.json"}  # fmt: skip
+    views, image = np.load(leaves), imread(tmp_path / "out" / "regions.tif")
+    surface = imread(tmp_path / "out" / "regions_slope.tif")
+    assert surface[0, 60] == pytest.approx(-2, abs=0.1)
+    error = np.abs(image - views[4, 4])[16:44, 10:50].mean()
+    if how == "network":  # which has learnt next to nothing
+        assert np.isfinite(image).all()
+    else:
+        assert error < 0.1 < np.abs(image - views[4, 4])[:3].mean()
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--region", 0, 5, 0, 50], "11 pixels or more along each side, got 5 x 50"),
+        (["--region", 10, 50, 10, 500], "inside the 60 x 120 pixels"),
+        (["--region", 0, 50, 0, 50, "--network", "refocusnet"], "not the network of `volumetric`"),
+        (["--region", 0, 50, 0, 50, "--background", 90], "from -15 to 15, beyond which"),
+    ],
+)
+def test_mistakes_of_regions_are_one_sentence(leaves, system_runs, tmp_path, args, words):
+    args = [system_runs / x if x == "refocusnet" else x for x in args]
+    with pytest.raises(InputError, match=words):
+        run(leaves, "--slopes", -2, 2, "--cross", *args, "--out", tmp_path / "out",
+            command="refocus-regions")  # fmt: skip
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--sweep", 1, 1], "two slopes"),
+        (["--map", 1, 0], "lower slope first"),
+        (["--f-number", 0], "need the camera"),
+    ],
+)
+def test_nothing_is_written_of_what_cannot_be_finished(folder, tmp_path, args, words):
+    with pytest.raises(InputError, match=words):
+        run(folder, "--slope", 0.5, *args, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_light_field_too_small_for_a_network_is_refused_before_the_search(system_runs, tmp_path):
+    np.save(tmp_path / "small.npy", np.random.default_rng(1).uniform(size=(9, 9, 16, 30)))
+    with pytest.raises(InputError, match="needs images of 17 pixels .* got 16 x 30"):
+        run(tmp_path / "small.npy", "--network", system_runs / "refocusnet", "--out",
+            tmp_path / "out")  # fmt: skip
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_of_another_light_field_stay(folder, leaves, tmp_path):
+    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+    with pytest.raises(InputError, match="holds the pictures of .*views; for those of .*leaves"):
+        run(leaves, "--slope", 0.5, "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "refocused_1_slope+0.500.png").exists()
+    run(folder / ".." / folder.name, "--slope", 0.25, "--out", tmp_path / "out")  # the same
+    assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
+
+
+def test_pictures_of_an_earlier_call_go(folder, tmp_path):
+    """Only those that the record names: what else lies there stays."""
+    run(folder, "--slope", -0.4, "--out", tmp_path / "out")
+    (tmp_path / "out" / "mine.png").touch()
+    run(folder, "--slope", 0.5, "--sweep", 0, 1, "--out", tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"mine.png", "focal_stack.tif", "refocused_1_slope+0.500.png", "sweep.gif",
+                     "refocus.json"}  # fmt: skip
+    with pytest.raises(InputError, match="own folder"):
+        run(folder, "--out", folder)
+
+
+def test_the_program_knows_all_conventions():
+    assert set(SLOPE_CONVENTIONS) == set(CONVENTIONS)
+    assert run("views", "--slope-of", "nobody").exit_code == 2
+
+
+def test_a_missing_view_is_named(folder, tmp_path):
+    (folder / "view_02_03.png").unlink()
+    with pytest.raises(InputError, match="02_03"):
+        run(folder, "--out", tmp_path / "out")
+    with pytest.raises(InputError, match="no such file or folder"):
+        run(tmp_path / "nothing", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_movies(tmp_path, rng):
+    frames = rng.integers(0, 255, size=(3, 20, 31, 3), dtype=np.uint8)
+    with pytest.raises(InputError, match=r"\.gif or \.mp4, got .*sweep\.avi"):
+        write_movie(tmp_path / "sweep.avi", frames)
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="MP4 needs imageio-ffmpeg")
+    write_movie(tmp_path / "sweep.mp4", frames)
+    assert imageio_ffmpeg.count_frames_and_secs(tmp_path / "sweep.mp4")[0] == 3
+
+
+def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
+    with pytest.raises(InputError, match="imageio-ffmpeg, which is not installed"):
+        write_movie(tmp_path / "sweep.mp4", np.zeros((2, 4, 4), np.uint8))

@@ -1,0 +1,264 @@
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.transform import resize
+
+from lf_flame import InputError, render
+from lf_flame._common.config import build
+from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.store import (
+    Dataset,
+    DatasetConfig,
+    make_dataset,
+    read_config,
+    render_sample,
+    search_slopes,
+    simulate_sample,
+)
+from lf_flame.refocus import shift_and_sum
+
+DATA_GEN = Path(__file__).parents[2] / "data_gen"
+
+TINY = """
+kind = "shapes"
+seed = 3
+image = [8, 12]
+[samples]
+smoke = 5
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 2.0
+lenslet_pitch_mm = 0.56
+views = 5
+lenslets = [24, 36]
+[template]
+position_mm = 0.4
+size = 0.08
+brightness = [0.85, 1.0]
+[[template.objects]]
+shape = "square"
+depth_mm = 10.0
+size_mm = [6.0, 6.0]
+centre_mm = [0.0, -6.0]
+[[template.objects]]
+shape = "circle"
+depth_mm = -10.0
+size_mm = [6.0, 6.0]
+centre_mm = [0.0, 5.0]
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return read_config(path)
+
+
+def chunk_bytes(folder):
+    """Every file below a data set but its JSON metadata."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file() and p.name != "zarr.json")
+    return {str(p.relative_to(folder)): p.read_bytes() for p in files}
+
+
+@pytest.mark.parametrize("name", ["shapes", "flames"])
+def test_slopes_found_are_the_geometrys(name):
+    config = read_config(DATA_GEN / f"{name}.toml")
+    found = [search.slope for search in search_slopes(config)]
+    np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.01)
+
+
+def test_input_is_the_raw_image_resized_by_area(tiny):
+    scene, _ = tiny.template.draw(None)
+    light_field = render(scene, tiny.camera)
+    raw = light_field.to_raw()
+    block = [n // m for n, m in zip(raw.shape, tiny.image, strict=True)]
+    expected = raw.reshape(tiny.image[0], block[0], tiny.image[1], block[1]).mean(axis=(1, 3))
+    found = tiny.encode(light_field)[..., 0]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    # scikit-image's anti-aliased resize is a smoother cousin of the same thing
+    assert np.abs(found - resize(raw, tiny.image, anti_aliasing=True)).mean() < 0.03
+
+
+def test_network_input_holds_no_angular_information(tiny):
+    """It equals the stack refocused at slope 0: DEVIATIONS.md, entry 5."""
+    sample = simulate_sample(tiny, [0.0], 0)
+    np.testing.assert_allclose(sample["input"][..., 0], sample["target"][0], atol=1e-6)
+
+
+def test_targets_are_the_stack_at_the_recorded_slopes(tiny, tmp_path):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    scene, parameters = tiny.template.draw(np.random.default_rng([tiny.seed, 1]))
+    stack = shift_and_sum(render(scene, tiny.camera), dataset.attrs["slopes"])
+    blocks = stack.reshape(2, 8, 3, 12, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(dataset.targets[1], blocks, atol=1e-6)
+    np.testing.assert_array_equal(dataset.parameters("size_mm")[1], parameters["size_mm"])
+    assert dataset.config == tiny
+    assert set(dataset.attrs["provenance"]) >= {"command", "versions", "git_revision", "wall_s"}
+
+
+def test_bytes_do_not_depend_on_the_number_of_workers(tiny, tmp_path):
+    for workers in (1, 2):
+        make_dataset(tiny, 5, tmp_path / f"{workers}.zarr", workers)
+    assert chunk_bytes(tmp_path / "1.zarr") == chunk_bytes(tmp_path / "2.zarr")
+    digests = {Dataset(tmp_path / f"{w}.zarr").attrs["sha256"] for w in (1, 2)}
+    assert len(digests) == 1
+
+
+def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
+    class Cut(Exception):
+        pass
+
+    def cut_after_two(finished, done, total):
+        for count, index in enumerate(finished):
+            if count == 2:
+                raise Cut
+            yield index
+
+    with pytest.raises(Cut):
+        make_dataset(tiny, 5, tmp_path / "a.zarr", progress=cut_after_two)
+    with pytest.raises(InputError, match="begun, but is not finished"):
+        Dataset(tmp_path / "a.zarr")
+    redone = []
+
+    def count(finished, done, total):
+        redone.append((done, total))
+        return finished
+
+    make_dataset(tiny, 5, tmp_path / "a.zarr", progress=count)
+    make_dataset(tiny, 5, tmp_path / "b.zarr")
+    assert redone[0][0] >= 2
+    assert chunk_bytes(tmp_path / "a.zarr") == chunk_bytes(tmp_path / "b.zarr")
+    assert not (tmp_path / "a.zarr.part").exists()
+
+
+def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
+    part = tmp_path / "a.zarr.part"
+    part.mkdir()
+    (part / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert len(Dataset(tmp_path / "a.zarr")) == 2
+    (tmp_path / "b.zarr.part").mkdir()
+    (tmp_path / "b.zarr.part" / "zarr.json").write_text("{")
+    with pytest.raises(InputError, match="b.zarr.part is damaged"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr")
+
+
+def test_a_damaged_sample_is_named(tiny, tmp_path):
+    make_dataset(tiny, 3, tmp_path / "a.zarr")
+    chunk = next((tmp_path / "a.zarr" / "target").rglob("c/1/*/*/*"))
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 1
+    chunk.write_bytes(content)
+    with pytest.raises(InputError, match="Sample 1 of .*target is damaged"):
+        _ = Dataset(tmp_path / "a.zarr").targets
+    chunk.unlink()
+    with pytest.raises(InputError, match="Sample 1 of .*target is missing or not finite"):
+        _ = Dataset(tmp_path / "a.zarr").targets
+
+
+def test_what_is_no_data_set_is_refused(tiny, tmp_path):
+    with pytest.raises(InputError, match="There is no data set at"):
+        Dataset(tmp_path / "none.zarr")
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    (tmp_path / "a.zarr" / "zarr.json").write_text("{")
+    with pytest.raises(InputError, match="is not a data set, or is damaged"):
+        Dataset(tmp_path / "a.zarr")
+
+
+def test_nothing_finished_is_overwritten(tiny, tmp_path):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    before = chunk_bytes(tmp_path / "a.zarr")
+    with pytest.raises(InputError, match="exists; remove it"):
+        make_dataset(tiny, 3, tmp_path / "a.zarr")
+    assert chunk_bytes(tmp_path / "a.zarr") == before
+    shutil.move(tmp_path / "a.zarr", tmp_path / "b.zarr.part")
+    with pytest.raises(InputError, match="another configuration or number of samples"):
+        make_dataset(tiny, 3, tmp_path / "b.zarr")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seed = 3", "sed = 3", "sed is not a known key"),
+        ("seed = 3", "", "seed is missing"),
+        ("seed = 3", "seed = -1", "seed must be 0 or above"),
+        ('kind = "shapes"', 'kind = "cats"', "kind: input should be 'shapes' or 'flames'"),
+        ("= 150.0", "= -150.0", "camera: main_lens_focal_mm must be a positive.*-150"),
+        ("= 326.0", "= 100.0", "camera: focus_distance_mm must exceed"),
+        ("image = [8, 12]", "image = [7, 12]", "image must divide"),
+        ("smoke = 5", "smoke = 0", "samples at least 1"),
+        ("size = 0.08", "size = 1.5", "size must be below 1"),
+        ('"circle"', '"star"', "template: objects.1.shape: input should be 'rectangle'"),
+        ("views = 5", "views = 5.5", "camera.views: input should be a valid integer"),
+        ("[camera]", "[camera", "is not a TOML file"),
+    ],
+)
+def test_mistakes_in_a_configuration_are_told_in_one_sentence(tmp_path, old, new, message):
+    path = tmp_path / "config.toml"
+    assert old in TINY
+    path.write_text(TINY.replace(old, new))
+    with pytest.raises(InputError, match=message) as caught:
+        read_config(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_unknown_preset_lists_the_known_ones(tiny):
+    with pytest.raises(InputError, match="one of smoke, got 'huge'"):
+        tiny.sample_count("huge")
+
+
+def test_configuration_survives_its_stored_form(tiny, tmp_path):
+    make_dataset(tiny, 1, tmp_path / "a.zarr")
+    stored = json.loads((tmp_path / "a.zarr" / "zarr.json").read_text())["attributes"]["config"]
+    with pytest.raises(InputError, match="views"):
+        build(DatasetConfig, {**stored, "camera": {**stored["camera"], "views": 0}}, "here")
+
+
+@pytest.mark.parametrize(("kind", "shape"), [("views", (8, 12, 3)), ("grid", (24, 36, 1))])
+def test_networks_may_be_shown_several_views(tiny, tmp_path, kind, shape):
+    config = replace(tiny, input=InputEncoding(kind))
+    make_dataset(config, 2, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    assert dataset.config == config
+    assert dataset.inputs.shape == (2, *shape)
+    light_field, _ = render_sample(config, 1)
+    np.testing.assert_array_equal(dataset.inputs[1], config.encode(light_field))
+
+
+def test_an_input_size_that_does_not_divide_the_lenslets_is_refused(tiny):
+    with pytest.raises(InputError, match=r"image must divide .* got \(7, 12\)"):
+        replace(tiny, input=InputEncoding(image=(7, 12)))
+
+
+def test_shuffled_objects_stand_at_depths_of_others_but_look_the_same(tiny, tmp_path):
+    config = replace(tiny, shuffled_depths=True)
+    make_dataset(config, 8, tmp_path / "a.zarr")
+    dataset = Dataset(tmp_path / "a.zarr")
+    depths = dataset.parameters("depth_mm")
+    np.testing.assert_array_equal(np.sort(depths), np.tile(np.sort(config.depths_mm), (8, 1)))
+    assert len(np.unique(depths, axis=0)) == 2  # both orders of the two objects
+    for index in range(8):
+        shuffled, fixed = (render_sample(x, index)[0].views[2, 2] for x in (config, tiny))
+        np.testing.assert_allclose(shuffled, fixed, atol=0.02)
+    np.testing.assert_array_equal(  # what was drawn before the depths stays
+        dataset.parameters("size_mm")[1], render_sample(tiny, 1)[1]["size_mm"]
+    )
+
+
+def test_scenes_are_named_by_what_was_asked_for(tiny, tmp_path):
+    """Not by the bytes, which another machine may round otherwise."""
+    make_dataset(tiny, 2, tmp_path / "a")
+    make_dataset(tiny, 2, tmp_path / "b", workers=2)
+    make_dataset(tiny, 3, tmp_path / "more")
+    make_dataset(replace(tiny, seed=tiny.seed + 1), 2, tmp_path / "other")
+    names = [Dataset(tmp_path / x).scenes_sha256 for x in ("a", "b", "more", "other")]
+    assert names[0] == names[1]
+    assert len(set(names)) == 3

@@ -1,0 +1,63 @@
+"""What an image network is shown of a light field."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, LightField
+from lf_flame._common.arrays import area_average, spread
+from lf_flame.datasets.encodings import InputEncoding
+
+SIZE = (4, 6)
+
+
+@pytest.fixture
+def light_field(rng):
+    return LightField(rng.uniform(size=(5, 5, 8, 12)).astype(np.float32))
+
+
+def test_raw_is_the_raw_image_resized_by_area(light_field):
+    found = InputEncoding().encode(light_field, SIZE)
+    blocks = light_field.to_raw().reshape(4, 10, 6, 10).mean(axis=(1, 3))
+    np.testing.assert_allclose(found[..., 0], blocks, atol=1e-6)
+
+
+def test_views_are_the_ends_and_the_middle_of_the_middle_row(light_field):
+    found = InputEncoding("views").encode(light_field, SIZE)
+    for channel, u in enumerate((0, 2, 4)):
+        view = area_average(light_field.views[2, u], SIZE)
+        np.testing.assert_array_equal(found[..., channel], view)
+
+
+def test_a_grid_shows_views_side_by_side(light_field):
+    found = InputEncoding("grid").encode(light_field, SIZE)[..., 0]
+    for row, v in enumerate((0, 2, 4)):
+        for column, u in enumerate((0, 2, 4)):
+            tile = found[4 * row : 4 * row + 4, 6 * column : 6 * column + 6]
+            np.testing.assert_array_equal(tile, area_average(light_field.views[v, u], SIZE))
+
+
+@pytest.mark.parametrize("kind", ["raw", "views", "grid"])
+@pytest.mark.parametrize("image", [None, (8, 12), (2, 3)])
+def test_inputs_have_the_shape_that_is_announced(kind, image, light_field):
+    encoding = InputEncoding(kind, image, grid=2)
+    found = encoding.encode(light_field, SIZE)
+    assert found.shape == encoding.shape(SIZE)
+    assert found.dtype == np.float32
+
+
+def test_inputs_saturate_as_a_sensor_does():
+    bright = LightField(np.full((3, 3, 4, 6), 7.0))
+    for kind in ("raw", "views", "grid"):
+        assert InputEncoding(kind).encode(bright, SIZE).max() == 1.0
+
+
+def test_views_are_spread_from_the_first_to_the_last():
+    assert spread(15, 3) == [0, 7, 14]
+    assert spread(15, 2) == [0, 14]
+    assert spread(15, 1) == [7]
+    assert spread(3, 3) == [0, 1, 2]
+
+
+def test_a_grid_without_views_is_refused():
+    with pytest.raises(InputError, match="grid must be at least 1 view"):
+        InputEncoding("grid", grid=0)

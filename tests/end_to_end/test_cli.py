@@ -1,0 +1,294 @@
+"""The program as a user runs it: real processes, files, exit statuses."""
+
+import errno
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from skimage.io import imread, imsave
+
+from lf_flame.commands import cli
+
+ROOT = Path(__file__).parents[2]
+
+SCENE = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 3
+lenslets = [20, 30]
+[[layers]]
+shape = "circle"
+depth_mm = 5.0
+size_mm = [1.5, 1.5]
+"""
+
+
+def run(*args, cwd=ROOT):
+    return subprocess.run(
+        [sys.executable, "-m", "lf_flame", *map(str, args)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+    )
+
+
+def assert_one_sentence(result, *parts):
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    for part in parts:
+        assert part in result.stderr
+
+
+def test_help_teaches_every_command():
+    shown = run("--help").stdout
+    for command in (
+        "camera",
+        "plan",
+        "simulate",
+        "refocus",
+        "convert",
+        "slopes",
+        "costs",
+        "dataset",
+        "train",
+        "evaluate",
+        "tables",
+        "export",
+        "predict",
+        "study",
+        "swap-test",
+        "latency",
+    ):
+        assert command in shown
+        assert len(run(command, "--help").stdout) > 200
+
+
+def test_camera_prints_the_derived_numbers():
+    shown = run("camera").stdout
+    for number in ("277.841 mm", "77.80 mm", "+2.285", "-1.251", "35.48 x 70.96 mm"):
+        assert number in shown
+
+
+def test_simulate_writes_what_it_says(tmp_path):
+    imsave(tmp_path / "card.png", np.full((8, 8), 128, np.uint8), check_contrast=False)
+    extra = '[[layers]]\nimage = "card.png"\ndepth_mm = -10.0\nsize_mm = [1.0, 1.0]\n'
+    extra += "centre_mm = [0.0, 1.5]\n"
+    (tmp_path / "scene.toml").write_text(SCENE + extra)
+    result = run("simulate", "scene.toml", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    out = tmp_path / "simulated" / "scene"
+    with np.load(out / "light_field.npz", allow_pickle=False) as arrays:
+        views, refocused, depths = (arrays[k] for k in ("views", "refocused", "depths_mm"))
+    assert views.shape == (3, 3, 20, 30)
+    assert list(depths) == [5.0, -10.0]
+    raw = imread(out / "raw.tif")
+    assert raw.shape == (60, 90)
+    np.testing.assert_array_equal(raw[0::3, 1::3], views[0, 1])
+    np.testing.assert_array_equal(imread(out / "refocused.tif"), refocused)
+    png = imread(out / "refocused_2_-10mm.png")
+    white = json.loads((out / "simulation.json").read_text())["radiance_of_white_in_png"]
+    assert white == views.max() > 1  # the card and the circle's blur overlap: their light adds
+    np.testing.assert_allclose(png / 255, refocused[1] / white, atol=0.003)
+    assert {"raw.png", "views.png", "simulation.json"} <= {p.name for p in out.iterdir()}
+    assert not list(out.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("views = 3", "vues = 3", ["scene.toml", "camera.vues is not a known key"]),
+        ("= 150.0", "= -150.0", ["main_lens_focal_mm must be a positive", "-150.0"]),
+        ("= 326.0", "= 120.0", ["focus_distance_mm must exceed", "120.0"]),
+        ("[1.5, 1.5]", "[1.5, 1.5]\ncentre_mm = [0, 50]", ["outside the field", "49.25"]),
+        ('shape = "circle"', 'shape = "star"', ["shape must be one of", "star"]),
+        (
+            'shape = "circle"',
+            'image = "none.png"',
+            ["layer 1: The image", "none.png cannot be read: there is no such file"],
+        ),
+        ('shape = "circle"', "", ["needs a shape or an image file, one of them"]),
+        ('shape = "circle"', 'image = "scene.toml"', ["scene.toml cannot be read: it is no image"]),
+        ("views = 3", "views = 99999999999999999999", ["of 1 to 100000 each"]),
+        ("[20, 30]", "[90000, 90000]", ["There is not enough memory"]),
+        ("[[layers]]", "[[layers]", ["is not a TOML file"]),
+    ],
+)
+def test_mistakes_in_a_scene_are_one_sentence(tmp_path, old, new, parts):
+    assert old in SCENE
+    (tmp_path / "scene.toml").write_text(SCENE.replace(old, new))
+    assert_one_sentence(run("simulate", "scene.toml", cwd=tmp_path), *parts)
+    assert not (tmp_path / "simulated").exists()
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path, monkeypatch, capsys):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "raw.tif").write_text("old")
+
+    def full(path, *args, **kwargs):
+        Path(path).write_bytes(b"half a file")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr("tifffile.imwrite", full)
+    monkeypatch.setattr(
+        sys, "argv", ["lf-flame", "simulate", str(tmp_path / "scene.toml"), "--out", str(out)]
+    )
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 2
+    shown = capsys.readouterr().err
+    assert "No space left on device" in shown
+    assert len(shown.strip().splitlines()) == 1
+    assert (out / "raw.tif").read_text() == "old"
+    assert [p.name for p in out.iterdir()] == ["raw.tif"]
+
+
+def test_an_interruption_has_status_130(monkeypatch, capsys):
+    def interrupt(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lf_flame.commands.camera_report.camera_report", interrupt)
+    monkeypatch.setattr(sys, "argv", ["lf-flame", "camera"])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 130
+    assert "dataset and train go on from there" in capsys.readouterr().err
+
+
+def test_missing_files_and_runs_are_one_sentence(tmp_path):
+    result = run("simulate", tmp_path / "none.toml")
+    assert result.returncode == 2
+    assert "does not exist" in result.stderr
+    assert_one_sentence(
+        run("evaluate", tmp_path, "--table", "table1", "--figure", "f", "--out", tmp_path),
+        "There is no finished run",
+    )
+    training = ROOT / "experiments" / "shapes.toml"
+    assert_one_sentence(
+        run(
+            "train",
+            training,
+            "--preset",
+            "smoke",
+            "--data",
+            tmp_path / "x",
+            "--out",
+            tmp_path / "r",
+        ),
+        "There is no data set at",
+    )
+    assert_one_sentence(
+        run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
+        "preset must be one of paper, quick, smoke, got 'big'",
+    )
+    seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "-1")
+    assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got -1")
+    assert_one_sentence(
+        run("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
+    )
+
+
+def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
+    """The seed goes to the training, and only runs that are there beside this one."""
+    for name in ("Makefile", "setup.cfg", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
+    kept = shutil.ignore_patterns("results", "benchmarks")
+    shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
+    results = tmp_path / "experiments" / "results"
+
+    def asked(*variables):
+        command = ["make", "--no-print-directory", "-n", "tables", *variables]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    alone = asked("PRESET=paper", "SEED=2").stdout
+    assert alone.count("--preset paper --data data/paper/") == 2
+    for kind in ("shapes", "flames"):
+        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
+    kept = "--out experiments/results/paper-seed2/tables.md"
+    assert re.search(rf"tables experiments/results/paper-seed2 +{kept}$", alone)
+    for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
+        (results / name).mkdir(parents=True)
+    together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
+    at = together.index("tables")
+    assert together[at + 1] == "experiments/results/paper-seed2"
+    others = {f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed3")}
+    assert set(together[at + 2 : -2]) == others
+    assert "--seed" not in asked().stdout
+    assert asked("EPOCHS=7").stdout.count("--epochs 7\n") == 2
+    assert "tables experiments/results/quick " in asked().stdout
+
+
+@pytest.mark.slow
+def test_from_data_set_to_table(tmp_path):
+    """Every step that make runs, on a data set of twelve samples."""
+    text = (ROOT / "data_gen" / "flames.toml").read_text()
+    text = text.replace("smoke = 20", "smoke = 12").replace(
+        "lenslets = [270, 540]", "lenslets = [90, 180]"
+    )
+    text = text.replace("lenslet_focal_mm = 0.4", "lenslet_focal_mm = 1.2").replace(
+        "= 0.112", "= 0.336"
+    )
+    (tmp_path / "flames.toml").write_text(text)
+    shutil.copytree(
+        ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
+    )
+    data = ["dataset", "flames.toml", "--preset", "smoke", "--out", "flames.zarr", "--workers", "1"]
+    assert run(*data, cwd=tmp_path).returncode == 0
+    again = run(*data, cwd=tmp_path)
+    assert "is complete: 12 samples" in again.stdout
+    (tmp_path / "flames.toml").write_text(text.replace("seed = 20251", "seed = 1"))
+    assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
+    training = [
+        "train", "experiments/flames.toml", "--preset", "smoke", "--data", "flames.zarr",
+        "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4", "--seed", "2",
+    ]  # fmt: skip
+    result = run(*training, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    result = run(
+        "evaluate",
+        "run",
+        "--table",
+        "table2",
+        "--figure",
+        "figure8",
+        "--out",
+        "results",
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    table = pd.read_csv(tmp_path / "results" / "table2.csv")
+    assert list(table.columns) == [
+        "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd",
+        "paper_ssim", "paper_psnr_db", "n_test", "psnr_lit_db", "psnr_lit_sd",
+    ]  # fmt: skip
+    assert list(table.depth_mm) == [20, 10, 0, -10]
+    assert table.psnr_db.between(3, 60).all()
+    assert (table.psnr_lit_db != table.psnr_db).all()
+    assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
+    shown = run("tables", "results", cwd=tmp_path).stdout
+    assert "random (seed 2), conv4" in shown
+    assert shown.count("missing") == 8  # Table I was not run
+    assert "mean of the training images" in shown
+    quick = ROOT / "experiments" / "results" / "quick"
+    beside = run("tables", "results", quick, "--out", "both.md", cwd=tmp_path).stdout
+    assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
+    assert imread(tmp_path / "both.png").shape[1] > 1000
+    assert re.search(r"printed \| +results \| +quick \|", beside)
+    assert "- results: seed 2; preset smoke, 2 epochs, batch 2; data set " in beside
+    record = json.loads((tmp_path / "results" / "table2.json").read_text())
+    assert record["seed"] == 2
+    copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]
+    assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)

@@ -1,0 +1,135 @@
+"""The benchmarks of refocusing and training run, and say how far the opponents' outputs are off."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "experiments" / "benchmarks"
+
+
+@pytest.fixture
+def refocusing(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import refocusing
+
+    return refocusing
+
+
+@pytest.fixture
+def training(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # which it sets, so that this is undone
+    import training
+
+    return training
+
+
+def run(name, out):
+    """Rows of the CSV, and the record, that the program of this name writes."""
+    program = [sys.executable, BENCHMARKS / f"{name}.py", "--small", "--out", out]
+    subprocess.run(program, check=True, capture_output=True)
+    record = json.loads((out / f"{name}.json").read_text())
+    with (out / f"{name}.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(record["rows"])
+    return rows, record
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    out = tmp_path_factory.mktemp("benchmarks")
+    rows, record = run("refocusing", out)
+    assert record["opponents"] == {}
+    assert "missing" in (out / "refocusing.md").read_text()
+    return rows
+
+
+@pytest.fixture(scope="module")
+def steps(tmp_path_factory):
+    rows, _ = run("training", tmp_path_factory.mktemp("benchmarks"))
+    return {row["step"]: row for row in rows}
+
+
+def test_opponents_here_are_timed_and_refocus_as_we_do(rows):
+    for name in ("NumPy, separable", "NumPy, separable, matrix product", "SciPy ndimage.shift"):
+        found = [row for row in rows if row["opponent"] == name]
+        assert len({row["what"] for row in found}) >= 4
+        for row in found:
+            assert float(row["opponent ms"]) > 0
+            ratio = float(row["opponent ms"]) / float(row["ours ms"])
+            assert float(row["ratio"]) == pytest.approx(ratio)
+            assert 0 <= float(row["largest difference"]) <= 1e-6
+
+
+def test_another_interpolant_is_seen_in_the_differences(rows):
+    for name in ("our fourier_refocus", "SciPy ndimage.shift, order 3"):
+        differences = [float(row["largest difference"]) for row in rows if row["opponent"] == name]
+        assert differences
+        assert min(differences) > 1e-3
+
+
+def test_an_opponent_that_is_not_installed_is_shown_as_such(rows):
+    missing = [row for row in rows if row["remarks"].startswith("not installed")]
+    assert {row["opponent"] for row in missing} == {"plenpy", "PlenoptiCam", "plenoptomos"}
+    assert all(row["opponent ms"] == row["ratio"] == "" for row in missing)
+
+
+def test_every_target_has_a_row(rows):
+    wanted = {(row["what"].split(",")[0], row["wanted"]) for row in rows if row["wanted"]}
+    assert wanted == {
+        ("four planes", "at least 0.25"),
+        ("four planes", "at least 15"),
+        ("15 planes", "at least 10"),
+        ("four planes", "at least 1"),
+    }
+
+
+def test_images_that_differ_end_the_program(refocusing, rng):
+    image = rng.random((1, 6, 7))
+    assert float(refocusing.compared(refocusing.SHIFT, image, image)) == 0
+    with pytest.raises(SystemExit, match="differs by"):
+        refocusing.compared(refocusing.SHIFT, image, 1.001 * image)
+
+
+def test_the_floor_reads_every_pixel(refocusing, rng):
+    views = rng.random((3, 2, 9, 11)).astype(np.float32)
+    assert refocusing.read_once(views, (0.0,)) == pytest.approx(views.sum(dtype=float), rel=1e-6)
+
+
+def test_training_is_timed_and_gives_the_losses_of_keras(steps):
+    for step in ("plain Keras", "plain Keras, XLA", "floor"):
+        ratio = float(steps[step]["ms"]) / float(steps["ours"]["ms"])
+        assert float(steps[step]["ratio"]) == pytest.approx(ratio)
+    for step in ("ours", "plain Keras, XLA"):
+        assert 0 <= float(steps[step]["largest difference"]) <= 1e-4
+
+
+def test_the_profile_and_the_floor_are_their_parts(steps):
+    for whole in ("ours", "floor"):
+        parts = [float(row["ms"]) for step, row in steps.items() if step.startswith(f"{whole}:")]
+        assert len(parts) == {"ours": 5, "floor": 2}[whole]
+        assert min(parts) > 0
+        assert sum(parts) == pytest.approx(float(steps[whole]["ms"]))
+
+
+def test_losses_that_differ_end_the_program(training):
+    assert float(training.largest_difference([0.5, 0.25], [0.5, 0.25])) == 0
+    for other in (0.2501, np.nan):
+        with pytest.raises(SystemExit, match="differ by"):
+            training.largest_difference([0.5, other], [0.5, 0.25])
+
+
+def test_the_floor_counts_what_the_layers_multiply(training):
+    """By hand, for the feature map 3 x 6 x 32, two samples, and the image 9 x 18 x 4."""
+    (case,) = training.cases(small=True)
+    found = [(a.shape[0], *b.shape) for a, b, _ in training.matrix_products(case.decoder(), 2)]
+    first, second, dense = (36, 9 * 32, 512), (36, 9 * 512, 256), (2, 256, 9 * 18 * 4)
+    forward = [first, second, dense]
+    to_inputs = [(rows, outputs, inner) for rows, inner, outputs in (second, dense)]
+    to_kernels = [(inner, rows, outputs) for rows, inner, outputs in (first, second)]
+    assert sorted(found) == sorted(forward + to_inputs + to_kernels)

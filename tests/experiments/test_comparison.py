@@ -1,0 +1,188 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.paper.comparison import (
+    compare_table,
+    learning_markdown,
+    pool_seeds,
+    read_histories,
+    read_result,
+    report_tables,
+)
+from experiments.paper.paper_values import read_paper_values
+from experiments.paper.tables import compare_with_paper, read_tables, score_windows, write_table
+from lf_flame import InputError
+from lf_flame.learning.scoring import score
+
+PAPER = Path(__file__).parents[2] / "experiments" / "paper_values.toml"
+PRINTED = read_paper_values(PAPER, "table1")
+
+
+def make_results(folder, seed=1, error=0.1, **changed):
+    """Write Table I of a run whose images are off by `error`; return its scores."""
+    rng = np.random.default_rng(seed)
+    targets = rng.uniform(0.2, 0.8, size=(3, 4, 16, 20))
+    predictions = targets + error * rng.uniform(size=targets.shape)
+    scores = score(targets, predictions)
+    run = {
+        "seed": seed, "preset": "paper", "split": [0.8, 0.1, 0.1], "epochs": 7, "best_epoch": 6,
+        "model": {"dropout": 0.3}, "recipe": {"batch_size": 2}, "data_sha256": "c0ffee00" * 8,
+        "backbone_weights": f"random (seed {seed}), conv5", "train_s": 3.0 + seed,
+        "machine": f"machine {seed}", "scenes_sha256": "5ce9e5" * 8,
+    }  # fmt: skip
+    baselines = scores.assign(baseline="the same", depth_mm=PRINTED["depth_mm"])
+    table = compare_with_paper(scores, PRINTED)
+    windows = score_windows(targets, predictions)
+    write_table(table, baselines, windows, PRINTED, run | changed, "table1", folder)
+    return scores
+
+
+def read(*folders):
+    return [read_result(f, "table1", f.name, PRINTED["depth_mm"]) for f in folders]
+
+
+def names(pools):
+    return [[result.run for result in pool] for pool in pools]
+
+
+def test_seeds_of_one_recipe_are_pooled(tmp_path):
+    folders = [tmp_path / name for name in ("paper", "paper-seed2", "paper-seed3")]
+    scores = [
+        make_results(f, seed, error)
+        for f, seed, error in zip(folders, (1, 2, 3), (0.1, 0.2, 0.4), strict=True)
+    ]
+    text = report_tables(folders, PAPER, tmp_path / "tables.md")
+    assert text == (tmp_path / "tables.md").read_text(encoding="utf-8")
+    table = pd.read_csv(tmp_path / "tables.csv", index_col="table").loc["table1"]
+    assert list(table.n_seeds) == [3] * 4
+    assert list(table.paper_psnr_db) == PRINTED["psnr_db"]
+    for name, spread in (("ssim", "ssim_seed_sd"), ("psnr_db", "psnr_seed_sd")):
+        means = np.array([s[name] for s in scores])
+        np.testing.assert_allclose(table[name], means.mean(axis=0), atol=1e-6)
+        np.testing.assert_allclose(table[spread], means.std(axis=0, ddof=1), atol=1e-6)
+    cell = table[["ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd"]].iloc[2]
+    assert "{:.3f} ± {:.3f} / {:.2f} ± {:.2f}".format(*cell) in text
+    assert "paper, 3 seeds" in text
+    assert "1 (paper), 2 (paper-seed2), 3 (paper-seed3); preset paper, 7 epochs" in text
+    assert "0.97 / 45.31" in text
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"preset": "quick"},
+        {"recipe": {"batch_size": 4}},
+        {"model": {"dropout": 0.0}},
+        {"scenes_sha256": "0ddba115" * 8},
+        {"backbone_weights": "imagenet, conv5"},
+        {"backbone_weights": "random (seed 2), conv4"},
+    ],
+    ids=str,
+)
+def test_other_recipes_stand_apart(tmp_path, changed):
+    make_results(tmp_path / "a")
+    make_results(tmp_path / "b", 2, **changed)
+    make_results(tmp_path / "c", 3)
+    pools = pool_seeds(read(tmp_path / "a", tmp_path / "b", tmp_path / "c"))
+    assert names(pools) == [["a", "c"], ["b"]]
+
+
+def test_the_same_scenes_from_another_machine_are_pooled(tmp_path):
+    """Whose rounding differs, and so the hash of the data."""
+    make_results(tmp_path / "a")
+    make_results(tmp_path / "b", 2, data_sha256="0ddba115" * 8)
+    assert names(pool_seeds(read(tmp_path / "a", tmp_path / "b"))) == [["a", "b"]]
+    assert "data set c0ffee00, 0ddba115;" in report_tables([tmp_path / "a", tmp_path / "b"], PAPER)
+
+
+def test_a_seed_counts_once(tmp_path):
+    for name, seed in (("a", 1), ("again", 1), ("b", 2)):
+        make_results(tmp_path / name, seed)
+    results = read(*(tmp_path / name for name in ("a", "again", "b")))
+    assert names(pool_seeds(results)) == [["a", "b"], ["again"]]
+    assert "± " not in report_tables([tmp_path / "a", tmp_path / "again"], PAPER)
+
+
+def test_missing_runs_show_as_missing(tmp_path):
+    folders = [tmp_path / name for name in ("none", "a", "nothing")]
+    for folder in folders:
+        folder.mkdir()
+    make_results(tmp_path / "a")
+    text = report_tables(folders, PAPER, tmp_path / "tables.md")
+    assert text.count("missing") == 2 * 4 + 3 * 4  # all of Table II
+    assert text.count("no finished run") == 2 + 3
+    numbers = pd.read_csv(tmp_path / "tables.csv")
+    assert list(numbers.n_seeds) == [0] * 4 + [1] * 4 + [0] * 16
+    assert numbers[numbers.n_seeds == 0].psnr_db.isna().all()
+
+
+def test_histories_count_seconds_from_the_start(tmp_path):
+    for name in ("quick", "other"):
+        make_results(tmp_path / name)
+    rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 2, 3]})
+    rows.to_csv(tmp_path / "quick" / "table1_history.csv", index=False)
+    found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
+    assert list(found) == ["quick"]
+    assert list(found["quick"].seconds) == [3.0, 4.0, 5.5]
+
+
+def test_runs_are_timed_to_where_the_weakest_ended():
+    slow = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [1, 51, 101], "val_psnr_db": [1, 8, 6]})
+    fast = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [9, 19, 29], "val_psnr_db": [7, 9, 10]})
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in learning_markdown({"slow": slow, "fast": fast}).splitlines()
+        if line.startswith("|")
+    ]
+    assert rows[0][-1] == "to 8.00 dB, the best of slow"
+    assert rows[2:] == [["slow", "8.00", "51 (1)", "51 (1)"], ["fast", "10.00", "29 (2)", "19 (1)"]]
+
+
+def test_one_folder_is_printed_as_it_was_written(tmp_path):
+    make_results(tmp_path / "a")
+    text = report_tables([tmp_path / "a", tmp_path / "a"], PAPER)
+    assert text == read_tables(tmp_path / "a", PAPER)
+    assert (tmp_path / "a" / "table1.md").read_text(encoding="utf-8") in text
+
+
+def test_infinite_psnr_stays_infinite(tmp_path):
+    """Two seeds without error, then one that has some: infinity less infinity is no spread."""
+    for seed, error in ((1, 0.0), (2, 0.0), (3, 0.1)):
+        make_results(tmp_path / str(seed), seed, error)
+    folders = [tmp_path / str(seed) for seed in (1, 2, 3)]
+    for among, spread in ((folders[:2], 0), (folders, np.inf)):
+        table = compare_table([read(*among)], PRINTED)
+        assert np.isinf(table.psnr_db).all()
+        assert list(table.psnr_seed_sd) == [spread] * 4
+
+
+def test_folders_of_one_name_are_told_apart_by_their_path(tmp_path):
+    folders = [tmp_path / "here" / "paper", tmp_path / "there" / "paper"]
+    make_results(folders[0])
+    make_results(folders[1], preset="quick")
+    text = report_tables(folders, PAPER)
+    assert all(f"- {folder}: seed 1" in text for folder in folders)
+
+
+def test_what_is_no_result_is_one_sentence(tmp_path):
+    make_results(tmp_path / "a")
+    folders = [tmp_path / "a", tmp_path / "a"]
+    with pytest.raises(InputError, match=r"must end in .md, got tables.csv"):
+        report_tables(folders, PAPER, Path("tables.csv"))
+    with pytest.raises(InputError, match="There is no results folder .*none"):
+        report_tables([tmp_path / "none"], PAPER)
+    record = json.loads((tmp_path / "a" / "table1.json").read_text())
+    for damage in ("a,b\n1\n1,2,3,4\n", "", "depth_mm,ssim,psnr_db\n20.0,1,1\n"):
+        shutil.copytree(tmp_path / "a", tmp_path / "b", dirs_exist_ok=True)
+        (tmp_path / "b" / "table1.csv").write_text(damage)
+        with pytest.raises(InputError, match=r"b/table1.csv, or .* is damaged"):
+            report_tables([tmp_path / "a", tmp_path / "b"], PAPER)
+    del record["seed"]
+    (tmp_path / "a" / "table1.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"a/table1.csv, or .* is damaged"):
+        report_tables(folders, PAPER)

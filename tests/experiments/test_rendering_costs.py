@@ -1,0 +1,159 @@
+import json
+import math
+from dataclasses import replace
+
+import numba
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.image import imread
+
+from experiments.costs import rendering, rendering_report
+from experiments.costs.rendering import METHODS, Study, effect_trials, measure_costs, study_scenes
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, plan_effects
+from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.rendering import render
+
+pytestmark = pytest.mark.jit
+
+CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+TRIALS = effect_trials(replace(CAMERA, views=6), 3.0)
+
+
+def small_studies():
+    rng = np.random.default_rng(4)
+    flat = Layer(rng.uniform(0.2, 1, (5, 6)), 20.0, (1.2, 1.4))
+    card = Layer([[0.0]], -10.0, (0.5, 0.6), (0.1, 0.1), opaque=True)
+    return [
+        Study("open", "a layer", Scene([flat]), CAMERA),
+        Study("hidden", "a layer behind a card", Scene([flat, card]), CAMERA),
+    ]
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    out, seen = tmp_path_factory.mktemp("costs"), []
+
+    def progress(steps, done, total):
+        seen.append((done, total))
+        for step in steps:
+            seen.append(step)
+            yield step
+
+    patch = pytest.MonkeyPatch()
+    patch.setattr(rendering, "SHORT_S", 0.0)
+    patch.setattr(rendering, "REPETITIONS", 1)
+    threads = numba.get_num_threads()
+    found = measure_costs(progress, 8.0, small_studies(), TRIALS)
+    rendering_report.write_report(out, *found)
+    record = found[-1]
+    patch.undo()
+    assert numba.get_num_threads() == threads
+    return out, record, seen
+
+
+def curve(record, scene, method):
+    rows = [r for r in record["accuracy"] if (r["scene"], r["method"]) == (scene, method)]
+    return pd.DataFrame(rows)
+
+
+def test_all_files_are_there(measured):
+    out, record, _ = measured
+    written = {
+        "accuracy.csv",
+        "effects.csv",
+        "costs.md",
+        "costs.json",
+        "costs.png",
+        "effects.png",
+    }
+    assert {path.name for path in out.iterdir()} == written
+    for name in ("costs.png", "effects.png"):
+        pixels = imread(out / name)[..., :3]
+        assert min(pixels.shape[:2]) > 500
+        assert 0.005 < np.mean(pixels < 0.9) < 0.5  # neither empty nor covered
+    text = (out / "costs.json").read_text()
+    assert json.loads(text, parse_constant=pytest.fail)["accuracy"] == record["accuracy"]
+    assert len(pd.read_csv(out / "accuracy.csv")) == len(record["accuracy"])
+    report = (out / "costs.md").read_text()
+    for words in (record["command"], record["machine"], "numba", "thin bundles", "shot_noise"):
+        assert words in report
+    assert "nan" not in report
+
+
+def test_progress_passes_every_step(measured):
+    (first, *steps) = measured[2]
+    assert first == (0, len(steps))
+    assert len(steps) == 5 + 4 + len(EFFECTS)
+
+
+@pytest.mark.parametrize("scene", ["open", "hidden"])
+@pytest.mark.parametrize("method", ["random", "quasi", "midpoint", "thin"])
+def test_errors_fall_and_times_grow_with_the_rays(measured, scene, method):
+    points = curve(measured[1], scene, method)
+    assert len(points) >= 4
+    assert points["rays_per_pixel"].is_monotonic_increasing
+    errors, seconds = points["error"].to_numpy(), points["seconds"].to_numpy()
+    assert errors[-1] < 0.2 * errors[0]
+    assert seconds[-1] > seconds[0] > 0
+    if method == "random":
+        assert rendering_report.measured_exponent(points) == pytest.approx(0.5, abs=0.05)
+    if method == "quasi":
+        assert errors[-1] < curve(measured[1], scene, "random")["error"].iloc[-1]
+
+
+def test_the_exact_integrator_is_at_rounding(measured):
+    (error,) = curve(measured[1], "open", "exact")["error"]
+    assert error < 3e-8
+    assert not len(curve(measured[1], "hidden", "exact"))
+
+
+def test_every_effect_has_a_scene_that_needs_it(measured):
+    lines = pd.read_csv(measured[0] / "effects.csv")
+    assert list(lines["effect"]) == list(EFFECTS)
+    for name, trial in TRIALS.items():
+        assert plan_effects(trial.scene, trial.camera)[name].kept, name
+    assert (lines["error_rms"] > 0).all()
+    noise = lines["effect"].str.endswith("noise")
+    change = lines["error_max"].where(~noise, lines["error_rms"])
+    assert (change <= lines["bound"] + 2e-3).all()  # besides the error of rays
+    np.testing.assert_allclose(
+        lines["seconds_added"], lines["seconds_on"] - lines["seconds_off"], atol=1e-12
+    )
+
+
+def test_the_study_keeps_the_optics_and_frames_all_light():
+    studies = study_scenes(*rendering.CONFIGS)
+    assert [study.name for study in studies] == ["shapes", "flame", "hidden"]
+    for study in studies:
+        assert study.camera.pixel_mm == pytest.approx(0.112 * (1 + 0.4 / 277.84) / 15, rel=1e-4)
+        assert study.camera.aperture_mm == pytest.approx(77.8, abs=0.1)
+        assert study.hides == (study.name == "hidden")
+        views = render(study.scene, study.camera, effects={"occlusion": False}).views
+        assert views.max() > 0.5
+        assert max(np.abs(views[:, :, i]).max() for i in (0, -1)) < 1e-6
+        assert max(np.abs(views[..., i]).max() for i in (0, -1)) < 1e-6
+
+
+def test_seconds_are_read_off_between_settings():
+    per_pixel = np.array([1.0, 4, 16, 64])
+    points = pd.DataFrame(
+        {"rays_per_pixel": per_pixel, "seconds": per_pixel / 10, "error": 0.5 * per_pixel**-0.5}
+    )
+    assert rendering_report.measured_exponent(points) == pytest.approx(0.5)
+    assert rendering_report.seconds_for(points, 0.1) == (pytest.approx(2.5), "")
+    assert rendering_report.seconds_for(points, 0.9) == (0.1, "<")
+    assert rendering_report.seconds_for(points, 0.01) == (pytest.approx(250), "~")
+    flat = points.assign(error=0.3)
+    assert math.isnan(rendering_report.seconds_for(flat, 0.1)[0])
+    assert math.isnan(rendering_report.measured_exponent(points[:1]))
+
+
+def test_all_methods_have_a_label_and_a_style():
+    assert set(METHODS) == set(rendering_report.STYLES)
+    assert sum(method.share for method in METHODS.values()) == pytest.approx(1)
+
+
+def test_configurations_that_are_missing_are_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.toml cannot be read"):
+        study_scenes(tmp_path / "none.toml", tmp_path / "none.toml")

@@ -1,0 +1,239 @@
+from pathlib import Path
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from experiments.systems import benchmark, figures, test_sets
+from experiments.systems.cost import price
+from lf_flame import InputError, LightField
+from lf_flame.commands.cli import commands
+from lf_flame.datasets.store import read_config
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.resnet50 import ResNet50
+
+
+@pytest.fixture(scope="module")
+def flames(coarse_data):
+    return read_config(coarse_data[1])
+
+
+@pytest.fixture(scope="module")
+def sets(flames):
+    return test_sets.paper_sets(flames, Path("no run"), 2)
+
+
+class Dim(ShiftAndSum):
+    """A system whose error is known: everything is 0.01 too dark."""
+
+    def _refocus(self, views, slopes, block):
+        return super()._refocus(views, slopes, block) - 0.01
+
+
+class Blind(ShiftAndSum):
+    def chosen(self, rows, columns):
+        raise InputError("Blind sees nothing.")
+
+
+def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
+    assert [one.name for one in sets] == [
+        "flames",
+        "flames, first and last exchanged",
+        "flames, order reversed",
+        "flames, all 5 mm nearer",
+        "flames, RefNet's slopes",
+        "flames, RefNet's slopes",
+    ]
+    assert [one.truth for one in sets] == ["shift-and-sum"] * 5 + ["Fourier slice"]
+    assert sets[4].planes[7] == "alpha 1"
+    assert next(sets[4].scenes()).slopes[7] == 0
+    assert sets[0].planes == sets[1].planes == ["20 mm", "10 mm", "0 mm", "-10 mm"]
+    assert sets[3].planes == ["15 mm", "5 mm", "-5 mm", "-15 mm"]
+    for one in sets:
+        scenes = list(one.scenes())
+        assert len(scenes) == 2
+        size = (len(one.planes), 24, 48)
+        assert all(scene.truth(one.truth).shape == size for scene in scenes)
+        assert np.any(scenes[0].views != scenes[1].views)
+    np.testing.assert_allclose(
+        next(sets[3].scenes()).slopes, flames.camera.depth_to_slope(np.array([15.0, 5, -5, -15]))
+    )
+
+
+def test_shift_and_sum_of_all_views_is_right(sets):
+    table = benchmark.score_systems({"all": ShiftAndSum()}, sets[0])
+    assert list(table.columns) == benchmark.COLUMNS
+    assert np.all(np.isinf(table.psnr_db))
+    assert table.ssim.tolist() == pytest.approx([1] * 4)
+    assert list(table.views) == [81] * 4
+    assert list(table.light_fields) == [2] * 4
+
+
+def test_scores_are_those_of_a_known_error(sets):
+    """Where the truth is black nothing can be darker, so 0.01 counts where something is lit."""
+    table = benchmark.score_systems({"dim": Dim()}, sets[0])
+    np.testing.assert_allclose(table.psnr_lit_db, 40, atol=0.5)
+
+
+def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
+    table = benchmark.score_systems({"blind": Blind()}, sets[0])
+    assert list(table.why_missing) == ["Blind sees nothing."]
+    assert table.psnr_db.isna().all()
+
+
+def test_the_border_of_photographs_is_not_scored():
+    views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
+    photographs = test_sets.photograph_set("leaves", LightField(views), [-0.5, 0.5])
+
+    class WrongAtTheEdge(ShiftAndSum):
+        def _refocus(self, views, slopes, block):
+            images = super()._refocus(views, slopes, block)
+            images[:, :12] = 0
+            return images
+
+    table = benchmark.score_systems({"edge": WrongAtTheEdge()}, photographs)
+    assert np.all(np.isinf(table.psnr_db))
+    assert list(table.plane) == ["slope -0.5", "slope 0.5"]
+
+
+def test_photographs_are_as_bright_as_systems_take_them():
+    views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
+    few = ShiftAndSum("few", benchmark.square_of_views)
+    bright, plain = (
+        benchmark.score_systems(
+            {"few": few}, test_sets.photograph_set("leaves", LightField(v), [0.5])
+        )
+        for v in (1000 * views, views / views.max())
+    )
+    assert bright.psnr_db[0] == pytest.approx(plain.psnr_db[0], abs=0.01)
+    assert 15 < bright.psnr_db[0] < 60
+
+
+def test_a_photograph_too_small_to_be_scored_is_refused():
+    """After the border is cut off, a window of the structural similarity must be left."""
+    views = np.zeros((3, 3, 35, 35), np.float32)
+    (scene,) = test_sets.photograph_set("dark", LightField(views), [0.0]).scenes()
+    assert benchmark.score_systems({"all": ShiftAndSum()}, test_sets.photograph_set(
+        "dark", LightField(views), [0.0])).ssim.tolist() == [1.0]  # fmt: skip
+    assert scene.views.shape == views.shape
+    with pytest.raises(
+        InputError, match="dark needs views of 35 pixels or more along each side, got 34 x 40"
+    ):
+        test_sets.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
+
+
+def test_less_light_is_shot_noise_of_the_same_scenes(sets):
+    """Its variance is the mean over the electrons; the truth stays that of the clean views."""
+    dark = sets[0].in_the_dark(100, seed=4)
+    for scene, clean, again in zip(dark.scenes(), sets[0].scenes(), dark.scenes(), strict=True):
+        error = scene.views - clean.views
+        assert abs(error.mean()) < 1e-4
+        assert np.var(error) == pytest.approx(clean.views.mean() / 100, rel=0.02)
+        np.testing.assert_array_equal(scene.truth(), clean.truth())
+        np.testing.assert_array_equal(scene.views, again.views)
+    table = benchmark.score_systems({"all": ShiftAndSum()}, dark)
+    assert set(table.electrons) == {100}
+    assert np.all(table.psnr_db.between(40, 70))
+
+
+def test_a_price_is_measured_in_a_process_of_its_own(sets):
+    scene = next(sets[0].scenes())
+    large = np.ones(100_000_000)  # what this process holds does not count
+    found = price(ShiftAndSum, scene.views, scene.slopes, scene.block)
+    assert found.milliseconds > 0
+    assert 10 < found.memory_mb < 400 < large.nbytes / 1e6  # no network was loaded
+
+
+def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data, tmp_path):
+    views = DeadLeaves().draw((9, 9), (40, 48), np.random.default_rng(3)).views
+    leaves = tmp_path / "leaves.npy"
+    np.save(leaves, views)
+    arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
+                 "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
+                 50, "--variant", system_runs / "refocusnet"]  # fmt: skip
+    shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
+    assert shown.exit_code == 0
+    scores = pd.read_csv(tmp_path / "out/compare.csv")
+    trained = scores[scores.system == "RefocusNet"]
+    assert set(trained.test_set) == set(scores.test_set)
+    assert trained.psnr_db.notna().all()
+    absent = scores[scores.system.str.startswith("RefNet")]
+    assert absent.psnr_db.isna().all()
+    assert absent.why_missing.str.contains("no finished run").all()
+    variant = scores[scores.system == "ResNet-50 (the paper's), refocusnet"]
+    assert variant.why_missing.str.endswith("holds no run of the paper's network.").all()
+    assert len(variant)
+    prices = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
+    assert prices.milliseconds["RefocusNet"] > 0
+    assert prices.training_s["RefocusNet"] > 0
+    assert prices.views["RefocusNet"] == 4
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
+        "systems.csv",
+    }  # fmt: skip
+    text = (tmp_path / "out/compare.md").read_text()
+    assert "missing" in text
+    assert "50 electrons" in text
+
+
+def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets, tmp_path):
+    entered = [benchmark.Contestant(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
+    benchmark.run_contest(entered, sets[:1], tmp_path)
+    table = pd.read_csv(tmp_path / "compare.csv").set_index("system")
+    assert table.why_missing["shapes"] == "it was trained on shapes."
+    assert table.loc["flames", "psnr_db"].eq(np.inf).all()
+
+
+def test_a_system_has_the_same_colour_in_both_pictures(sets):
+    """Also where one before it could not be timed, and none of it is in the picture."""
+    names = ["missing", "all", "dim"]
+    systems = {"missing": InputError("gone"), "all": ShiftAndSum(), "dim": Dim()}
+    scores = benchmark.score_systems(systems, sets[0].in_the_dark(10, seed=1))
+    prices = pd.DataFrame({"system": names, "parameters": [np.nan, 0, 0]})
+    prices["milliseconds"] = [np.nan, 2.0, 3.0]
+    noise, times = figures.noise_figure(scores), figures.figure(scores, prices)
+    (curves,) = noise.axes
+    marks = times.axes[0].lines
+    assert [line.get_color() for line in curves.lines] == [line.get_color() for line in marks]
+    assert len(marks) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--light-fields", "0"], "1 or more, got 0"),
+        (["--photograph", "x.npy", "1;2"], "got '1;2'"),
+        (["--variant", ".", "--variant", "."], "Two systems are called"),
+    ],
+)
+def test_bad_input_is_one_sentence(system_runs, tmp_path, options, words):
+    np.save(tmp_path / "x.npy", np.zeros((3, 3, 20, 20)))
+    options = [str(tmp_path / x) if x == "x.npy" else x for x in options]
+    with pytest.raises(InputError, match=words):
+        CliRunner().invoke(
+            commands, ["compare", str(system_runs), "--out", str(tmp_path), *options],
+            catch_exceptions=False, standalone_mode=False,
+        )  # fmt: skip
+
+
+def test_the_papers_network_is_for_its_own_camera_and_slopes(flames):
+    """What it refuses needs no training: a network whose plane k is as bright as k tenths."""
+    seen = keras.Input((24, 48, 1))
+    planes = [0 * seen + k / 10 for k in range(4)]
+    system = ResNet50(
+        keras.Model(seen, keras.ops.stack(planes, axis=1)), flames, [1.0, 0.5, 0.0, -0.5]
+    )
+    views = np.zeros((9, 9, 48, 96), np.float32)
+    stack = system.refocus(views, [-0.5, 0.5], (2, 2))
+    np.testing.assert_allclose(stack, np.broadcast_to(np.float32([[[0.3]], [[0.1]]]), (2, 24, 48)))
+    for wrong, slope, block, words in [
+        (views, 0.3, (2, 2), "only does the slopes 1.00, 0.50, 0.00, -0.50, got 0.3"),
+        (views[:5, :5], 0.5, (2, 2), "a camera of 9 x 9 views, got 5 x 5"),
+        (views, 0.5, (1, 1), "48 x 96 lenslets, 2 x 2 to a pixel, got .* and 1 x 1"),
+        (views[..., None].repeat(3, -1), 0.5, (2, 2), "trained on grey light fields"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            system.refocus(wrong, slope, block)

@@ -1,0 +1,382 @@
+"""Folders of views: names, order, what is refused, and the way back."""
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from scipy.ndimage import gaussian_filter, shift
+from skimage.io import imsave
+from tifffile import imwrite
+
+from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
+from lf_flame._common.arrays import centred
+from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
+from lf_flame.formats.view_order import ORDERS, arranged, find_order
+from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+
+EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
+
+
+def example(name):
+    if not (EXAMPLES / name).is_dir():
+        pytest.skip(f"the example light field {name} is not beside the checkout")
+    return EXAMPLES / name
+
+
+def textured(rng, slope=0.7, views=(4, 5), shape=(60, 72)):
+    """Draw a plane of blurred noise that is sharp at a slope."""
+    texture = gaussian_filter(rng.normal(size=[n + 80 for n in shape]), 2)
+    texture = (texture - texture.min()) / np.ptp(texture)
+    moved = [
+        [shift(texture, (slope * v, slope * u), order=3) for u in centred(views[1])]
+        for v in centred(views[0])
+    ]
+    return np.array(moved)[:, :, 40:-40, 40:-40].clip(0, 1).astype(np.float32)
+
+
+def save(folder, names, views):
+    """Save views of levels in [v, u] order under the given names."""
+    folder.mkdir(exist_ok=True)
+    for name, view in zip(names, views.reshape(-1, *views.shape[2:]), strict=True):
+        (imwrite if name.endswith("tif") else imsave)(
+            folder / name, view, **({} if name.endswith("tif") else {"check_contrast": False})
+        )
+
+
+def levels(rng, shape, dtype=np.uint8):
+    return rng.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
+
+
+def numbered(rows, columns, form, first=0, step=1):
+    return [form.format(first + step * v, first + step * u) for v, u in product(rows, columns)]
+
+
+@pytest.mark.parametrize(
+    ("names", "shape"),
+    [
+        (numbered(range(3), range(4), "{}_{}.png"), (3, 4)),
+        (numbered(range(3), range(3), "2067_{:02}_{:02}.png", first=1), (3, 3)),
+        (numbered(range(2), range(12), "view_{}_{}.bmp"), (2, 12)),
+        (numbered(range(3), range(3), "scene1-v{:02d}-u{:02d}.tif", first=4, step=2), (3, 3)),
+        (numbered(range(1), range(9), "view_{:02}_{:02}.png"), (1, 9)),
+        (numbered(range(5), range(1), "{}_{}.PNG", first=1), (5, 1)),
+        ([f"input_Cam{n:03}.png" for n in range(9)], (3, 3)),
+        ([f"2067_{n}.png" for n in range(16)], (4, 4)),
+        ([f"scene1_{n:03}.png" for n in range(9)], (3, 3)),
+        ([f"frame{n}.png" for n in (3, 7, 8, 12)], (2, 2)),
+        (numbered((0, 15), (0, 3, 100), "mm_{:03}_{:03}.png"), (2, 3)),
+        ([f"{20240101120000000000 + 7**n}.png" for n in range(4)], (2, 2)),
+    ],
+    ids=lambda value: value[1] if isinstance(value, list) else "",
+)
+def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
+    views = levels(rng, (*shape, 5, 6))
+    save(tmp_path, names, views)
+    light_field = read_view_folder(tmp_path)
+    np.testing.assert_array_equal(light_field.views, views / np.float32(255))
+
+
+def test_stanford_names_take_the_grid_and_not_the_positions(tmp_path, rng):
+    views = levels(rng, (4, 4, 5, 6))
+    places = [(-381.91 + 154.7 * v, 1103.38 - 55.1 * u) for v, u in product(range(4), range(4))]
+    names = [f"out_{k // 4:02}_{k % 4:02}_{y:.6f}_{x:.6f}_.png" for k, (y, x) in enumerate(places)]
+    assert any("_-" in name for name in names)
+    assert any("_-" not in name for name in names)
+    save(tmp_path, names, views)
+    np.testing.assert_array_equal(read_view_folder(tmp_path).views, views / np.float32(255))
+
+
+def test_other_files_are_left_out(tmp_path, rng):
+    views = levels(rng, (3, 3, 5, 6))
+    save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), views)
+    (tmp_path / "SOURCE.txt").write_text("where it is from")
+    (tmp_path / "._0_0.png").write_bytes(b"not a picture")
+    (tmp_path / "gt_disp_lowres.pfm").write_bytes(b"Pf")
+    imsave(tmp_path / "thumbnail.png", views[0, 0, ::2, ::2], check_contrast=False)
+    imsave(tmp_path / "depth_0_0.png", views[0, 0], check_contrast=False)
+    folder = scan_view_folder(tmp_path)
+    assert folder.left_out == 5
+    assert "3 x 3 views, top left 0_0.png, bottom right 2_2.png" in folder.describe()
+    assert "left out: 5" in folder.describe()
+    np.testing.assert_array_equal(folder.read().views, views / np.float32(255))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_stated_order_is_obeyed(tmp_path, rng, order):
+    views = levels(rng, (2, 3, 4, 5))
+    for v, u in product(range(2), range(3)):
+        index = {"row": v, "-row": 1 - v, "col": u, "-col": 2 - u}
+        first, second = (index[name] for name in order.split(","))
+        save(tmp_path, [f"{first}_{second}.png"], views[v : v + 1, u : u + 1])
+    light_field = read_light_field(tmp_path, order=order.replace(",", ", "))
+    np.testing.assert_array_equal(light_field.views, views / np.float32(255))
+
+
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row", "col,-row"])
+@pytest.mark.parametrize("slope", [-3.0, -0.2, 0.7])
+def test_the_order_is_found_by_the_parallax(rng, order, slope):
+    views = textured(rng, slope)
+    counted = next(
+        np.swapaxes(turned, 0, 1) if order.startswith("col") else turned
+        for turned in [views[::-1] if "-row" in order else views]
+    )
+    found = find_order(counted)
+    assert found.order == order
+    assert found.slopes == pytest.approx((slope, slope), abs=0.1, rel=0.2)
+    np.testing.assert_array_equal(arranged(counted, found.order), views)
+
+
+def test_where_the_columns_run_the_other_way_the_slope_changes_its_sign(rng):
+    views = textured(rng, 0.7)
+    found = find_order(views[:, ::-1])
+    assert found.order == "-row,col"
+    assert found.slopes == pytest.approx((-0.7, -0.7), abs=0.1)
+
+
+def test_the_order_is_found_where_depths_lie_on_both_sides_of_the_focal_plane(rng):
+    left, right = (textured(rng, slope) for slope in (-0.8, 0.8))
+    views = np.concatenate([left, right], axis=3)
+    for order, counted in (
+        ("row,col", views),
+        ("-row,col", views[::-1]),
+        ("col,row", np.swapaxes(views, 0, 1)),
+    ):
+        found = find_order(counted)
+        assert found.order == order
+        assert found.slopes == pytest.approx((-0.8, 0.8), abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "views",
+    [
+        np.ones((3, 3, 60, 60)),
+        np.tile(np.sin(np.arange(60) / 3), (3, 3, 60, 1)),
+        np.random.default_rng(1).normal(size=(3, 3, 60, 60)),
+        np.random.default_rng(1).normal(size=(3, 3, 6, 60)),
+        np.random.default_rng(1).normal(size=(1, 9, 60, 60)),
+    ],
+    ids=["uniform", "all alike", "noise", "small", "one row"],
+)
+def test_where_the_parallax_does_not_tell_the_numbers_stand(views):
+    found = find_order(views)
+    assert found.order == "row,col"
+    assert found.reason.startswith("as the numbers stand")
+    assert found.slopes is None
+
+
+def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small_camera, tmp_path):
+    camera = replace(small_camera, lenslets=(40, 48))
+    texture = gaussian_filter(rng.uniform(size=(200, 240)), 6)
+    texture = (texture - texture.min()) / np.ptp(texture) / 1.01
+    for depth in (6.0, -5.0):
+        layer = Layer(texture, depth_mm=depth, size_mm=(8.0, 9.6))
+        folder = tmp_path / f"{depth:g}"
+        write_view_folder(render(Scene([layer]), camera), folder)
+        found = scan_view_folder(folder).found
+        assert found.order == "row,col"
+        assert found.slopes == pytest.approx([float(camera.depth_to_slope(depth))] * 2, rel=0.2)
+        assert np.sign(found.slopes[0]) == np.sign(depth)
+
+
+@pytest.mark.parametrize("order", ["row", "row-col", "col,col", "up,col", "row,col,row", ""])
+def test_another_order_is_refused(tmp_path, rng, order):
+    save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 3, 3)))
+    with pytest.raises(InputError, match=r"order must be one of row,col; .*got '"):
+        read_view_folder(tmp_path, order)
+
+
+def test_missing_views_are_named(tmp_path, rng):
+    names = numbered(range(9), range(9), "view_{:02}_{:02}.png", first=1)
+    save(tmp_path, names, levels(rng, (9, 9, 2, 2)))
+    (tmp_path / "view_03_07.png").unlink()
+    with pytest.raises(InputError, match=r"9 x 9 views like .*view_01_01.png, view 03_07 is miss"):
+        read_view_folder(tmp_path)
+    for k in range(1, 10):
+        (tmp_path / f"view_05_{k:02}.png").unlink()
+    with pytest.raises(InputError, match="views 03_07, 05_01, 05_02 and 7 more are missing"):
+        read_view_folder(tmp_path)
+
+
+def test_a_missing_running_number_is_named(tmp_path, rng):
+    save(tmp_path, [f"input_Cam{n:03}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
+    (tmp_path / "input_Cam004.png").unlink()
+    with pytest.raises(InputError, match="view 004 is missing"):
+        read_view_folder(tmp_path)
+    (tmp_path / "input_Cam008.png").rename(tmp_path / "input_Cam004.png")  # the last is missing
+    with pytest.raises(InputError, match=r"The 8 images .* no square grid: 4 or 9 would"):
+        read_view_folder(tmp_path)
+
+
+def test_folders_without_one_set_of_views_are_refused(tmp_path, rng):
+    with pytest.raises(InputError, match="is no folder"):
+        read_view_folder(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"holds no two images \(.png, "):
+        read_view_folder(tmp_path)
+    save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 3, 3)))
+    save(tmp_path, numbered(range(2), range(2), "depth_{}_{}.png"), levels(rng, (2, 2, 3, 3)))
+    with pytest.raises(InputError, match=r"more than one set of images, 4 of .*#_#.png and 4 of"):
+        read_view_folder(tmp_path)
+
+
+def test_numbers_that_repeat_are_refused(tmp_path, rng):
+    save(tmp_path, ["1_1.png", "01_01.png", "1_01.png"], levels(rng, (1, 3, 3, 3)))
+    with pytest.raises(InputError, match="do not number a grid"):
+        read_view_folder(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["0_0.png", "1_1.png"])
+def test_damaged_views_are_named(tmp_path, rng, name):
+    save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 30, 30)))
+    whole = (tmp_path / name).read_bytes()
+    for content in (b"no picture", whole[: len(whole) // 2], b""):
+        (tmp_path / name).write_bytes(content)
+        for order in (None, "row,col"):
+            with pytest.raises(InputError, match=rf"{name} cannot be read"):
+                read_view_folder(tmp_path, order)
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [((3, 5), "3 x 5 grey"), ((3, 4, 3), "3 x 4 colour"), ((4, 3), "4 x 3 grey")],
+)
+def test_views_that_differ_are_named(tmp_path, rng, shape, told):
+    save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), levels(rng, (3, 3, 3, 4)))
+    for name in ("1_1.png", "0_2.png"):
+        imsave(tmp_path / name, levels(rng, shape), check_contrast=False)
+        with pytest.raises(InputError, match=rf"{name} is {told}, 0_0.png is 3 x 4 grey"):
+            read_view_folder(tmp_path)
+        imsave(tmp_path / name, levels(rng, (3, 4)), check_contrast=False)
+
+
+def test_odd_channels_and_levels_are_named(tmp_path, rng):
+    names = numbered(range(2), range(2), "{}_{}.tif")
+    save(tmp_path, names, levels(rng, (2, 2, 6, 7, 5)))
+    with pytest.raises(InputError, match=r"0_0.tif must have 1 or 3 channels, got .*\(6, 7, 5\)"):
+        read_view_folder(tmp_path)
+    save(tmp_path, names, rng.integers(0, 9, (2, 2, 6, 7), np.int32))
+    with pytest.raises(InputError, match=r"0_0.tif must hold unsigned .* or floats, got int32"):
+        read_view_folder(tmp_path)
+
+
+@pytest.mark.parametrize("mode", ["LA", "RGBA", "P", "1"])
+def test_transparency_palettes_and_single_bits_are_read(tmp_path, rng, mode):
+    grey = rng.integers(0, 2, (4, 5, 6)) * 255
+    for k, view in enumerate(grey.astype(np.uint8)):
+        image = Image.fromarray(view).convert(mode)
+        if "A" in mode:
+            image.putalpha(Image.fromarray(levels(rng, (5, 6))))
+        image.save(tmp_path / f"{k}.png")
+    views = read_view_folder(tmp_path).views
+    views = views if views.ndim == 4 else views[..., 1]
+    np.testing.assert_array_equal(views.reshape(4, 5, 6), grey / 255)
+
+
+def test_floats_stay_as_they_are(tmp_path, rng):
+    views = rng.normal(size=(2, 2, 5, 6)).astype(np.float32) * 1e3
+    save(tmp_path, numbered(range(2), range(2), "{}_{}.tif"), views)
+    np.testing.assert_array_equal(read_view_folder(tmp_path).views, views)
+
+
+def test_progress_sees_every_file(tmp_path, rng):
+    save(tmp_path, [f"{n}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
+    seen = []
+
+    def progress(files):
+        assert len(files) == 9
+        for file in files:
+            yield file
+            seen.append(file.name)
+
+    read_view_folder(tmp_path, progress=progress)
+    assert seen == [f"{n}.png" for n in range(9)]
+
+
+SHAPES = st.tuples(*[st.integers(1, 3)] * 2, *[st.integers(1, 8)] * 2, st.sampled_from([0, 1, 3]))
+
+
+@settings(max_examples=25, deadline=None)
+@given(SHAPES, st.sampled_from([8, 16]), st.integers(0, 2**32))
+def test_a_folder_comes_back(tmp_path_factory, shape, bits, seed):
+    *shape, channels = shape
+    shape = (shape[0] + 1, *shape[1:])
+    shape = (*shape, channels) if channels else shape
+    views = levels(np.random.default_rng(seed), shape, f"uint{bits}")
+    views = (views / np.float32(2**bits - 1)).astype(np.float32)
+    folder = tmp_path_factory.mktemp("round") / "views"
+    write_view_folder(LightField(views), folder, bits)
+    expected = views[..., 0] if channels == 1 else views
+    np.testing.assert_array_equal(read_light_field(folder).views, expected)
+
+
+def test_any_value_comes_back_to_half_a_level(tmp_path, rng):
+    views = rng.uniform(size=(2, 12, 5, 6)).astype(np.float32)
+    for bits in (8, 16):
+        write_view_folder(LightField(views), tmp_path / str(bits), bits)
+        back = read_view_folder(tmp_path / str(bits)).views
+        np.testing.assert_allclose(back, views, rtol=0, atol=0.5001 / (2**bits - 1))
+
+
+def test_what_cannot_be_written_is_refused_and_leaves_nothing(tmp_path, rng):
+    views = rng.uniform(size=(2, 2, 3, 3)).astype(np.float32)
+    with pytest.raises(InputError, match="values from 0 to 1, got .* to 2"):
+        write_view_folder(LightField(np.maximum(views, views * 0 + 2)), tmp_path / "out")
+    with pytest.raises(InputError, match="bits must be 8 or 16, got 12"):
+        write_view_folder(LightField(views), tmp_path / "out", bits=12)
+    with pytest.raises(InputError, match="1 or 3 channels, got 2"):
+        write_view_folder(LightField(np.stack([views] * 2, -1)), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("kept")
+    with pytest.raises(InputError, match="new or empty folder"):
+        write_view_folder(LightField(views), tmp_path / "full")
+    assert (tmp_path / "full" / "mine.txt").read_text() == "kept"
+
+
+def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
+    written = []
+
+    def full(path, levels):
+        if written:
+            raise OSError("disk full")
+        written.append(path)
+        path.write_bytes(b"half")
+
+    monkeypatch.setattr("lf_flame.formats.view_folder.write_image", full)
+    with pytest.raises(OSError, match="disk full"):
+        write_view_folder(LightField(rng.uniform(size=(2, 2, 3, 3))), tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_lytro_views_are_row_by_row_and_near_is_in_front():
+    folder = scan_view_folder(example("lytro_2067"))
+    assert folder.files.shape == (9, 9)
+    assert folder.found.order == "row,col"
+    views = replace(folder, files=folder.files[2:7, 2:7]).read().views
+    assert views.shape == (5, 5, 383, 552, 3)
+    low, high = folder.found.slopes
+    sharpest = find_sharpest_slope(views[..., 100:250, 150:400, 1], np.arange(-1.5, 1.6, 0.25))
+    assert low < sharpest.slope < min(high, 0)
+    for order, turned in (
+        ("-row,col", views[::-1]),
+        ("col,row", views.swapaxes(0, 1)),
+        ("col,-row", views[::-1].swapaxes(0, 1)),
+    ):
+        assert find_order(turned).order == order
+
+
+def test_parallel_cameras_counted_from_the_bottom_right_are_turned():
+    """The shop's views have slopes above 0; cameras that look the same way have them below."""
+    plain = scan_view_folder(example("shop_mossberg"))
+    assert plain.found.order == "row,col"
+    assert 0.5 < plain.found.slopes[0] < plain.found.slopes[1] < 6.5
+    assert "the order is -row,-col" in plain.describe()
+    turned = scan_view_folder(example("shop_mossberg"), "-row,-col")
+    views = replace(turned, files=turned.files[1:6, 1:6]).read().views[..., 1]
+    views = np.ascontiguousarray(views[:, :, ::2, ::2])  # halves the slopes
+    ahead, behind = (shift_and_sum(views, slope)[0, 40:-40, 40:-40] for slope in (-1.5, 1.5))
+    assert np.square(np.diff(ahead)).mean() > 5 * np.square(np.diff(behind)).mean()

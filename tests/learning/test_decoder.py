@@ -1,0 +1,189 @@
+import keras
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.learning import backbone
+from lf_flame.learning.backbone import ImagenetUnavailable, build_backbone
+from lf_flame.learning.decoder import build_decoder, build_refocus_resnet50, training_view
+
+IMAGE = (40, 64)
+GREY = (*IMAGE, 1)
+
+
+@pytest.fixture(scope="module")
+def paper_model():
+    return build_refocus_resnet50(backbone_weights="random")
+
+
+@pytest.fixture(scope="module")
+def resnet_arrays():
+    """Weights of a ResNet-50 as the flat names of an .npz file has them."""
+    resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))
+    return {
+        f"{layer.name}/{w.name}": keras.ops.convert_to_numpy(w)
+        for layer in resnet.layers
+        for w in layer.weights
+    }
+
+
+def test_layers_are_the_papers(paper_model):
+    decoder = paper_model.get_layer("decoder")
+    shown = [type(layer).__name__ for layer in decoder.layers]
+    assert shown == [
+        "InputLayer", "Conv2D", "BatchNormalization", "LeakyReLU",
+        "Conv2D", "BatchNormalization", "LeakyReLU",
+        "GlobalAveragePooling2D", "Dense", "Reshape", "Dropout", "Conv2D", "Permute", "Reshape",
+    ]  # fmt: skip
+    convolutions = [layer for layer in decoder.layers if isinstance(layer, keras.layers.Conv2D)]
+    assert [(c.filters, c.kernel_size) for c in convolutions] == [
+        (512, (3, 3)),
+        (256, (3, 3)),
+        (4, (3, 3)),
+    ]
+    assert convolutions[-1].activation is keras.activations.sigmoid
+    assert decoder.layers[10].rate == 0.3
+    assert paper_model.input_shape == (None, 90, 180, 1)
+    assert paper_model.output_shape == (None, 4, 90, 180, 1)
+
+
+def test_backbone_is_frozen_and_in_inference_mode(paper_model, rng):
+    assert paper_model.get_layer("backbone").trainable_weights == []
+    images = rng.uniform(size=(2, 90, 180, 1)).astype(np.float32)
+    model = paper_model.get_layer("backbone")
+    before = [keras.ops.convert_to_numpy(w) for w in model.weights]
+    calm = np.array(model(images, training=False))
+    np.testing.assert_array_equal(np.array(model(images, training=True)), calm)
+    for weight, old in zip(model.weights, before, strict=True):
+        np.testing.assert_array_equal(keras.ops.convert_to_numpy(weight), old)
+
+
+def test_three_channels_are_not_repeated(rng):
+    """Grey repeated to three channels and three equal channels are the same input."""
+    grey = rng.uniform(size=(2, *IMAGE, 1)).astype(np.float32)
+    one, three = (build_backbone((*IMAGE, n), "random", "conv4", seed=1) for n in (1, 3))
+    same = np.repeat(grey, 3, axis=-1)
+    np.testing.assert_allclose(np.array(three(same)), np.array(one(grey)), rtol=1e-4, atol=1e-4)
+    other = same * [1.0, 0.5, 0.2]
+    assert np.abs(np.array(three(other)) - np.array(one(grey))).max() > 0.1
+
+
+def test_the_first_channel_is_the_last_of_resnet(rng):
+    """Keras feeds ResNet-50 blue first."""
+    model = build_backbone((*IMAGE, 3), "random", "conv4")
+    resnet = model.get_layer("resnet50")
+    image = rng.uniform(size=(1, *IMAGE, 3)).astype(np.float32)
+    fed = (255 * image - [123.68, 116.779, 103.939])[..., ::-1].astype(np.float32)
+    np.testing.assert_allclose(np.array(model(image)), np.array(resnet(fed)), rtol=1e-4, atol=1e-4)
+
+
+def test_inputs_may_be_larger_than_outputs(tmp_path):
+    model = build_refocus_resnet50(
+        IMAGE, 2, "random", "conv4", neck="positions", shown=(80, 128, 1)
+    )
+    assert model.input_shape == (None, 80, 128, 1)
+    assert model.output_shape == (None, 2, *IMAGE, 1)
+    model.save(tmp_path / "model.keras")
+    again = keras.saving.load_model(tmp_path / "model.keras", compile=False)
+    assert again.input_shape == model.input_shape
+
+
+def test_output_planes_are_not_scrambled(paper_model, rng):
+    """Channel k of the last convolution becomes image k."""
+    decoder = paper_model.get_layer("decoder")
+    features = rng.normal(size=(1, *decoder.input_shape[1:])).astype(np.float32)
+    channels = keras.Model(decoder.input, decoder.get_layer("planes").output)(features)
+    stack = np.array(decoder(features))[0, ..., 0]
+    np.testing.assert_array_equal(stack, np.moveaxis(np.array(channels)[0], -1, 0))
+
+
+def test_random_weights_depend_on_the_seed_alone():
+    first, again, other = (build_backbone(GREY, "random", "conv4", seed) for seed in (1, 1, 2))
+    kernels = [
+        keras.ops.convert_to_numpy(m.get_layer("resnet50").get_layer("conv1_conv").kernel)
+        for m in (first, again, other)
+    ]
+    np.testing.assert_array_equal(kernels[0], kernels[1])
+    assert np.abs(kernels[0] - kernels[2]).max() > 0
+    assert kernels[0].std() == pytest.approx(np.sqrt(2 / (7 * 7 * 3)), rel=0.02)
+
+
+def test_preprocessing_is_the_backbones_own(rng):
+    grey = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
+    model = build_backbone(GREY, "random", "conv4")
+    inner = keras.Model(model.input, model.get_layer("imagenet_preprocessing").output)
+    colours = np.repeat(grey, 3, axis=-1) * 255
+    expected = keras.applications.resnet.preprocess_input(colours.copy())
+    np.testing.assert_allclose(np.array(inner(grey)), expected, atol=1e-4)
+
+
+def test_weights_file_reaches_the_features(resnet_arrays, tmp_path, rng):
+    np.savez(tmp_path / "all.npz", **resnet_arrays)
+    resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))
+    for layer in resnet.layers:
+        layer.set_weights([resnet_arrays[f"{layer.name}/{w.name}"] for w in layer.weights])
+    resnet.save_weights(tmp_path / "all.weights.h5")
+    images = rng.uniform(size=(1, *IMAGE, 1)).astype(np.float32)
+    features = [
+        np.array(build_backbone(GREY, tmp_path / name)(images))
+        for name in ("all.npz", "all.weights.h5")
+    ]
+    np.testing.assert_array_equal(*features)
+    cut = keras.Model(resnet.input, resnet.get_layer("conv4_block6_out").output)
+    colours = np.repeat(images, 3, axis=-1) * 255
+    expected = cut(keras.applications.resnet.preprocess_input(colours))
+    found = build_backbone(GREY, tmp_path / "all.npz", "conv4")(images)
+    np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-4, atol=1e-4)
+
+
+def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
+    short = {k: v for k, v in resnet_arrays.items() if not k.startswith("conv5")}
+    np.savez(tmp_path / "short.npz", **short)
+    build_backbone(GREY, tmp_path / "short.npz", "conv4")
+    with pytest.raises(InputError, match=r"lacks conv5_block1.*goes with backbone_depth conv4"):
+        build_backbone(GREY, tmp_path / "short.npz", "conv5")
+    np.savez(tmp_path / "shape.npz", **{**short, "conv1_conv/kernel": np.ones((3, 3, 3, 64))})
+    with pytest.raises(InputError, match=r"must have shape \(7, 7, 3, 64\), got \(3, 3, 3, 64\)"):
+        build_backbone(GREY, tmp_path / "shape.npz", "conv4")
+    (tmp_path / "text.npz").write_text("no weights")
+    with pytest.raises(InputError, match="is not a NumPy .npz file"):
+        build_backbone(GREY, tmp_path / "text.npz")
+    (tmp_path / "text.h5").write_text("no weights")
+    with pytest.raises(InputError, match="does not hold the weights of"):
+        build_backbone(GREY, tmp_path / "text.h5")
+    with pytest.raises(InputError, match="there is no file"):
+        build_backbone(GREY, tmp_path / "none.h5")
+
+
+def test_imagenet_gives_up_in_one_sentence(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise Exception("URL fetch failure: no route")  # the class that Keras raises
+
+    monkeypatch.setattr(backbone.keras.applications, "ResNet50", refuse)
+    with pytest.raises(ImagenetUnavailable, match="could not be downloaded .*no route"):
+        build_backbone(GREY, "imagenet")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"backbone_depth": "conv6"}, "one of conv4, conv5, got 'conv6'"),
+        ({"dropout": 1.0}, r"dropout must be in \[0, 1\)"),
+        ({"dropout_place": "attic"}, "one of image, vector, none"),
+        ({"neck": "long"}, "neck must be one of pooled, positions"),
+    ],
+)
+def test_impossible_options_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        build_refocus_resnet50(IMAGE, backbone_weights="random", **options)
+
+
+@pytest.mark.parametrize("neck", ["pooled", "positions"])
+def test_training_view_is_the_same_function(rng, neck):
+    decoder = build_decoder((3, 6, 32), (9, 18), 4, neck=neck, seed=3)
+    features = rng.normal(size=(4, 3, 6, 32)).astype(np.float32)
+    view = training_view(decoder)
+    vectors, stack = view([features, np.zeros((4, 9 * 18 * 4), np.float32)])
+    assert vectors.shape == (4, 256)
+    np.testing.assert_allclose(np.array(stack), np.array(decoder(features)), atol=1e-6)
+    assert [id(w) for w in view.variables] == [id(w) for w in decoder.variables]

@@ -1,0 +1,307 @@
+"""`lf-flame export` and `lf-flame predict`: a trained network in other hands, on other pictures."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import keras
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from skimage.io import imread
+
+from lf_flame import InputError, LightField
+from lf_flame._common.atomic_files import write_json
+from lf_flame._common.config import build, to_json
+from lf_flame.commands import cli
+from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.store import config_from_json, make_dataset
+from lf_flame.formats import read_focal_stack, write_lenslet_image
+from lf_flame.formats.images import to_levels, write_image
+from lf_flame.learning.model_card import load_network, read_card
+from lf_flame.learning.prediction import read_input
+from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.training import TrainingConfig, train
+
+SIZE = (40, 64)
+
+DATA = {
+    "kind": "shapes",
+    "seed": 5,
+    "image": SIZE,
+    "samples": {"smoke": 12},
+    "camera": {
+        "main_lens_focal_mm": 150.0,
+        "focus_distance_mm": 326.0,
+        "lenslet_focal_mm": 2.4,
+        "lenslet_pitch_mm": 0.672,
+        "views": 3,
+        "lenslets": SIZE,
+    },
+    "template": {
+        "position_mm": 1.0,
+        "size": 0.1,
+        "brightness": [0.8, 1.0],
+        "objects": [
+            {"shape": "square", "depth_mm": 10.0, "size_mm": [9, 9], "centre_mm": [0, -10]},
+            {"shape": "circle", "depth_mm": -10.0, "size_mm": [9, 9], "centre_mm": [0, 10]},
+        ],
+    },
+}
+
+TRAINING = {
+    "title": "Test images",
+    "seed": 1,
+    "split": [0.5, 0.25, 0.25],
+    "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+    "presets": {"smoke": {"epochs": 1}},
+}
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    """A small network, trained for a moment on images of two shapes."""
+    folder = tmp_path_factory.mktemp("run")
+    make_dataset(config_from_json(DATA, "here"), 12, folder / "shapes.zarr")
+    config = build(TrainingConfig, TRAINING, "here")
+    train(config, "smoke", folder / "shapes.zarr", folder / "shapes", show=False)
+    return folder / "shapes"
+
+
+@pytest.fixture(scope="module")
+def exported(run_folder):
+    path = run_folder.parent / "exported.keras"
+    run("export", run_folder, "--out", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sample(run_folder):
+    """The first test image, and what the network made of it."""
+    dataset, indices, predictions = predict_test_split(run_folder)
+    return dataset.inputs[indices[0], ..., 0], predictions[0]
+
+
+def run(*args):
+    """Run the command in this process; what users may do wrong raises InputError here."""
+    result = CliRunner().invoke(cli.commands, [*map(str, args)])
+    if result.exception is not None:
+        raise result.exception
+    return result
+
+
+def sha256_of(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write_network(path, card, network):
+    """Write a network beside a card that says that it belongs to it."""
+    network.save(path)
+    write_json(path.with_suffix(".json"), to_json(replace(card, sha256=sha256_of(path))))
+    return path
+
+
+def test_an_exported_network_loads_without_this_package(exported, sample, tmp_path):
+    image, expected = sample
+    np.save(tmp_path / "image.npy", image[None, ..., None])
+    code = (
+        "import sys, keras, numpy as np; network = keras.saving.load_model(sys.argv[1]); "
+        "np.save('stack.npy', network.predict(np.load('image.npy'), verbose=0)); "
+        "print([name for name in sys.modules if name.startswith('lf_flame')])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code, exported], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert shown.stdout.strip() == "[]", shown.stderr
+    np.testing.assert_allclose(np.load(tmp_path / "stack.npy")[0, ..., 0], expected, atol=1e-5)
+
+
+def test_the_card_tells_a_stranger_what_the_network_is(run_folder, exported):
+    card = json.loads(exported.with_suffix(".json").read_text())
+    assert card["image"] == list(SIZE)
+    assert card["depths_mm"] == [10.0, -10.0]
+    assert card["objects"] == ["square", "circle"]
+    assert card["slopes"][0] > 0 > card["slopes"][1]
+    assert card["camera"]["lenslet_pitch_mm"] == 0.672
+    assert card["backbone_weights"] == "random (seed 1), conv4"
+    assert (card["title"], card["preset"], card["training"]["epochs"]) == (
+        "Test images",
+        "smoke",
+        1,
+    )
+    assert {"command", "versions", "git_revision"} <= set(card["exported"])
+    ours, theirs = read_card(run_folder), read_card(exported)
+    assert replace(theirs, sha256=ours.sha256, exported={}) == ours
+
+
+@pytest.mark.parametrize("where", ["run_folder", "exported"])
+def test_a_picture_is_refocused_as_in_the_evaluation(where, sample, tmp_path, request):
+    """From a picture of 16 bits, three times as large in both directions."""
+    model, (image, expected) = request.getfixturevalue(where), sample
+    write_image(tmp_path / "card.png", to_levels(np.kron(image, np.ones((3, 3))), 16))
+    result = run("predict", tmp_path / "card.png", "--model", model, "--out", tmp_path / "out")
+    out = tmp_path / "out" / "card"
+    stack, slopes = read_focal_stack(out / "refocused.tif")
+    np.testing.assert_allclose(stack, expected, atol=1e-3)
+    assert list(slopes) == read_card(model).slopes
+    for k, name in enumerate(["refocused_1_+10mm.png", "refocused_2_-10mm.png"]):
+        np.testing.assert_allclose(imread(out / name) / 255, stack[k], atol=0.003)
+    record = json.loads((out / "prediction.json").read_text())
+    assert record["network"]["sha256"] == sha256_of(
+        model / "model.keras" if model.is_dir() else model
+    )
+    assert record["notes"] == []
+    assert f"card.png: refocused in {record['ms']:.0f} ms" in result.output
+    height, width = imread(out / "prediction.png").shape[:2]
+    assert 3 < width / height < 6  # three pictures of 40 x 64 in a row
+
+
+def test_light_fields_are_seen_as_in_training(run_folder, rng, tmp_path):
+    """Views, raw lenslet image and photograph of a light field are the same input."""
+    light_field = LightField(rng.uniform(size=(3, 3, 80, 128)).astype(np.float32))
+    expected = InputEncoding().encode(light_field, SIZE)[..., 0]
+    np.savez(tmp_path / "views.npz", views=light_field.views)
+    write_lenslet_image(light_field, tmp_path / "raw.png", 16)
+    np.save(tmp_path / "photograph.npy", light_field.photograph)
+    for name in ("views.npz", "raw.png", "photograph.npy"):
+        found = read_input(tmp_path / name, SIZE)
+        np.testing.assert_allclose(found.image, expected, atol=2e-5)
+        assert found.notes == []
+
+
+def test_colours_become_luminance(tmp_path):
+    picture = np.zeros((*SIZE, 3), np.uint8)
+    picture[:, :20, 0], picture[:, 20:40, 1], picture[:, 40:, 2] = 255, 255, 255
+    write_image(tmp_path / "colours.png", picture)
+    found = read_input(tmp_path / "colours.png", SIZE).image
+    np.testing.assert_allclose(found[0, [0, 30, 60]], [0.2126, 0.7152, 0.0722], atol=2e-4)
+    np.save(tmp_path / "six.npy", np.zeros((1, 1, *SIZE, 6), np.float32))
+    with pytest.raises(InputError, match="six.npy must be grey or have 3 channels, got 6"):
+        read_input(tmp_path / "six.npy", SIZE)
+
+
+@pytest.mark.parametrize("height", [33, 50, 91])
+def test_other_sizes_are_interpolated_and_that_is_said(height, tmp_path):
+    """A ramp stays the same ramp, seen at the middles of other pixels."""
+    width = round(height * 1.6)
+    ramp = (np.arange(width) + 0.5) / width * np.ones((height, 1))
+    write_image(tmp_path / "ramp.png", to_levels(ramp, 16))
+    found = read_input(tmp_path / "ramp.png", SIZE)
+    expected = (np.arange(64) + 0.5) / 64
+    np.testing.assert_allclose(found.image[20, 4:-4], expected[4:-4], atol=1e-3)
+    assert found.notes == [f"{height} x {width} is no multiple of 40 x 64: interpolated"]
+
+
+def test_values_beyond_0_and_1_are_cut_off_and_that_is_said(tmp_path):
+    picture = np.tile(np.float32([-0.5, 0.5, 3.0, 1.0]), (40, 16))
+    write_image(tmp_path / "bright.tif", picture)
+    found = read_input(tmp_path / "bright.tif", SIZE)
+    np.testing.assert_array_equal(found.image[:, :4], np.tile([0, 0.5, 1, 1], (40, 1)))
+    assert found.notes == ["values from -0.5 to 3: cut off below 0 and above 1"]
+
+
+def test_pictures_that_cannot_be_used_are_one_sentence(run_folder, tmp_path):
+    write_image(tmp_path / "square.png", np.zeros((80, 80), np.uint8))
+    holed = np.zeros(SIZE, np.float32)
+    holed[3, 4] = np.nan
+    write_image(tmp_path / "holed.tif", holed)
+    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "other").mkdir()
+    shutil.copy(tmp_path / "square.png", tmp_path / "other")
+    for names, message in (
+        (["square.png"], "square.png has 80 x 80 pixels, 1 times .*; crop it to 1.6 times"),
+        (["holed.tif"], "holed.tif: A light field must be finite, got 1 NaN"),
+        (["text.png"], "text.png cannot be read"),
+        (["none.png"], "none.png: no such file"),
+        (["square.png", "other/square.png"], "other.square.png and another image would both go"),
+    ):
+        paths = [tmp_path / name for name in names]
+        with pytest.raises(InputError, match=message) as caught:
+            run("predict", *paths, "--model", run_folder, "--out", tmp_path / "out")
+        assert len(str(caught.value).splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_do_not_go_among_the_views(run_folder, tmp_path):
+    (tmp_path / "views").mkdir()
+    with pytest.raises(InputError, match="own folder"):
+        run("predict", tmp_path / "views", "--model", run_folder, "--out", tmp_path)
+
+
+def test_networks_that_are_not_there_are_one_sentence(run_folder, exported, tmp_path):
+    shutil.copy(exported, tmp_path / "alone.keras")
+    shutil.copy(exported.with_suffix(".json"), tmp_path / "swapped.json")
+    (tmp_path / "swapped.keras").write_bytes(b"another file")
+    shutil.copy(tmp_path / "swapped.keras", tmp_path / "edited.keras")
+    (tmp_path / "edited.json").write_text('{"title": "mine"}')
+    for path, message in (
+        (tmp_path / "none.keras", "There is no trained network .*none.keras"),
+        (tmp_path, "There is no finished run in"),
+        (run_folder / "model.keras", "has no model.json beside it, .* name the run folder"),
+        (tmp_path / "alone.keras", "has no alone.json beside it"),
+        (tmp_path / "swapped.keras", "is not the file that .*swapped.json was written for"),
+        (tmp_path / "edited.keras", "edited.json: preset is missing"),
+    ):
+        with pytest.raises(InputError, match=message) as caught:
+            read_card(path)
+        assert len(str(caught.value).splitlines()) == 1
+
+
+class Doubling(keras.layers.Layer):
+    def call(self, x):
+        return 2 * x
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (keras.layers.Lambda(lambda x: 2 * x), "needs code other than Keras's own.*Lambda"),
+        (Doubling(), "needs code other than Keras's own"),
+        (
+            keras.layers.Conv2D(2, 3),
+            r"into \(38, 62, 2\), but by its card .* into \(2, 40, 64, 1\)",
+        ),
+    ],
+)
+def test_networks_that_are_not_ours_are_one_sentence(exported, tmp_path, layer, message):
+    image = keras.Input((*SIZE, 1))
+    card = read_card(exported)
+    path = write_network(tmp_path / "theirs.keras", card, keras.Model(image, layer(image)))
+    with pytest.raises(InputError, match=message) as caught:
+        load_network(path, read_card(path))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_damaged_networks_are_one_sentence(run_folder, tmp_path):
+    content = bytearray((run_folder / "model.keras").read_bytes())
+    card = read_card(run_folder)
+    path = tmp_path / "model.keras"
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match="is not a Keras file, or is cut short"):
+        load_network(path, card)
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="cannot be loaded: it is damaged") as caught:
+        load_network(path, card)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_nothing_is_exported_into_a_run(run_folder, tmp_path):
+    before = (run_folder / "run.json").read_bytes()
+    for out in (run_folder / "run.keras", tmp_path / "network.h5"):
+        with pytest.raises(InputError, match="to a .keras file outside of its run, got"):
+            run("export", run_folder, "--out", out)
+    assert (run_folder / "run.json").read_bytes() == before
+    with pytest.raises(InputError, match="There is no finished run"):
+        run("export", run_folder.parent, "--out", tmp_path / "network.keras")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_says_what_a_prediction_is():
+    shown = " ".join(run("predict", "--help").output.split())
+    assert "which object stands at which depth" in shown
+    assert "makes something up" in shown
+    assert "no pickled code" in " ".join(run("export", "--help").output.split())

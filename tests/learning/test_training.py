@@ -1,0 +1,257 @@
+import json
+from dataclasses import replace
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+
+from lf_flame import InputError
+from lf_flame._common.config import build
+from lf_flame.datasets.store import config_from_json, make_dataset, split_indices
+from lf_flame.learning import training, training_run
+from lf_flame.learning.backbone import ImagenetUnavailable
+from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.run_folders import predict_test_split
+from lf_flame.learning.trainers import make_trainer
+from lf_flame.learning.training import Recipe, TrainingConfig, read_training_config, train
+
+CAMERA = {
+    "main_lens_focal_mm": 150.0,
+    "focus_distance_mm": 326.0,
+    "lenslet_focal_mm": 2.4,
+    "lenslet_pitch_mm": 0.672,
+    "views": 5,
+    "lenslets": [40, 64],
+}
+OBJECTS = [
+    {"shape": "square", "depth_mm": 10.0, "size_mm": [10.0, 10.0], "centre_mm": [0.0, -10.0]},
+    {"shape": "circle", "depth_mm": -10.0, "size_mm": [9.0, 9.0], "centre_mm": [0.0, 10.0]},
+]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Twelve small shape light fields with two planes."""
+    values = {
+        "kind": "shapes",
+        "seed": 5,
+        "image": [40, 64],
+        "samples": {"smoke": 12},
+        "camera": CAMERA,
+        "template": {
+            "position_mm": 1.0,
+            "size": 0.1,
+            "brightness": [0.8, 1.0],
+            "objects": OBJECTS,
+        },
+    }
+    path = tmp_path_factory.mktemp("data") / "shapes.zarr"
+    make_dataset(config_from_json(values, "here"), 12, path)
+    return path
+
+
+@pytest.fixture
+def config():
+    values = {
+        "title": "test",
+        "seed": 1,
+        "split": [0.5, 0.25, 0.25],
+        "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+        "presets": {"smoke": {"epochs": 3, "batch_size": 2}},
+    }
+    return build(TrainingConfig, values, "here")
+
+
+def change_recipe(config, **changes):
+    recipe = replace(config.recipe("smoke"), **changes)
+    return replace(config, presets={"smoke": recipe})
+
+
+def test_cached_features_train_like_the_whole_network(rng):
+    """Batch by batch, the trainer's losses on features are those of Keras on the whole model."""
+    images = rng.uniform(size=(8, 40, 64, 1)).astype(np.float32)
+    targets = rng.uniform(size=(8, 2, 40, 64, 1)).astype(np.float32)
+    whole, model = (
+        build_refocus_resnet50((40, 64), 2, "random", "conv4", dropout=0.3, seed=4)
+        for _ in range(2)
+    )
+    whole.compile(keras.optimizers.Adam(1e-4), "mse", jit_compile=False)
+    features = model.get_layer("backbone").predict(images, verbose=0)
+    trainer = make_trainer(model.get_layer("decoder"), 1e-4, 2, {"train": (features, targets)})
+    losses = []
+    for k in (0, 2, 4, 6, 0, 2):
+        whole.reset_metrics()
+        loss = float(whole.train_on_batch(images[k : k + 2], targets[k : k + 2]))
+        losses.append((loss, trainer.train_in_order(np.arange(k, k + 2))))
+    expected, found = np.transpose(losses)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert abs(expected[4] - expected[0]) > 1e-4  # the same batch again, with other weights
+
+
+def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path, monkeypatch):
+    train(config, "smoke", data, tmp_path / "whole", show=False)
+    run_epoch = training_run._run_epoch
+
+    def cut_in_epoch_3(trainer, seed, epoch):
+        if epoch == 3:
+            raise KeyboardInterrupt
+        return run_epoch(trainer, seed, epoch)
+
+    monkeypatch.setattr(training_run, "_run_epoch", cut_in_epoch_3)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, "smoke", data, tmp_path / "cut", show=False)
+    assert not (tmp_path / "cut" / "model.keras").exists()
+    assert list(pd.read_csv(tmp_path / "cut" / "history.csv").epoch) == [0, 1, 2]
+    monkeypatch.undo()
+    train(config, "smoke", data, tmp_path / "cut", show=False)
+    curves = [
+        pd.read_csv(tmp_path / run / "history.csv")[["loss", "val_loss"]]
+        for run in ("whole", "cut")
+    ]
+    np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
+    predictions = [predict_test_split(tmp_path / run)[2] for run in ("whole", "cut")]
+    np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
+
+
+def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
+    config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
+    train(config, "smoke", data, tmp_path, show=False)
+    history = pd.read_csv(tmp_path / "history.csv")
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["best_epoch"] == history.val_loss.idxmin()
+    assert record["best_validation_loss"] == pytest.approx(history.val_loss.min(), rel=1e-6)
+    dataset = training.Dataset(data)
+    parts = split_indices(12, config.split, config.seed)
+    model = keras.saving.load_model(tmp_path / "model.keras", compile=False)
+    inputs = dataset.inputs[parts["validation"]]
+    loss = np.mean(
+        (model.predict(inputs, verbose=0)[..., 0] - dataset.targets[parts["validation"]]) ** 2
+    )
+    assert loss == pytest.approx(history.val_loss.min(), rel=1e-3)
+    expected = {"preset", "seed", "epochs", "backbone_weights", "backbone_depth", "wall_s"}
+    assert set(record) >= expected | {
+        "versions",
+        "git_revision",
+        "data_sha256",
+        "recipe",
+        "command",
+    }
+    assert record["backbone_weights"] == "random (seed 1), conv4"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"schedule": "cosine", "batch_size": 4},
+        {"warm_start": True, "dropout_place": "none"},
+        {"warm_start": True, "dropout_place": "none", "neck": "positions", "bands": 2},
+        {"dropout_place": "vector", "checkpoint_s": 1000.0},
+    ],
+)
+def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
+    train(change_recipe(config, epochs=1, **changes), "smoke", data, tmp_path, show=False)
+    assert (tmp_path / "model.keras").exists()
+
+
+def test_a_changed_configuration_is_refused(config, data, tmp_path):
+    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    before = (tmp_path / "model.keras").read_bytes()
+    with pytest.raises(InputError, match="holds a run with another recipe"):
+        train(change_recipe(config, batch_size=3), "smoke", data, tmp_path, show=False)
+    changed = change_recipe(config, epochs=2, schedule="cosine")
+    with pytest.raises(InputError, match="holds a run with another recipe"):
+        train(changed, "smoke", data, tmp_path, show=False)
+    assert (tmp_path / "model.keras").read_bytes() == before
+
+
+def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_path):
+    train(config, "smoke", data, tmp_path / "whole", show=False)
+    seconds = []
+    for epochs in (1, 3, 3):
+        asked = config.with_epochs("smoke", epochs)
+        train(asked, "smoke", data, tmp_path / "longer", show=False)
+        seconds.append(list(pd.read_csv(tmp_path / "longer" / "history.csv").seconds))
+    assert seconds[1][:2] == seconds[0]  # it went on, and did not begin again
+    assert seconds[2] == seconds[1]  # what is finished stays
+    curves = [
+        pd.read_csv(tmp_path / run / "history.csv")[["epoch", "loss", "val_loss"]]
+        for run in ("whole", "longer")
+    ]
+    np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
+    records = [json.loads((tmp_path / run / "run.json").read_text()) for run in ("whole", "longer")]
+    assert records[1]["recipe"] == records[0]["recipe"]
+    assert records[1]["epochs"] == 3
+    with pytest.raises(InputError, match="holds a run with another recipe"):  # not for fewer
+        train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer", show=False)
+
+
+def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
+    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    checkpoint = next(tmp_path.glob("checkpoint-*"))
+    (checkpoint / "state.npz").write_bytes(b"PK\3\4 and then nothing")
+    (tmp_path / "model.keras").unlink()  # what is finished reads no checkpoint
+    with pytest.raises(InputError, match="checkpoint-000001 is damaged"):
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+
+
+def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
+    config = change_recipe(config, learning_rate=1e38)
+    with pytest.raises(InputError, match="no longer a number in epoch 1"):
+        train(config, "smoke", data, tmp_path, show=False)
+
+
+def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
+    real = training.build_refocus_resnet50
+
+    def offline(*args, backbone_weights, **kwargs):
+        if backbone_weights == "imagenet":
+            raise ImagenetUnavailable("no network.")
+        return real(*args, backbone_weights=backbone_weights, **kwargs)
+
+    monkeypatch.setattr(training, "build_refocus_resnet50", offline)
+    config = replace(config, model=replace(config.model, backbone_weights="imagenet"))
+    with pytest.raises(InputError, match="BACKBONE_WEIGHTS=random or BACKBONE_WEIGHTS=FILE"):
+        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+    train(
+        change_recipe(config, epochs=1, without_imagenet="random"), "smoke", data, tmp_path, False
+    )
+    assert "RANDOM backbone weights" in capsys.readouterr().out
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["backbone_weights"].startswith("random")
+
+
+def test_a_recipe_may_cut_the_backbone_elsewhere_and_the_command_comes_first(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text(
+        'title = "t"\nseed = 1\n[model]\nbackbone_depth = "conv5"\n[presets.a]\nepochs = 1\n'
+        '[presets.b]\nepochs = 1\nbackbone_depth = "conv4"\n'
+    )
+    asked = read_training_config(path)
+    assert [asked.with_recipe(x).model.backbone_depth for x in "ab"] == ["conv5", "conv4"]
+    asked = read_training_config(path, backbone_depth="conv5")
+    assert [asked.with_recipe(x).model.backbone_depth for x in "ab"] == ["conv5", "conv5"]
+
+
+def test_split_is_whole_disjoint_and_seeded():
+    parts = split_indices(200, (0.8, 0.1, 0.1), 1)
+    assert [len(part) for part in parts.values()] == [160, 20, 20]
+    assert sorted(np.concatenate(list(parts.values()))) == list(range(200))
+    assert not np.array_equal(parts["test"], split_indices(200, (0.8, 0.1, 0.1), 2)["test"])
+    with pytest.raises(InputError, match="3 samples are too few"):
+        split_indices(3, (0.8, 0.1, 0.1), 1)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"epochs": 0}, "epochs, batch_size and bands must be at least 1"),
+        ({"epochs": 1, "learning_rate": -1.0}, "learning_rate above 0"),
+        ({"epochs": 1, "bands": 0}, "bands must be at least 1"),
+        ({"epochs": 1, "speed": 2}, "speed is not a known key"),
+        ({"epochs": 1, "schedule": "steps"}, "schedule: input should be 'constant' or 'cosine'"),
+    ],
+)
+def test_impossible_recipes_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        build(Recipe, values, "here")

@@ -1,0 +1,260 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import special
+
+from lf_flame import InputError
+from lf_flame.optics import diffraction
+from lf_flame.optics.diffraction import (
+    MOST_ROUND_SAMPLES,
+    MOST_SAMPLES,
+    blur_raw,
+    blur_views,
+    round_kernel,
+    share_leaving,
+    square_kernel,
+)
+
+KERNELS = {"square": square_kernel, "round": round_kernel}
+any_aperture = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS)
+
+
+def square_by_frequency(spread, n):
+    """Weights 0 to n - 1 from the transfer function of the square aperture, sample 1."""
+    x, weight = np.polynomial.legendre.leggauss(1500)
+    nu = (1 + x) / 2 / spread
+    seen = (1 - nu * spread) * np.sinc(nu) ** 2 * weight / spread
+    return seen @ np.cos(2 * np.pi * nu[:, None] * np.arange(n))
+
+
+def round_by_frequency(spread, n):
+    """Weights (0 to n - 1)^2 from the transfer function of the round aperture, sample 1."""
+    x, weight = np.polynomial.legendre.leggauss(300)
+    phi = (1 + x) * np.pi / 4
+    q = np.cos(phi)
+    transfer = 2 / np.pi * (np.arccos(q) - q * np.sqrt(1 - q**2))
+    radial = 4 * (weight * np.pi / 4) ** 2 * np.sin(phi) * q / spread**2 * transfer
+    y, x = (np.outer(q, f(phi)).ravel() / spread for f in (np.sin, np.cos))
+    waves = [
+        np.cos(2 * np.pi * nu[:, None] * np.arange(n)) * np.sinc(nu)[:, None] ** 2 for nu in (y, x)
+    ]
+    angular = np.outer(radial / weight, weight).ravel()
+    return (waves[0] * angular[:, None]).T @ waves[1]
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.3, 1.0, 7.0, 300.0])
+def test_square_kernel_has_the_transfer_function_of_a_square_pupil(spread):
+    expected = square_by_frequency(spread, 20)
+    kernel = square_kernel(spread, 1.0, tail=0)[MOST_SAMPLES:]
+    # what the kernel leaves out beyond its end is shared out, hence relative to the centre
+    np.testing.assert_allclose(kernel[:20] / kernel[0], expected / expected[0], atol=1e-10)
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0, 7.0])
+def test_round_kernel_has_the_transfer_function_of_a_round_pupil(spread):
+    expected = round_by_frequency(spread, 6)
+    middle = MOST_ROUND_SAMPLES
+    kernel = round_kernel(spread, 1.0, tail=0)[middle:, middle:]
+    assert len(kernel) == middle + 1
+    np.testing.assert_allclose(kernel[:6, :6] / kernel[0, 0], expected / expected[0, 0], atol=3e-8)
+
+
+@pytest.mark.parametrize("spread", [1e-6, 1e-3, 0.02])
+def test_round_kernel_of_a_small_spread_follows_the_light_outside(spread):
+    """Far from the centre the pattern falls as spread / (pi^3 r^3) about its rings."""
+    kernel = round_kernel(spread, 1.0, tail=0)
+    step = np.linspace(-1, 1, 401)
+    hat = 1 - np.abs(step)
+    far = spread / np.pi**3 / np.hypot(6 + step[:, None], 8 + step) ** 3
+    expected = hat @ far @ hat / hat.sum() ** 2
+    assert kernel[32 + 6, 32 + 8] == pytest.approx(expected, rel=1e-3, abs=0)
+
+
+@any_aperture
+@given(spread=st.floats(0, 32), tail=st.floats(0, 1))
+@settings(max_examples=15, deadline=None)
+def test_kernels_are_weights(kernel, spread, tail):
+    weights = kernel(spread * 0.007, 0.007, tail)
+    assert np.sum(weights) == pytest.approx(1, abs=1e-12)
+    assert np.all(weights >= 0)
+    assert all(n % 2 == 1 for n in weights.shape)
+    np.testing.assert_array_equal(weights, np.flip(weights))
+    if weights.ndim == 2:
+        np.testing.assert_allclose(weights, weights.T, atol=1e-12)
+        np.testing.assert_array_equal(weights, weights[::-1])
+
+
+def test_first_dark_line_of_a_square_aperture():
+    kernel = square_kernel(100.0, 1.0, tail=0)[MOST_SAMPLES:]
+    assert np.argmin(kernel[:150]) == 100
+    # about its zero sinc^2(x / 100) is (x / 100)^2, and a hat has the variance 1/6
+    assert kernel[100] / kernel[0] == pytest.approx(1 / 6 / 100**2, rel=0.01)
+    sidelobe = kernel[101:199].max() / kernel[0]
+    assert sidelobe == pytest.approx(0.0472, abs=0.0005)
+
+
+def test_first_dark_ring_of_a_round_aperture():
+    spread = 20.0
+    kernel = round_kernel(spread, 1.0, tail=0)
+    row = kernel[32, 32:]
+    assert np.argmin(row) == round(1.22 * spread)
+    assert row.min() < 5e-4 * row[0]
+    r = np.arange(1, 33) * np.pi / spread
+    np.testing.assert_allclose(row[1:] / row[0], (2 * special.j1(r) / r) ** 2, atol=0.006)
+    # a ring: the same in every direction
+    assert kernel[32 + 12, 32 + 16] == pytest.approx(kernel[32, 32 + 20], rel=0.05)
+
+
+def test_encircled_energy_of_a_round_aperture():
+    spread = 8.0
+    kernel = round_kernel(spread, 1.0, tail=0)
+    axis = np.arange(-32, 33)
+    r = np.hypot(axis[:, None], axis)
+    first, second = (kernel[r < zero * spread].sum() for zero in (1.2197, 2.2331))
+    # the share that the kernel leaves out cancels
+    assert first / second == pytest.approx(0.838 / 0.910, abs=0.002)
+
+
+@pytest.mark.parametrize(("spread", "tail"), [(0.3, 1e-2), (0.3, 1e-3), (5.0, 2e-2)])
+def test_square_kernel_is_as_short_as_the_tail_allows(spread, tail):
+    whole = square_by_frequency(spread, 260)
+    left_out = 1 - 2 * np.cumsum(whole) + whole[0]
+    half = len(square_kernel(spread, 1.0, tail)) // 2
+    assert left_out[half] <= tail < left_out[half - 1]
+
+
+@pytest.mark.parametrize(("spread", "tail"), [(0.3, 3e-2), (1.0, 5e-2)])
+def test_round_kernel_is_as_small_as_the_tail_allows(spread, tail):
+    whole = round_by_frequency(spread, 9)
+    half = len(round_kernel(spread, 1.0, tail)) // 2
+    inside = [
+        4 * whole[:n, :n].sum() - 4 * whole[0, :n].sum() + whole[0, 0] for n in (half, half + 1)
+    ]
+    assert inside[0] < 1 - tail <= inside[1]
+
+
+@any_aperture
+@pytest.mark.parametrize("spread", [0.0, 5e-324, 1e-17])
+def test_without_spread_nothing_changes(rng, kernel, spread):
+    weights = kernel(spread, 0.1, 1e-3)
+    np.testing.assert_array_equal(weights, np.ones(weights.shape))
+    assert weights.size == 1
+    image = rng.random((7, 9), np.float32)
+    np.testing.assert_array_equal(blur_raw(image, weights), image)
+    assert share_leaving(weights) == 0
+
+
+@any_aperture
+@pytest.mark.parametrize("level", [0.0, 0.1, 1e30, -3.0])
+def test_uniform_image_stays_uniform(kernel, level):
+    image = np.full((21, 33), level, np.float32)
+    np.testing.assert_array_equal(blur_raw(image, kernel(0.4, 1.0, 1e-3)), image)
+
+
+@any_aperture
+def test_centred_point_becomes_the_kernel(kernel):
+    weights = kernel(0.5, 1.0, 5e-3)
+    image = np.zeros((141, 151), np.float32)
+    image[70, 75] = 3.0
+    blurred = blur_raw(image, weights)
+    assert blurred.dtype == np.float32
+    assert np.sum(blurred, dtype=float) == pytest.approx(3, rel=1e-6)
+    assert image.sum() == 3
+    half = len(weights) // 2
+    spread = weights if weights.ndim == 2 else np.outer(weights, weights)
+    seen = blurred[70 - half : 71 + half, 75 - half : 76 + half]
+    np.testing.assert_allclose(seen, 3 * spread, rtol=1e-6, atol=1e-12)
+
+
+def test_blur_does_not_mirror_or_shift(rng):
+    """Against a plain sum, with a kernel that has no symmetry."""
+    image, weights = rng.random((12, 10), np.float32), rng.random((3, 5))
+    weights /= weights.sum()
+    expected = np.zeros(image.shape)
+    for y, x in np.ndindex(image.shape):
+        for j, k in np.ndindex(weights.shape):
+            from_row, from_column = np.clip([y + 1 - j, x + 2 - k], 0, [11, 9])
+            expected[y, x] += weights[j, k] * image[from_row, from_column]
+    np.testing.assert_allclose(blur_raw(image, weights), expected, rtol=1e-6)
+
+
+def test_one_axis_stands_for_both(rng):
+    image, weights = rng.random((40, 30), np.float32), square_kernel(0.4, 1.0, 1e-2)
+    both = blur_raw(image, np.outer(weights, weights))
+    np.testing.assert_allclose(blur_raw(image, weights), both, rtol=1e-6)
+
+
+@any_aperture
+def test_views_are_blurred_one_by_one(rng, kernel):
+    views, weights = rng.random((2, 3, 20, 30), np.float32), kernel(0.3, 1.0, 1e-2)
+    blurred = blur_views(views, weights)
+    assert blurred.dtype == np.float32
+    for view in np.ndindex(2, 3):
+        np.testing.assert_array_equal(blurred[view], blur_raw(views[view], weights))
+
+
+def test_slabs_leave_no_seam(rng, monkeypatch):
+    image, weights = rng.random((50, 20), np.float32), round_kernel(0.5, 1.0, 1e-2)
+    whole = blur_raw(image, weights)
+    monkeypatch.setattr(diffraction, "ROWS_AT_ONCE", 7)
+    np.testing.assert_allclose(blur_raw(image, weights), whole, rtol=1e-6)
+
+
+@any_aperture
+def test_dark_pixels_do_not_become_negative(kernel):
+    image = np.zeros((80, 80), np.float32)
+    image[3, 3] = 1e6
+    assert blur_raw(image, kernel(0.3, 1.0, 1e-2)).min() >= 0
+
+
+@any_aperture
+@given(spread=st.floats(0.01, 3), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_no_pixel_changes_by_more_than_the_share_that_leaves(kernel, spread, seed):
+    image = np.random.default_rng(seed).integers(0, 2, (15, 15)).astype(np.float32)
+    image[7, 7] = 1 - image[7, 8]
+    weights = kernel(spread, 1.0, 1e-2)
+    change = np.abs(blur_raw(image, weights) - image).max()
+    assert change <= share_leaving(weights) + 1e-6
+
+
+@any_aperture
+def test_a_lone_point_loses_the_share_that_leaves(kernel):
+    image, weights = np.zeros((41, 41), np.float32), kernel(0.3, 1.0, 1e-2)
+    image[20, 20] = 1
+    assert blur_raw(image, weights)[20, 20] == pytest.approx(1 - share_leaving(weights), rel=1e-6)
+
+
+@any_aperture
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((-1.0, 1.0, 0.1), "spread_mm must be 0 to .* samples.*got -1.0"),
+        ((513.0, 1.0, 0.1), "to reach the first dark line, got 513.0"),
+        ((float("nan"), 1.0, 0.1), "spread_mm must be.*got nan"),
+        ((1.0, 0.0, 0.1), "sample_mm must be a positive, finite length in mm, got 0.0"),
+        ((1.0, float("inf"), 0.1), "sample_mm must be.*got inf"),
+        ((1.0, 1.0, -0.1), "tail must be a share of the light, 0 to 1, got -0.1"),
+        ((1.0, 1.0, float("nan")), "tail must be.*got nan"),
+    ],
+)
+def test_impossible_kernels_are_refused(kernel, values, message):
+    with pytest.raises(InputError, match=message):
+        kernel(*values)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: blur_raw(np.ones(4), np.ones(1)), r"raw image.*shape \(y, x\), got \(4,\)"),
+        (lambda: blur_raw(np.ones((0, 4)), np.ones(1)), r"raw image.*got \(0, 4\)"),
+        (lambda: blur_raw(np.ones((4, 4)), np.ones(2)), r"axes of odd length, got \(2,\)"),
+        (lambda: blur_raw(np.ones((4, 4)), np.ones((3, 0))), r"odd length, got \(3, 0\)"),
+        (lambda: blur_raw(np.ones((4, 4)), np.ones((1, 1, 1))), "one or two axes"),
+        (lambda: blur_views(np.ones((4, 4)), np.ones(1)), r"\(v, u, t, s\), got \(4, 4\)"),
+    ],
+)
+def test_arrays_of_other_shapes_are_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

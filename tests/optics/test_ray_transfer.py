@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from lf_flame.optics.ray_transfer import chain, free_space, inverse, thin_lens
+
+
+def test_lens_equation_is_where_b_vanishes():
+    f, a = 150.0, 326.0
+    image = 1 / (1 / f - 1 / a)
+    system = chain(free_space(a), thin_lens(f), free_space(image))
+    assert system[0, 1] == pytest.approx(0, abs=1e-11)
+    assert system[0, 0] == pytest.approx(-image / a, rel=1e-13)
+
+
+def test_ray_through_the_lens_centre_is_not_deviated():
+    height, angle = chain(thin_lens(0.4)) @ [0.0, 0.1]
+    assert (height, angle) == (0.0, 0.1)
+
+
+def test_parallel_rays_meet_at_the_focal_point():
+    system = chain(thin_lens(150.0), free_space(150.0))
+    heights = system @ np.array([[-3.0, 0.0, 7.0], [0.01, 0.01, 0.01]])
+    np.testing.assert_allclose(heights[0], 150 * 0.01, atol=1e-13)
+
+
+def test_determinant_is_one_relative_to_the_terms(rng):
+    elements = []
+    for _ in range(20):
+        elements += [
+            free_space(rng.uniform(-500, 500)),
+            thin_lens(rng.choice([-1, 1]) * rng.uniform(50, 900)),
+        ]
+    (a, b), (c, d) = chain(*elements)
+    assert abs(a * d - b * c - 1) <= 1e-13 * (abs(a * d) + abs(b * c))
+
+
+def test_inverse_undoes_even_an_afocal_system():
+    telescope = chain(thin_lens(100.0), free_space(150.0), thin_lens(50.0))
+    assert telescope[1, 0] == pytest.approx(0, abs=1e-15)
+    np.testing.assert_allclose(inverse(telescope) @ telescope, np.eye(2), atol=1e-13)
+
+
+def test_elements_are_named_in_the_order_of_the_light():
+    later = chain(thin_lens(100.0), free_space(10.0))
+    np.testing.assert_array_equal(later, free_space(10.0) @ thin_lens(100.0))
+
+
+def test_lens_of_infinite_focal_length_is_no_lens():
+    np.testing.assert_array_equal(thin_lens(np.inf), np.eye(2))

@@ -1,0 +1,151 @@
+"""Each program's published definition, written out plainly, gives the same picture."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates, shift
+
+from lf_flame import PAPER_CAMERA, InputError
+from lf_flame.optics.slope_conventions import (
+    CONVENTIONS,
+    from_slope,
+    ng_alpha,
+    plenoptomos_distance,
+    to_slope,
+)
+from lf_flame.refocus import fourier_refocus, shift_and_sum
+
+N = 5
+
+
+def read_at(views, offsets):
+    """Mean of the views, each read at its offset (down, right) from the pixel, edges repeated."""
+    t, s = np.indices(views.shape[2:], dtype=float)
+    return np.mean(
+        [
+            map_coordinates(views[v, u], [t + offsets[v], s + offsets[u]], order=1, mode="nearest")
+            for v, u in np.ndindex(views.shape[:2])
+        ],
+        axis=0,
+    )
+
+
+def moved_by(views, motions):
+    """Mean of the views, each moved by (down, right), edges repeated."""
+    return np.mean(
+        [
+            shift(views[v, u], (motions[v], motions[u]), order=1, mode="nearest")
+            for v, u in np.ndindex(views.shape[:2])
+        ],
+        axis=0,
+    )
+
+
+CENTRED = np.arange(N) - (N - 1) / 2
+PUBLISHED = {
+    "motion": lambda views, d: read_at(views, d * CENTRED),
+    "hci": lambda views, d: read_at(views, -d * CENTRED),
+    "lftoolbox": lambda views, d: read_at(views, np.linspace(-0.5, 0.5, N) * d * N),
+    "liff": lambda views, d: read_at(views, d * CENTRED),
+    "plenopticam": lambda views, d: moved_by(views, d * CENTRED),
+    "plenopticam-refined": lambda views, d: moved_by(views, d * CENTRED / N),
+    "plenpy": lambda views, d: moved_by(views, d * N / (N - 1) * CENTRED),
+    "fdl": lambda views, d: moved_by(views, d * CENTRED),
+}
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+@pytest.mark.parametrize("number", [2.0, -0.7])
+def test_same_picture_as_the_published_definition(name, number, rng):
+    views = rng.uniform(size=(N, N, 14, 17))
+    slope = to_slope(number, name, views=N)
+    expected = PUBLISHED[name](views, number)
+    np.testing.assert_allclose(shift_and_sum(views, slope)[0], expected, atol=1e-6)
+
+
+def test_plenopticam_enlarges_before_it_shifts(rng):
+    """Whole shifts of views enlarged N times, on the pixels that the enlarging kept."""
+    views, a = rng.uniform(size=(3, 3, 12, 12)), 2
+    fine = np.arange(12 * 3) / 3
+    total = np.zeros((36, 36))
+    for v, u in np.ndindex(3, 3):
+        large = map_coordinates(
+            views[v, u], np.meshgrid(fine, fine, indexing="ij"), order=1, mode="nearest"
+        )
+        total += np.roll(large, (a * (v - 1), a * (u - 1)), axis=(0, 1))
+    slope = to_slope(a, "plenopticam-refined", views=3)
+    found = shift_and_sum(views, slope)[0]
+    np.testing.assert_allclose(found[2:-2, 2:-2], total[::3, ::3][2:-2, 2:-2] / 9, atol=1e-6)
+
+
+def test_disparity_layers_turn_spectra(rng):
+    """refocusFFT: the mean of the spectra times exp(-2 i pi d (wx U + wy V)), y and V upward."""
+    views, d = rng.uniform(size=(N, N, 15, 17)), 0.8
+    right, up = np.fft.fftfreq(17), -np.fft.fftfreq(15)[:, None]
+    total = np.zeros((15, 17), complex)
+    for v, u in np.ndindex(N, N):
+        turn = np.exp(-2j * np.pi * d * (right * CENTRED[u] + up * -CENTRED[v]))
+        total += np.fft.fft2(views[v, u]) * turn
+    found = fourier_refocus(views, to_slope(d, "fdl"))[0]
+    np.testing.assert_allclose(found, np.fft.ifft2(total / N**2).real, atol=1e-6)
+
+
+def test_a_nearer_object_has_a_positive_benchmark_disparity():
+    """The slope is positive behind the focal plane, the disparity before it."""
+    for depth in (-10.0, 10.0):
+        disparity = from_slope(PAPER_CAMERA.depth_to_slope(depth), "hci")
+        assert np.sign(disparity) == -np.sign(depth)
+
+
+def test_alpha_is_that_of_the_camera():
+    alpha = np.array([0.9, 1.0, 1.1, np.inf])
+    convention = ng_alpha(PAPER_CAMERA)
+    slopes = PAPER_CAMERA.alpha_to_slope(alpha)
+    np.testing.assert_allclose(to_slope(alpha, convention), slopes, atol=1e-12)
+    np.testing.assert_allclose(
+        from_slope([0.3, -1.0], convention), PAPER_CAMERA.slope_to_alpha(np.array([0.3, -1.0]))
+    )
+
+
+def test_plenoptomos_reads_lens_points_moved_by_alpha(rng):
+    """Parallel geometry: a view at v on the lens is read at t + v (1 - 1/alpha)."""
+    views, z, z0, lens_pitch, pixel = rng.uniform(size=(N, N, 14, 17)), 1.3, 1.0, 0.02, 0.005
+    reads = lens_pitch * CENTRED * (1 - z0 / z) / (pixel * 0.5)
+    slope = to_slope(z, plenoptomos_distance(z0, lens_pitch, pixel, magnification=0.5))
+    np.testing.assert_allclose(shift_and_sum(views, slope)[0], read_at(views, reads), atol=1e-6)
+
+
+@given(
+    name=st.sampled_from(sorted(CONVENTIONS)),
+    number=st.floats(-1e6, 1e6),
+    views=st.integers(2, 1000),
+)
+@settings(max_examples=60, deadline=None)
+def test_numbers_come_back(name, number, views):
+    there = to_slope(number, name, views)
+    assert isinstance(there, float)
+    assert from_slope(there, name, views) == pytest.approx(number, rel=1e-12)
+
+
+def test_alphas_come_back_even_from_infinity():
+    convention = plenoptomos_distance(2.0, 0.02, 0.005)
+    assert from_slope(to_slope(np.inf, convention), convention) == np.inf
+    numbers = np.array([0.5, 2.0, 7.0])
+    np.testing.assert_allclose(from_slope(to_slope(numbers, convention), convention), numbers)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: to_slope(1.0, "lytro"), "must be one of motion, hci.*got 'lytro'"),
+        (lambda: to_slope(1.0, "lftoolbox"), "2 or more, got views=None"),
+        (lambda: to_slope(1.0, "plenpy", views=1), "2 or more, got views=1"),
+        (lambda: from_slope(1.0, "plenopticam-refined", views=2.5), "2 or more, got views=2.5"),
+        (lambda: plenoptomos_distance(1.0, 0.02, 0.0), "must not be 0"),
+        (lambda: plenoptomos_distance(np.inf, 0.02, 1.0), "z0 must be finite"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

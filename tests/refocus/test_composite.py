@@ -1,0 +1,156 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.refocus import refocus, shift_and_sum
+from lf_flame.refocus.composite import all_in_focus, depth_from_focus
+
+CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (60, 80))
+SLOPES = np.arange(-3.0, 3.01, 0.1)
+LYTRO = Path(__file__).parents[3] / "shared" / "lightfields" / "lytro_2067"
+
+
+def psnr(image, reference):
+    return -10 * np.log10(np.mean((np.asarray(image, float) - reference) ** 2))
+
+
+def noise(rng, size_mm, cell_mm=0.15):
+    return rng.uniform(size=[int(np.ceil(length / cell_mm)) for length in size_mm])
+
+
+def planted(rng, depths):
+    """A far wall with opaque, textured squares before it; returns views and the true slopes."""
+    wall = [1.3 * side for side in CAMERA.field_mm(depths[0])]
+    layers = [Layer(noise(rng, wall), depths[0], wall, opaque=True)]
+    slopes = np.full(CAMERA.lenslets, CAMERA.depth_to_slope(depths[0]))
+    for k, depth in enumerate(depths[1:]):
+        field = np.array(CAMERA.field_mm(depth))
+        size, centre = field * (0.5, 0.35), field * (0.1 - 0.2 * k, -0.22 + 0.44 * k)
+        layers.append(Layer(noise(rng, size), depth, size, centre, opaque=True))
+        inside = [
+            np.abs(field[axis] * ((np.arange(n) + 0.5) / n - 0.5) - centre[axis]) < size[axis] / 2
+            for axis, n in enumerate(CAMERA.lenslets)
+        ]
+        slopes[np.ix_(*inside)] = CAMERA.depth_to_slope(depth)
+    return render(Scene(layers), CAMERA, tolerance=0.05).views, slopes
+
+
+def away_from_outlines(slopes, lenslets):
+    """Pixels whose surroundings have the same slope."""
+    return np.any(
+        [binary_erosion(slopes == s, iterations=lenslets) for s in np.unique(slopes)], axis=0
+    )
+
+
+@pytest.mark.parametrize("depths", [(10.0, -10.0), (8.0, -4.0, -9.0)])
+def test_planted_surfaces_are_found_and_put_in_focus(depths, rng):
+    views, slopes = planted(rng, depths)
+    found = all_in_focus(views, SLOPES)
+    error = np.abs(found.slope - slopes)
+    inside = away_from_outlines(slopes, 8)
+    assert error[inside].max() < 0.05
+    assert np.median(error[inside]) < 0.01
+    assert found.confidence[inside].mean() > 2 * found.confidence[error > 0.2].mean()
+    slices = shift_and_sum(views, SLOPES)
+    assert psnr(found.all_in_focus, views[3, 3]) > 2 + max(psnr(i, views[3, 3]) for i in slices)
+
+
+def test_linear_shifts_draw_the_slopes_and_exact_ones_do_not(rng):
+    views, slopes = planted(rng, (8.0, -4.0))  # at 2.03 and -1.05
+    inside = away_from_outlines(slopes, 8)
+    error = {
+        kind: np.median(
+            np.abs(depth_from_focus(refocus(views, SLOPES, kind), SLOPES).slope - slopes)[inside]
+        )
+        for kind in ("linear", "sinc")
+    }
+    assert error["sinc"] < 0.01 < 0.02 < error["linear"]
+
+
+def test_a_stack_gives_its_own_composite(rng):
+    views, slopes = planted(rng, (10.0, -10.0))
+    stack = refocus(np.repeat(views[..., None], 3, axis=4), SLOPES, "sinc")
+    found = depth_from_focus(stack, SLOPES)
+    assert found.all_in_focus.shape == (*slopes.shape, 3)
+    best = max(psnr(image[..., 0], views[3, 3]) for image in stack)
+    assert psnr(found.all_in_focus[..., 0], views[3, 3]) > 2 + best
+    grey = depth_from_focus(stack[..., 0], SLOPES)
+    np.testing.assert_allclose(found.slope, grey.slope, atol=1e-9)
+
+
+def test_dark_surroundings_are_not_trusted_but_filled(rng):
+    """Light spread by refocusing looks sharpest at slopes where nothing is."""
+    layers = [
+        Layer(noise(rng, (3.5, 3.0)), depth, (3.5, 3.0), (0.0, x))
+        for depth, x in ((10.0, -2.4), (-10.0, 2.4))
+    ]
+    views = render(Scene(layers), CAMERA).views
+    found = all_in_focus(views, SLOPES)
+    dark = binary_erosion(views[3, 3] < 1e-3, iterations=6)  # the window is broad
+    assert found.confidence[dark].mean() < 0.05 < 0.5 < found.confidence[25:35, 15:25].mean()
+    near, far = sorted(CAMERA.depth_to_slope(depth) for depth in (10.0, -10.0))
+    assert np.all((found.slope[dark] > near - 0.2) & (found.slope[dark] < far + 0.2))
+    assert psnr(found.all_in_focus, views[3, 3]) > 30
+
+
+def test_an_even_number_of_views_and_colour(rng):
+    picture = rng.uniform(size=(48, 48, 3))
+    views = np.empty((4, 4, 48, 48, 3), np.float32)
+    for v, u in np.ndindex(4, 4):  # a slope of 2 moves views that are half a step off by whole ones
+        views[v, u] = np.roll(picture, (2 * v - 3, 2 * u - 3), axis=(0, 1))
+    found = all_in_focus(views, np.arange(1.0, 3.01, 0.1))
+    inside = (slice(10, -10), slice(10, -10))
+    np.testing.assert_allclose(found.slope[inside], 2.0, atol=0.02)
+    assert found.all_in_focus.shape == (48, 48, 3)
+    assert psnr(found.all_in_focus[inside], picture[inside]) > 30
+
+
+def test_nothing_to_focus_on_gives_no_confidence():
+    found = all_in_focus(np.full((3, 3, 12, 10), 0.4), SLOPES)
+    assert found.confidence.max() < 1e-6 or not found.confidence.any()
+    np.testing.assert_allclose(found.all_in_focus, 0.4, rtol=1e-6)
+    assert np.isfinite(found.slope).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: depth_from_focus(np.ones((3, 8, 8)), [0, 1]), "three or more in equal steps"),
+        (lambda: depth_from_focus(np.ones((3, 8, 8)), [0, 1, 3]), "three or more in equal steps"),
+        (lambda: depth_from_focus(np.ones((4, 8, 8)), [0, 1, 2]), "each of the 3 slopes"),
+        (lambda: depth_from_focus(np.ones((3, 8, 8)), [0, 1, 2], 0.0), "window must"),
+        (lambda: depth_from_focus(np.full((3, 8, 8), np.nan), [0, 1, 2]), "must be finite"),
+        (lambda: all_in_focus(np.full((3, 3, 8, 8), np.nan), [0, 1, 2]), "must be finite"),
+        (lambda: all_in_focus(np.ones((3, 3, 8, 8)), [0, 1, 2], interpolation="s"), "got 's'"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+@pytest.mark.skipif(not LYTRO.is_dir(), reason="no Lytro example light field beside the checkout")
+def test_a_real_light_field_agrees_with_a_learned_disparity():
+    """EPINET's disparity is positive for what is near: minus the slope."""
+    from imageio.v3 import imread
+
+    header, pixels = (LYTRO / "epinet_output_2067.pfm").read_bytes().split(b"-1\n", 1)
+    width, height = (int(n) for n in header.split()[1:3])
+    disparity = np.frombuffer(pixels, "<f4").reshape(height, width)[::-1]
+    cut = (slice(100, 280), slice(100, 300))
+    views = np.empty((9, 9, 180, 200), np.uint8)
+    for v, u in np.ndindex(9, 9):
+        green = imread(LYTRO / f"2067_{v + 1:02d}_{u + 1:02d}.png")[..., 1]
+        views[v, u] = green[11:-11, 11:-11][cut]
+    found = all_in_focus(views, np.arange(-1.8, 0.61, 0.1))
+    trusted = found.confidence > 0.2
+    assert trusted.mean() > 0.5
+    slope, learned = found.slope[trusted], disparity[cut][trusted]
+    assert np.corrcoef(slope, learned)[0, 1] < -0.85
+    assert np.median(np.abs(slope + learned)) < 0.03
+    slices = shift_and_sum(views, np.arange(-1.8, 0.61, 0.1)) / 255
+    middle = views[4, 4] / 255
+    assert psnr(found.all_in_focus / 255, middle) > 2 + max(psnr(i, middle) for i in slices)

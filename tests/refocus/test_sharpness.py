@@ -1,0 +1,374 @@
+"""The slope of sharpest focus: planted ones are found, and how sure the search says it is."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.io import imread
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame._common.arrays import centred
+from lf_flame.datasets.store import read_config
+from lf_flame.refocus import (
+    find_sharpest_slope,
+    find_sharpest_slopes,
+    fourier_refocus,
+    shift_and_sum,
+)
+from lf_flame.scenes.flames import draw_wrinkles, flame_texture
+
+ROOT = Path(__file__).parents[2]
+LYTRO = ROOT.parent / "shared" / "lightfields" / "lytro_2067"
+
+
+def band_limited(rng, size, cutoff):
+    """Gaussian noise below a spatial frequency, in cycles per lenslet, about 1/2."""
+    k = np.hypot(np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])[None, :])
+    noise = np.fft.irfft2(np.fft.rfft2(rng.normal(size=size)) * np.exp(-((k / cutoff) ** 2)), size)
+    return 0.5 + 0.2 * noise / noise.std()
+
+
+def blob(rng, size):
+    t, s = (centred(n)[:, None] + rng.uniform(-3, 3) for n in size)
+    return np.exp(-(t**2 + s.T**2) / (2 * (0.1 * min(size)) ** 2))
+
+
+def flame(rng, size):
+    """A flame in the middle of a dark image."""
+    texture = flame_texture(0.6 * size[0], 0.05 * size[1], draw_wrinkles(rng), 0.3, 0.04, 1.0)
+    image = np.zeros(size)
+    t, s = ((n - m) // 2 for n, m in zip(size, texture.shape, strict=True))
+    image[t : t + texture.shape[0], s : s + texture.shape[1]] = texture
+    return image
+
+
+TEXTURES = {
+    "white noise": lambda rng, size: rng.uniform(size=size),
+    "texture": lambda rng, size: band_limited(rng, size, 0.12),
+    "clouds": lambda rng, size: band_limited(rng, size, 0.04),
+    "blob": blob,
+    "flame": flame,
+}
+
+
+def planted(texture, slope, views):
+    """Views of a layer at a slope, displaced exactly, by its spectrum."""
+    down, across = np.fft.fftfreq(texture.shape[0]), np.fft.rfftfreq(texture.shape[1])
+    turns = (
+        np.exp(-2j * np.pi * slope * centred(n)[:, None] * k)
+        for n, k in zip(views, (down, across), strict=True)
+    )
+    down, across = turns
+    spectra = np.fft.rfft2(texture) * down[:, None, :, None] * across[None, :, None, :]
+    return np.fft.irfft2(spectra, texture.shape)
+
+
+def seen(texture, slope, views, size):
+    """Planted views through a window, so that light comes in and leaves at its edges."""
+    t, s = ((n - m) // 2 for n, m in zip(texture.shape, size, strict=True))
+    return planted(texture, slope, views)[:, :, t : t + size[0], s : s + size[1]]
+
+
+@pytest.mark.parametrize("views", [(3, 3), (4, 6), (9, 9), (15, 15)])
+@pytest.mark.parametrize("kind", TEXTURES)
+def test_planted_slopes_are_found(kind, views, rng):
+    """Within 0.01, on the whole image, with noise of one per cent."""
+    for _ in range(3):
+        slope = rng.uniform(-2.5, 2.5)
+        size = (56, 64)
+        light_field = seen(TEXTURES[kind](rng, (96, 104)), slope, views, size)
+        light_field = light_field + 0.01 * rng.normal(size=light_field.shape)
+        assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.01)
+
+
+def test_light_that_enters_at_the_edges_does_not_move_the_peak(rng):
+    """Naive: the gradient energy alone; where fewer views see a lenslet, they blur its image."""
+    slope, slopes = 2.2, np.linspace(-3, 3, 241)
+    light_field = seen(band_limited(rng, (96, 104), 0.04), slope, (9, 9), (56, 64))
+    naive = np.square(np.gradient(fourier_refocus(light_field, slopes), axis=(1, 2)))
+    naive = slopes[naive.sum(axis=(0, 2, 3)).argmax()]
+    assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.002)
+    assert abs(naive - slope) > 0.02
+
+
+def test_noise_around_a_small_object_does_not_move_its_flat_peak(rng):
+    """Where fewer views see the edges, their noise counts for less, the farther the slope.
+
+    Naive: the peak of the measured share, which grows as that noise goes.
+    """
+    light_field = planted(blob(rng, (96, 128)), 2.1, (9, 9))
+    light_field += 0.015 * rng.normal(size=light_field.shape)
+    found = find_sharpest_slope(light_field, np.linspace(1, 3, 201))
+    assert found.slope == pytest.approx(2.1, abs=0.005)
+    assert found.slopes[found.sharpness.argmax()] > 2.105
+
+
+@pytest.mark.parametrize("slope", [-2.02, -0.98, 0.03, 0.5, 1.04])
+def test_whole_slopes_do_not_draw_the_peak(slope, rng):
+    """Naive: gradient energy over bilinear shifts, which soften all but whole slopes."""
+    light_field = planted(rng.uniform(size=(64, 64)), slope, (3, 3))
+    light_field += 0.1 * rng.normal(size=light_field.shape)
+    assert find_sharpest_slope(light_field).slope == pytest.approx(slope, abs=0.01)
+    slopes = np.linspace(-3, 3, 301)
+    stack = shift_and_sum(light_field, slopes)[:, 8:-8, 8:-8]
+    naive = slopes[np.square(np.gradient(stack, axis=(1, 2))).sum(axis=(0, 2, 3)).argmax()]
+    assert abs(naive - slope) > 0.015
+
+
+@pytest.mark.parametrize("texture", ["cells", "flame"])
+@pytest.mark.parametrize(("depth", "views"), [(17.0, 9), (-13.0, 9), (6.0, 15)])
+def test_rendered_layers_are_sharpest_at_the_slope_of_their_depth(texture, depth, views, rng):
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views, (60, 72))
+    if texture == "cells":
+        layer = Layer(rng.uniform(size=(30, 40)), depth, (12.0, 16.0))  # larger than the field
+    else:
+        image = flame_texture(5.0, 0.6, draw_wrinkles(rng), 0.05, 0.04, 0.05)
+        layer = Layer(image, depth, (5.0, 3.84))
+    light_field = render(Scene([layer]), camera, integrator="exact")
+    noisy = light_field.views + 0.01 * rng.normal(size=light_field.views.shape)
+    for found in (find_sharpest_slope(light_field), find_sharpest_slope(noisy)):
+        assert found.slope == pytest.approx(camera.depth_to_slope(depth), abs=0.01)
+
+
+def test_regions_smaller_than_the_object(rng):
+    light_field = planted(band_limited(rng, (96, 96), 0.1), -1.63, (7, 7))
+    for region in ((0, 30, 0, 30), (40, 60, 33, 61), (70, 96, 10, 40)):
+        found = find_sharpest_slope(light_field, region=region)
+        assert found.slope == pytest.approx(-1.63, abs=0.01)
+        assert found.region == region
+
+
+def test_wide_steps_are_filled_in(rng):
+    """Between slopes 0.5 apart the peak of 15 views would fall through."""
+    light_field = planted(rng.uniform(size=(64, 64)), 1.23, (15, 15))
+    slopes = np.arange(-2.5, 2.6, 0.5)
+    found = find_sharpest_slope(light_field, slopes)
+    assert found.slope == pytest.approx(1.23, abs=0.002)
+    np.testing.assert_array_equal(found.slopes, slopes)
+    fine = find_sharpest_slope(light_field, np.linspace(-2.5, 2.5, 101))
+    np.testing.assert_allclose(found.sharpness, fine.sharpness[::10], rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, bool, np.float64])
+def test_colours_and_other_types_are_searched(kind, rng):
+    grey = planted(band_limited(rng, (48, 48), 0.08), 0.77, (5, 5))
+    views = grey > 0.5 if kind is bool else np.clip(200 * grey, 0, 255).round().astype(kind)
+    colour = np.stack([views] * 3, axis=-1)
+    assert find_sharpest_slope(views).slope == pytest.approx(0.77, abs=0.01)
+    assert find_sharpest_slope(colour).slope == pytest.approx(0.77, abs=0.01)
+    assert find_sharpest_slope(LightField(colour)).slope == find_sharpest_slope(colour).slope
+
+
+def test_default_range_widens_until_the_peak_is_inside(rng):
+    for texture in (rng.uniform(size=(128, 128)), band_limited(rng, (128, 128), 0.03)):
+        found = find_sharpest_slope(planted(texture, -5.37, (5, 5)))
+        assert found.slope == pytest.approx(-5.37, abs=0.01)
+        assert found.slopes[0] < -5.37
+        steps = np.diff(found.slopes)
+        np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+
+
+def test_a_peak_beyond_the_range_is_named(rng):
+    light_field = planted(band_limited(rng, (64, 64), 0.03), 2.0, (5, 5))
+    with pytest.raises(InputError, match=r"-1 to 1; search a range that goes beyond 1\.$"):
+        find_sharpest_slope(light_field, np.linspace(-1, 1, 21))
+
+
+@pytest.mark.parametrize("slope", [21.0, 1e9, 1e307])
+def test_shifts_beyond_the_image_are_refused(slope):
+    """Of 5 views of 40 lenslets the outer ones leave the image at a slope of 20."""
+    with pytest.raises(InputError, match=r"within -20 to 20, .* more than the image, got -[\d.e+]"):
+        find_sharpest_slope(np.ones((5, 5, 40, 50)), [-slope, 0, slope])
+
+
+def test_pixels_that_are_no_numbers_are_counted(rng):
+    views = rng.uniform(size=(3, 3, 20, 20))
+    views[1, 1, 4, 5] = np.nan
+    views[0, 0, 4, 6] = np.inf
+    with pytest.raises(InputError, match="got 2 NaN or infinite pixels"):
+        find_sharpest_slope(views)
+
+
+def test_confidence_tells_one_layer_from_two_and_from_noise(rng):
+    near, far = (planted(rng.uniform(size=(64, 64)), slope, (5, 5)) - 0.5 for slope in (1.5, -0.8))
+    confidence = {
+        name: find_sharpest_slope(views, np.linspace(-2.5, 2.5, 51)).confidence
+        for name, views in {
+            "one": near,
+            "unequal": near + 0.6 * far,
+            "equal": near + far,
+            "noise": rng.normal(size=near.shape),
+        }.items()
+    }
+    assert confidence["one"] > 0.9
+    assert 0.2 < confidence["unequal"] < confidence["one"]
+    assert 0 <= confidence["equal"] < 0.15
+    assert 0 <= confidence["noise"] < 0.35
+
+
+def test_confidence_is_low_without_parallax(rng):
+    """Three views of a broad blob change little over the slopes searched."""
+    size = (96, 96)
+    t, s = (centred(n) for n in size)
+    broad = np.exp(-(t[:, None] ** 2 + s**2) / (2 * 12.0**2))
+    found = find_sharpest_slope(planted(broad, 0.4, (3, 3)), np.linspace(-2, 2, 41))
+    assert found.slope == pytest.approx(0.4, abs=0.001)
+    assert found.confidence < 0.2
+
+
+def side_by_side(rng):
+    """Two layers, left and right, and nothing below them."""
+    views = np.zeros((5, 5, 80, 80))
+    for slope, columns in ((1.3, slice(0, 40)), (-0.6, slice(40, 80))):
+        views[:, :, :40, columns] = planted(rng.uniform(size=(40, 40)), slope, (5, 5))
+    return views
+
+
+def test_tiles_find_a_slope_each_and_none_in_the_dark(rng):
+    found = find_sharpest_slopes(side_by_side(rng), tiles=(4, 4))
+    slopes = np.array([search.slope for search in found]).reshape(4, 4)
+    confidence = np.array([search.confidence for search in found]).reshape(4, 4)
+    np.testing.assert_allclose(slopes[0], [1.3, 1.3, -0.6, -0.6], atol=0.01)
+    assert np.all(confidence[0] > 0.7)
+    assert np.all(np.isnan(slopes[3]))
+    assert np.all(confidence[3] == 0)
+    assert found[6].region == (20, 40, 40, 60)
+    assert all(search.sharpness.shape == search.slopes.shape for search in found)
+
+
+def test_regions_together_find_what_each_finds_alone(rng):
+    views, slopes = side_by_side(rng), np.linspace(-2, 2, 41)
+    regions = [(3, 37, 4, 33), (5, 30, 44, 78), (3, 37, 44, 78)]
+    batches = []
+
+    def progress(finished, done, total):
+        for batch in finished:
+            batches.append((done, total))
+            yield batch
+
+    together = find_sharpest_slopes(views, slopes, regions=regions, progress=progress)
+    for region, found in zip(regions, together, strict=True):
+        alone = find_sharpest_slope(views, slopes, region)
+        assert found.slope == pytest.approx(alone.slope, abs=2e-3)
+        assert found.confidence == pytest.approx(alone.confidence, abs=0.02)
+        np.testing.assert_allclose(found.sharpness.max(), alone.sharpness.max(), rtol=0.02)
+    assert batches == [(0, len(batches))] * len(batches)
+    assert len(batches) > 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "tiles or regions, and not both"),
+        ({"tiles": (2, 2), "regions": [(0, 4, 0, 4)]}, "tiles or regions, and not both"),
+        ({"tiles": (0, 2)}, r"at least 1 and at most the 12 x 14 lenslets, got \(0, 2\)"),
+        ({"tiles": (13, 2)}, r"got \(13, 2\)"),
+        ({"regions": []}, "at least one region"),
+        ({"regions": [(0, 4, 0, 15)]}, "region must be .* inside the 12 x 14"),
+        ({"regions": [(0, 4)]}, "region must be"),
+    ],
+)
+def test_regions_that_cannot_be_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        find_sharpest_slopes(np.ones((3, 3, 12, 14)), **arguments)
+
+
+@pytest.mark.skipif(
+    not LYTRO.exists(), reason="the example light fields are not beside the checkout"
+)
+def test_a_real_light_field_is_sharpest_where_bilinear_refocusing_says():
+    """A flower before a wall: between whole slopes both agree, and tell the two apart."""
+    views = np.array(
+        [[imread(LYTRO / f"2067_{v:02}_{u:02}.png")[..., :3] for u in range(1, 10)]
+         for v in range(1, 10)]
+    )  # fmt: skip
+    regions = {"near": (200, 240, 110, 160), "far": (0, 60, 200, 300)}
+    slopes = np.linspace(-2, 1, 61)
+    found = find_sharpest_slopes(views, slopes, regions=regions.values())
+    for (t0, t1, s0, s1), search in zip(regions.values(), found, strict=True):
+        patch = views[:, :, max(t0 - 8, 0) : t1 + 8, s0 - 8 : s1 + 8].mean(axis=4)
+        stack = shift_and_sum(patch, slopes)[:, 8:-8, 8:-8]
+        plain = np.square(np.gradient(stack, axis=(1, 2))).sum(axis=(0, 2, 3))
+        assert search.slope == pytest.approx(slopes[plain.argmax()], abs=0.1)
+        assert search.confidence > 0.8
+    assert found[0].slope < found[1].slope - 0.5
+
+
+def test_figure_of_a_search_marks_its_peak(rng):
+    from lf_flame.refocus.figures import search_figure
+
+    views = side_by_side(rng)
+    searches = find_sharpest_slopes(views, regions=[(0, 40, 0, 40), (60, 80, 60, 80)])
+    figure = search_figure(searches, ["bright", "dark"])
+    curve, mark, *_ = figure.axes[0].lines
+    assert curve.get_ydata().max() == 1
+    assert mark.get_xdata() == [searches[0].slope]
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    bright = searches[0]
+    assert texts[0] == f"bright: {bright.slope:.3f}, confidence {bright.confidence:.2f}"
+    assert texts[1] == "dark: nan, confidence 0.00"
+
+
+def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
+    """Curves, peaks, geometry and paper of both kinds of scene; the gap at 20 mm stands out."""
+    from experiments.paper.slopes import slope_report
+    from lf_flame._common import figures
+
+    configs = [read_config(ROOT / "data_gen" / f"{kind}.toml") for kind in ("shapes", "flames")]
+    coarse = [
+        replace(
+            config,
+            image=(90, 180),
+            camera=replace(
+                config.camera,
+                lenslet_pitch_mm=3 * config.camera.lenslet_pitch_mm,
+                lenslet_focal_mm=3 * config.camera.lenslet_focal_mm,
+                lenslets=(90, 180),
+                views=5,
+            ),
+        )
+        for config in configs
+    ]
+    drawn = []
+    save = figures.save
+    monkeypatch.setattr(figures, "save", lambda x, path: (drawn.append(x), save(x, path)))
+    text = slope_report(coarse, ROOT / "experiments" / "paper_values.toml", tmp_path)
+    monkeypatch.undo()
+    names = {"slopes.csv", "slopes.json", "slopes.md", "slopes.png"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert text == (tmp_path / "slopes.md").read_text()
+    found = json.loads((tmp_path / "slopes.json").read_text())["data_sets"]
+    (figure,) = drawn
+    for axis, config, record in zip(figure.axes, coarse, found, strict=True):
+        geometry = config.camera.depth_to_slope(config.depths_mm)
+        np.testing.assert_allclose(record["slopes"], geometry, atol=0.03)  # coarse lenslets
+        points = [line.get_xdata()[0] for line in axis.lines if line.get_marker() == "o"]
+        np.testing.assert_allclose(points, record["slopes"])
+        dashed = [line.get_xdata()[0] for line in axis.lines if line.get_linestyle() == "--"]
+        np.testing.assert_allclose(dashed, geometry)
+        printed = [line.get_xdata()[0] for line in axis.lines if line.get_marker() == "v"]
+        assert printed == [2.1, 1.15, 0.0, -1.25]
+        assert [text.get_text() for text in axis.texts] == [f"paper {2.1 - geometry[0]:+.2f}"]
+
+
+def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_path):
+    """In processes of their own: BLAS takes its number of threads when it is loaded."""
+    code = (
+        "import numpy as np; from lf_flame.scenes.dead_leaves import DeadLeaves;"
+        "from lf_flame.refocus import find_sharpest_slope;"
+        "lf = DeadLeaves(slopes=(0.4, 0.6)).draw((7, 7), (120, 90), np.random.default_rng(2));"
+        "found = find_sharpest_slope(lf); print(found.slope.hex(), found.sharpness.tobytes().hex())"
+    )
+    found = set()
+    for threads in ("1", "2"):
+        environment = os.environ | dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), threads
+        )
+        command = [sys.executable, "-c", code]
+        found.add(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
+    assert len(found) == 1

@@ -1,0 +1,124 @@
+"""Scenes, flames and the two templates."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from lf_flame import InputError, Layer, Scene
+from lf_flame.datasets.store import read_config
+from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
+
+DATA_GEN = Path(__file__).parents[2] / "data_gen"
+
+
+@pytest.mark.parametrize("hollow", [0.0, 3.0])
+def test_projection_is_the_line_integral_of_the_glow(hollow):
+    b = 2.4
+    for x in (0.0, 1.0, 2.5, 4.0):
+
+        def glow(along, x=x):
+            r2 = (x**2 + along**2) / b**2
+            return (1 + hollow * r2) * np.exp(-r2)
+
+        integral, _ = quad(glow, -30, 30)
+        assert projected_glow(np.array(x), b, hollow) == pytest.approx(integral, rel=1e-9)
+
+
+def test_flame_is_symmetric_hollow_at_the_burner_and_closed_at_the_tip():
+    flame = flame_texture(20.0, 2.4)
+    np.testing.assert_allclose(flame, flame[:, ::-1], atol=1e-12)
+    middle = flame.shape[1] // 2
+    assert flame[-1].argmax() not in (middle - 1, middle)  # brightest beside the axis
+    assert flame[flame.shape[0] // 4].argmax() in (middle - 1, middle)
+    assert flame[0].max() < 0.15
+    assert flame.max() == 1.0
+    assert flame.min() >= 0
+
+
+def test_wrinkles_have_unit_size_on_average(rng):
+    waves = np.array([draw_wrinkles(rng) for _ in range(4000)])
+    mean_square = 0.5 * (waves**2).sum(axis=(2, 3)).mean(axis=0)  # cos^2 and sin^2 average to 1/2
+    np.testing.assert_allclose(mean_square, 1, rtol=0.05)
+
+
+def test_wrinkled_flame_differs_and_is_repeatable():
+    def flame():
+        return flame_texture(20.0, 2.4, draw_wrinkles(np.random.default_rng(3)), 0.2, 0.05)
+
+    np.testing.assert_array_equal(flame(), flame())
+    assert np.abs(flame() - flame_texture(20.0, 2.4)).max() > 0.01
+
+
+def test_heights_have_the_papers_means_and_deviations():
+    template = read_config(DATA_GEN / "flames.toml").template
+    heights = []
+    for index in range(3000):
+        rng = np.random.default_rng([1, index])
+        # what `draw` does first, without the textures, which cost far more
+        swing = np.sqrt(2) * np.array([o.height_sd_mm for o in template.objects])
+        means = np.array([o.height_mm for o in template.objects])
+        heights.append(means + swing * np.sin(rng.uniform(0, 2 * np.pi, 4)))
+    drawn = template.draw(np.random.default_rng([1, 7]))[1]["height_mm"]
+    np.testing.assert_array_equal(drawn, heights[7])  # so the loop above is the template's law
+    mean, deviation = np.mean(heights, axis=0), np.std(heights, axis=0)
+    np.testing.assert_allclose([mean.min(), mean.max()], [14.47, 29.48], atol=0.1)
+    assert np.all((deviation > 1.41 - 0.04) & (deviation < 1.48 + 0.04))
+
+
+@pytest.mark.parametrize("name", ["shapes", "flames"])
+def test_templates_stand_where_the_paper_puts_them(name):
+    config = read_config(DATA_GEN / f"{name}.toml")
+    assert config.depths_mm == [20.0, 10.0, 0.0, -10.0]
+    scene, _ = config.template.draw(None)
+    for layer in scene.layers:
+        field = config.camera.field_mm(layer.depth_mm)
+        for axis in (0, 1):
+            assert np.abs(layer.cell_edges_mm(axis)).max() < field[axis] / 2
+
+
+@pytest.mark.parametrize("name", ["shapes", "flames"])
+def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
+    template = read_config(DATA_GEN / f"{name}.toml").template
+    draws = [template.draw(np.random.default_rng([5, i]))[1] for i in range(40)]
+    again = template.draw(np.random.default_rng([5, 3]))[1]
+    for key, values in again.items():
+        np.testing.assert_array_equal(values, draws[3][key])
+    place = "centre_mm" if name == "shapes" else "burner_mm"
+    mean = template.draw(None)[1][place]
+    moved = np.abs([draw[place] - mean for draw in draws])
+    assert 0.8 * template.position_mm < moved.max() <= template.position_mm
+    brightness = np.array([draw["brightness"] for draw in draws])
+    assert brightness.min() >= template.brightness[0]
+    assert brightness.max() <= template.brightness[1]
+
+
+def test_layer_keeps_its_own_texture():
+    texture = np.ones((2, 2))
+    layer = Layer(texture, 0.0, (1.0, 1.0))
+    texture[:] = 5
+    assert layer.texture.max() == 1
+    with pytest.raises(ValueError, match="read-only"):
+        layer.texture[0, 0] = 2
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"texture": np.ones(3)}, "texture must be a grey image"),
+        ({"texture": [[np.nan]]}, "finite and not negative"),
+        ({"texture": [[-1.0]]}, "finite and not negative"),
+        ({"size_mm": (0.0, 1.0)}, "size_mm must be two finite lengths .* above 0"),
+        ({"centre_mm": (np.inf, 0)}, "centre_mm must be two finite"),
+        ({"depth_mm": np.nan}, "depth_mm of a layer must be finite"),
+    ],
+)
+def test_impossible_layers_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        Layer(**{"texture": [[1.0]], "depth_mm": 0.0, "size_mm": (1.0, 1.0), **values})
+
+
+def test_empty_scene_is_refused():
+    with pytest.raises(InputError, match="at least one layer"):
+        Scene([])

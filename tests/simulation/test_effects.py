@@ -1,0 +1,298 @@
+"""The claim of the effect plan: what it leaves out changes the image by no more than it says."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
+from lf_flame.optics.sensor import STAGES
+from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
+
+OPTICS = {
+    "main_lens_focal_mm": 150.0,
+    "focus_distance_mm": 326.0,
+    "lenslet_focal_mm": 0.4,
+    "lenslet_pitch_mm": 0.112,
+    "lenslets": (10, 12),
+}
+
+
+def small(views=4, **changes):
+    return PlenopticCamera(**{**OPTICS, "views": views, **changes})
+
+
+APERTURE_MM = small().aperture_mm
+
+
+def glow(depth=10.0, size=(1.6, 1.8), centre=(0.05, -0.1), cells=(8, 9), **matter):
+    rng = np.random.default_rng(5)
+    return Layer(rng.uniform(0.2, 1.0, cells), depth, size, centre, **matter)
+
+
+def change(scene, camera, one, other, **options):
+    """Largest and root-mean-square change of the image, relative to its brightest pixel."""
+    images = [
+        render(scene, camera, effects=forced, seed=1, **options).views.astype(float)
+        for forced in (one, other)
+    ]
+    difference = images[0] - images[1]
+    peak = min(image.max() for image in images)
+    return np.abs(difference).max() / peak, np.sqrt(np.mean(difference**2)) / peak
+
+
+NEEDS = {
+    "defocus": (Scene([glow(20.0)]), small()),
+    "occlusion": (Scene([glow(20.0), Layer([[0.3]], -10.0, (0.8, 0.9), opaque=True)]), small()),
+    "self_absorption": (Scene([glow(optical_thickness=0.3)]), small()),
+    "thickness": (Scene([glow(0.0, thickness_mm=8.0)]), small()),
+    "cos4": (Scene([glow()]), small(falloff_corrected=False)),
+    "round_aperture": (Scene([glow()]), small(aperture_diameter_mm=APERTURE_MM)),
+    "f_number_mismatch": (Scene([glow()]), small(aperture_diameter_mm=1.2 * APERTURE_MM)),
+    "vignetting": (Scene([glow()]), small(rim_diameter_mm=80.0, rim_distance_mm=40.0)),
+    "lenslet_diffraction": (Scene([glow()]), small(wavelength_nm=550.0)),
+    "main_lens_diffraction": (Scene([glow()]), small(wavelength_nm=550.0)),
+    "lenslet_rotation": (Scene([glow()]), small(lenslet_rotation_rad=0.02)),
+    "lenslet_pitch_error": (Scene([glow()]), small(lenslet_pitch_error=0.01)),
+    "chromatic": (Scene([glow()]), small(chromatic_shift=0.02)),
+    "shot_noise": (Scene([glow()]), small(sensor=Sensor(1000.0))),
+    "read_noise": (Scene([glow()]), small(sensor=Sensor(1000.0, read_noise_e=10.0))),
+    "quantisation": (Scene([glow()]), small(sensor=Sensor(1e4, bits=6))),
+    "saturation": (Scene([glow()]), small(sensor=Sensor(1e4, full_well_e=5e3))),
+}
+"""A scene that calls for each effect."""
+
+SPARES = {
+    "defocus": (Scene([glow(0.0)]), small()),
+    "occlusion": (
+        Scene([glow(20.0), Layer([[0.3]], -10.0, (0.2, 0.2), (0.6, 5.5), opaque=True)]),
+        small(lenslets=(10, 110)),
+    ),
+    "self_absorption": (Scene([glow(optical_thickness=1e-4)]), small()),
+    "thickness": (Scene([glow(0.0, thickness_mm=1e-4)]), small()),
+    "cos4": (Scene([glow()]), small(views=1, pixel_pitch_mm=1e-4, falloff_corrected=False)),
+    "round_aperture": (Scene([glow()]), small()),
+    "f_number_mismatch": (Scene([glow()]), small(aperture_diameter_mm=APERTURE_MM * (1 - 1e-6))),
+    "vignetting": (Scene([glow()]), small(rim_diameter_mm=130.0, rim_distance_mm=40.0)),
+    "lenslet_diffraction": (Scene([glow()]), small(wavelength_nm=0.1)),
+    "main_lens_diffraction": (Scene([glow()]), small(wavelength_nm=0.1)),
+    "lenslet_rotation": (Scene([glow()]), small(lenslet_rotation_rad=1e-6)),
+    "lenslet_pitch_error": (Scene([glow()]), small(lenslet_pitch_error=1e-6)),
+    "chromatic": (Scene([glow()]), small(chromatic_shift=1e-7)),
+    "shot_noise": (Scene([glow()]), small(sensor=Sensor(1e9, full_well_e=1e10, bits=16))),
+    "read_noise": (Scene([glow()]), small(sensor=Sensor(1e5, full_well_e=1e6))),
+    "quantisation": (Scene([glow()]), small(sensor=Sensor(1e4, full_well_e=1e4, bits=16))),
+    "saturation": (Scene([glow()]), small(sensor=Sensor(1e3))),
+}
+"""One that has the effect's cause, mostly, but does not call for it."""
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_scene_that_calls_for_an_effect_gets_it(name):
+    scene, camera = NEEDS[name]
+    planned = plan_effects(scene, camera)[name]
+    assert planned.kept
+    off = {name: False}
+    if name == "round_aperture":
+        off["f_number_mismatch"] = False
+    largest, _ = change(scene, camera, None, off, tolerance=0.01)
+    assert largest > 1e-3  # the image does change
+    assert largest <= planned.bound or name.endswith("noise")
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_scene_that_does_not_call_for_an_effect_does_not_get_it(name):
+    scene, camera = SPARES[name]
+    planned = plan_effects(scene, camera)[name]
+    assert not planned.kept
+    quiet = {stage: False for stage in STAGES if stage != name}
+    fixed = {"integrator": "rays", "rays": 60} if name == "lenslet_rotation" else {}
+    _, rms = change(scene, camera, quiet, {**quiet, name: True}, **fixed)
+    assert rms <= planned.bound + 1e-6
+
+
+def layers():
+    return st.builds(
+        lambda seed, depth, y, x, opaque, tau, thick, bright: Layer(
+            bright * np.random.default_rng(seed).uniform(size=(5, 6)),
+            depth,
+            (0.9, 1.1),
+            (y, x),
+            opaque=opaque,
+            optical_thickness=0.0 if opaque else tau,
+            thickness_mm=0.0 if opaque else thick,
+        ),
+        st.integers(0, 2**32 - 1),
+        st.floats(-30, 40),
+        st.floats(-0.4, 0.4),
+        st.floats(-0.4, 0.4),
+        st.booleans(),
+        st.sampled_from([0.0, 1e-5, 1e-3, 0.3]),
+        st.sampled_from([0.0, 1e-4, 0.01]),
+        st.sampled_from([1e-3, 1.0, 30.0]),
+    )
+
+
+def cameras():
+    return st.builds(
+        lambda views, focal, aperture, rim, angle, pitch, colour, nm, corrected, sensor: small(
+            views,
+            main_lens_focal_mm=focal,
+            aperture_diameter_mm=aperture,
+            rim_diameter_mm=rim,
+            rim_distance_mm=10.0,
+            lenslet_rotation_rad=angle,
+            lenslet_pitch_error=pitch,
+            chromatic_shift=colour,
+            wavelength_nm=nm,
+            falloff_corrected=corrected,
+            sensor=sensor,
+        ),
+        st.integers(1, 4),
+        st.floats(120, 180),
+        st.sampled_from([None, 70.0, 78.0, 90.0]),
+        st.sampled_from([None, 60.0, 140.0]),
+        st.sampled_from([0.0, 1e-6, 1e-4]),
+        st.sampled_from([0.0, 1e-6, 1e-4]),
+        st.sampled_from([0.0, 1e-6, 1e-3]),
+        st.sampled_from([None, 0.01, 500.0]),
+        st.booleans(),
+        st.sampled_from([None, Sensor(1e4), Sensor(1e8, 1e10, 16, 0.1)]),
+    )
+
+
+def drawn_plan(layers, camera, tolerance):
+    """A plan, or None where what was drawn is refused in one sentence."""
+    try:
+        return plan_effects(Scene(layers), camera, tolerance)
+    except InputError:  # opaque layers that overlap at one depth, or too many slabs
+        return None
+
+
+def rms_change(scene, camera, decided, changed, options):
+    one, other = (
+        render(scene, camera, effects=forced, **options).views.astype(float)
+        for forced in (decided, changed)
+    )
+    return np.sqrt(np.mean((one - other) ** 2)) / max(one.max(), other.max(), 1e-300)
+
+
+@given(drawn=st.lists(layers(), min_size=1, max_size=3), camera=cameras(), seed=st.integers(0, 99))
+@settings(
+    max_examples=30,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.generate],
+)
+def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound(drawn, camera, seed):
+    tolerance = 0.1
+    plan = drawn_plan(drawn, camera, tolerance)
+    if plan is None:
+        return
+    scene, silent = Scene(drawn), dict.fromkeys(STAGES, False)
+    decided = {effect.name: effect.kept for effect in plan.effects} | silent
+    options = {"tolerance": tolerance, "seed": seed}
+
+    def by_rays(changed, most):
+        """The change, by as few rays as show it to be at most `most`: few rays have an error."""
+        for rays in (20, 80, 320):
+            found = rms_change(
+                scene, camera, decided, changed, options | {"integrator": "rays", "rays": rays}
+            )
+            if found <= most:
+                break
+        return found
+
+    left_out = [effect for effect in plan.effects if not effect.kept and effect.bound > 0]
+    for effect in left_out:
+        if effect.name == "f_number_mismatch" and not decided["round_aperture"]:
+            continue  # they are one stop
+        changed = {**decided, effect.name: True}
+        # What dims, turns or slices moves the rays too, and their error with them.
+        moves_rays = effect.name in (*MATTER, "lenslet_rotation", "thickness")
+        if plan.traced or effect.name in (*MATTER, *RAYS):  # both images by the same rays
+            most = effect.bound + (1e-3 if moves_rays else 1e-6)
+            found = by_rays(changed, most)
+        else:
+            most = effect.bound + 1e-6
+            found = rms_change(scene, camera, decided, changed, options)
+        assert found <= most, effect
+    everything = decided | {effect.name: True for effect in left_out}
+    assert by_rays(everything, tolerance) <= tolerance
+
+
+@given(
+    drawn=st.lists(layers(), min_size=1, max_size=3),
+    camera=cameras(),
+    tolerances=st.tuples(st.floats(1e-2, 0.5), st.floats(1e-2, 0.5)),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_tighter_tolerance_never_drops_an_effect(drawn, camera, tolerances):
+    tight, loose = sorted(tolerances)
+    try:
+        kept = [plan_effects(Scene(drawn), camera, t).kept for t in (tight, loose)]
+    except InputError:
+        return
+    assert kept[0] >= kept[1]
+
+
+def test_a_plan_reads_as_a_table():
+    scene, camera = NEEDS["occlusion"]
+    plan = plan_effects(scene, camera, effects={"cos4": True, "defocus": False})
+    shown = str(plan)
+    for name in EFFECTS:
+        assert name in shown
+    assert "kept, forced" in next(line for line in shown.splitlines() if line.startswith("cos4"))
+    assert "left out, forced" in shown
+    assert "1 opaque layer" in shown
+    assert plan.integrator == "rays"
+    assert render(scene, camera, tolerance=0.05).plan.kept >= {"occlusion", "defocus"}
+
+
+@pytest.mark.parametrize(
+    ("effects", "tolerance", "message"),
+    [
+        ({"blooming": True}, 1e-3, "Unknown effect 'blooming'; the known ones are defocus, occl"),
+        ({"cos4": "yes"}, 1e-3, "cos4 must be forced by True or False, got 'yes'"),
+        ({"f_number_mismatch": True, "round_aperture": False}, 1e-3, "both are one round stop"),
+        ({}, 0.0, "tolerance must be above 0, got 0.0"),
+        ({}, float("nan"), "tolerance must be above 0"),
+    ],
+)
+def test_requests_that_cannot_be_meant_are_refused(effects, tolerance, message):
+    with pytest.raises(InputError, match=message):
+        plan_effects(Scene([glow()]), small(), tolerance, effects)
+
+
+def test_a_tolerance_out_of_reach_names_the_obstacle():
+    thick = Scene([glow(0.0, thickness_mm=60.0)])
+    with pytest.raises(InputError, match="cannot be met: thickness would need more than 1024"):
+        plan_effects(thick, small(), 1e-9)
+    scene = Scene([glow(cells=(1, 1)), Layer([[0.3]], -10.0, (0.8, 0.9), opaque=True)])
+    with pytest.raises(InputError, match="the number of rays is the obstacle"):
+        render(scene, small(1, lenslets=(3, 3)), tolerance=1e-12)
+
+
+def test_the_exact_integrator_says_what_it_cannot_do():
+    scene, camera = NEEDS["occlusion"]
+    with pytest.raises(InputError, match="exact integrator cannot do occlusion here"):
+        render(scene, camera, integrator="exact")
+    off = render(scene, camera, integrator="exact", effects={"occlusion": False})
+    assert "occlusion" not in off.plan.kept
+
+
+def test_noise_needs_a_seed():
+    scene, camera = NEEDS["shot_noise"]
+    with pytest.raises(InputError, match="read_noise and shot_noise need a seed"):
+        render(scene, camera)
+    images = [render(scene, camera, seed=s).views for s in (1, 1, 2)]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.any(images[0] != images[2])
+
+
+def test_opaque_layers_that_claim_the_same_place_are_named():
+    card = Layer([[1.0]], 5.0, (1.0, 1.0), opaque=True)
+    beside = Layer([[1.0]], 5.0, (1.0, 1.0), (0.0, 1.0), opaque=True)
+    assert len(Scene([card, beside]).layers) == 2  # they only touch
+    with pytest.raises(InputError, match="Layers 1 and 3 are both opaque and overlap at depth 5"):
+        Scene([card, beside, Layer([[1.0]], 5.0, (0.2, 0.2), opaque=True)])

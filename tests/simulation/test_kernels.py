@@ -1,0 +1,124 @@
+"""What only the compiled kernels can show: threads, and sums that keep their digits."""
+
+from unittest.mock import patch
+
+import numba
+import numpy as np
+import pytest
+from numba import njit
+
+from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame.refocus import _kernels as refocus_kernels
+from lf_flame.refocus import shift_and_sum
+from lf_flame.simulation import _kernels
+from lf_flame.simulation.integrators import Optics, trace
+from lf_flame.simulation.slabs import slice_scene
+
+
+@pytest.fixture
+def threads():
+    """Set the number of threads, and put it back."""
+    before = numba.get_num_threads()
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+@pytest.mark.jit
+def test_bits_do_not_depend_on_the_number_of_threads(threads, small_camera, rng):
+    scene = Scene([Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))])
+    images = []
+    for count in range(1, numba.config.NUMBA_NUM_THREADS + 1):
+        threads(count)
+        exact = render(scene, small_camera)
+        rays = render(scene, small_camera, integrator="rays", rays=4)
+        images.append((exact.views, rays.views, shift_and_sum(exact, [1.3, -0.2])))
+    for other in images[1:]:
+        for first, second in zip(images[0], other, strict=True):
+            np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.jit
+def test_sums_over_many_views_keep_their_digits():
+    """A float32 running sum over 40,000 views of 0.1 would be off by 1e-4."""
+    views = np.full((200, 200, 3, 3), 0.1, np.float32)
+    np.testing.assert_allclose(shift_and_sum(views, 0.5), np.float32(0.1), rtol=1e-7)
+
+
+@pytest.mark.jit
+def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, rng):
+    """However they are reached: another scene, layout or number of rays compiles nothing."""
+    kernels = [
+        _kernels.trace_planes,
+        _kernels.integrate_columns,
+        _kernels.integrate_rows,
+        refocus_kernels.shift_and_sum,
+        refocus_kernels.merge,
+    ]
+
+    def use(cells, layout, rays):
+        scene = Scene([Layer(rng.uniform(size=cells), 5.0, (1.0, 1.0))])
+        shift_and_sum(render(scene, small_camera), 1.0)
+        render(scene, small_camera, layout=layout)
+        render(scene, small_camera, integrator="rays", rays=rays, layout=layout)
+        return [len(kernel.signatures) for kernel in kernels]
+
+    assert use((3, 3), "views", 2) == use((1, 7), "raw", 3)
+
+
+@pytest.mark.jit
+def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
+    """The types select the kernel: without a stop, no root is taken, no skew is floored."""
+    kernel = njit(parallel=True)(_kernels._trace_planes)
+    scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
+    planes = slice_scene(scene, {}, absorption=False, dimming=set())
+    image = np.zeros((5, 5, 24, 30), np.float32)
+    machine_code = {}
+    for name, optics in {
+        "bare": Optics(small_camera),
+        "stop": Optics(small_camera, stops=((0.0, 30.0),)),
+        "skew": Optics(small_camera, lenslet_skew=1e-3),
+    }.items():
+        known = set(kernel.signatures)
+        with patch.object(_kernels, "trace_planes", kernel):
+            trace(planes, optics, "views", 2, image)
+        (new,) = set(kernel.signatures) - known
+        machine_code[name] = kernel.inspect_llvm(new)
+    assert "llvm.sqrt" not in machine_code["bare"]
+    assert "llvm.sqrt" in machine_code["stop"]
+    assert "llvm.floor" not in machine_code["bare"]
+    assert "llvm.floor" in machine_code["skew"]
+
+
+def test_float32_image_equals_float64_within_rounding(small_camera, rng):
+    """The exact integrator's image against the same weights multiplied out in float64."""
+    from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+
+    layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 2.0))
+    weights = []
+    for axis in (0, 1):
+        footprint = trace_footprint(small_camera, layer.depth_mm, axis)
+        edges = layer.cell_edges_mm(axis) - footprint.centres_mm[..., None]
+        widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
+        weights.append(np.diff(trapezoid_cdf(edges, *widths), axis=-1))
+    expected = np.einsum("vti,ij,usj->vuts", weights[0], layer.texture, weights[1])
+    views = render(Scene([layer]), small_camera).views
+    np.testing.assert_allclose(views, expected, rtol=2e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "optics",
+    [{}, {"falloff": True}, {"lenslet_skew": 1e-3}, {"stops": ((0.0, 60.0),)}, {"thin": False}],
+    ids=str,
+)
+def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
+    """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 2, (2, 3))
+    thin = optics.pop("thin", True)
+    wide = Layer([[0.7]], 5.0, (90.0, 90.0))
+    haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))
+    for layers, expected in (([wide], 0.7), ([wide, haze], 0.35)):
+        planes = slice_scene(Scene(layers), {}, absorption=True, dimming={"self_absorption"})
+        image = np.zeros((2, 2, 2, 3), np.float32)
+        trace(planes, Optics(camera, **optics), "views", 3, image, thin=thin)
+        assert image.max() == pytest.approx(expected, rel=0.1 if "falloff" in optics else 1e-6)
+        assert image.min() == pytest.approx(expected, rel=0.2 if "falloff" in optics else 1e-6)

@@ -1,0 +1,228 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from lf_flame import PAPER_CAMERA, InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
+from lf_flame.scenes.shapes import shape_texture
+from lf_flame.simulation.reference.closed_form import closed_form
+
+
+def random_layer(rng, depth, cells=(7, 5)):
+    return Layer(rng.uniform(size=cells), depth, (2.4, 2.0), (0.3, -0.2))
+
+
+@pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0])
+def test_ray_integrator_equals_rays_pushed_one_by_one(small_camera, rng, depth):
+    layer = random_layer(rng, depth)
+    image = render(Scene([layer]), small_camera, integrator="rays", rays=89).views
+    for v, u, t, s in [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16)]:
+        twin = reference.trace_one_pixel(layer, small_camera, v, u, t, s, rays=16)
+        # 89 lattice rays against a 16 x 16 grid along each axis: the same integral
+        assert image[v, u, t, s] == pytest.approx(twin, abs=0.03)
+
+
+@given(
+    depth=st.floats(-40, 80),
+    views=st.integers(1, 6),
+    focal=st.floats(80, 200),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=15, deadline=None)
+def test_exact_and_ray_integrators_agree(depth, views, focal, seed):
+    camera = PlenopticCamera(focal, 326.0, 0.4, 0.112, views, (10, 12))
+    layer = random_layer(np.random.default_rng(seed), depth)
+    exact = render(Scene([layer]), camera).views
+    errors = [
+        np.sqrt(
+            np.mean((render(Scene([layer]), camera, integrator="rays", rays=n).views - exact) ** 2)
+        )
+        for n in (8, 89)
+    ]
+    assert errors[1] <= 2e-2
+    # n midpoints miss an edge by up to 1/2n of its height, so the error falls about as 1/n
+    assert errors[1] <= 0.35 * errors[0] + 1e-3
+
+
+@given(
+    depths=st.tuples(st.floats(-25, 0), st.floats(5, 30)),
+    hidden=st.booleans(),
+    tolerance=st.sampled_from([0.05, 0.02, 0.01]),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=15, deadline=None)
+def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
+    """Against the closed form in float64, which knows one opaque layer in front of another."""
+    rng = np.random.default_rng(seed)
+    card = Layer(0.2 * rng.uniform(size=(2, 3)), depths[0], (1.0, 1.2), (0.2, 0.1), opaque=hidden)
+    scene = Scene([random_layer(rng, depths[1]), card])
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    integrator = "auto" if hidden else "rays"
+    image = render(scene, camera, tolerance, integrator).views
+    truth = closed_form(scene, camera)
+    assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
+
+
+def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
+    wide = Scene([Layer([[0.7]], 15.0, (80.0, 80.0))])
+    for options in ({}, {"integrator": "rays", "rays": 3}):
+        np.testing.assert_allclose(render(wide, small_camera, **options).views, 0.7, rtol=1e-7)
+
+
+def test_half_plane_has_the_closed_form_of_its_trapezoid(small_camera):
+    depth, edge = 12.0, 0.123
+    half = Scene([Layer([[1.0]], depth, (80.0, 40.0), (0.0, edge + 20.0))])
+    columns = trace_footprint(small_camera, depth, axis=1)
+    widths = abs(columns.lenslet_width_mm), abs(columns.pixel_width_mm)
+    expected = 1 - trapezoid_cdf(edge - columns.centres_mm, *widths)
+    views = render(half, small_camera).views
+    np.testing.assert_allclose(views[1, :, 5, :], expected, atol=1e-7)
+
+
+def test_sinusoid_has_the_closed_form_of_its_trapezoid(small_camera):
+    """The mean of sin(k x) over both boxes is damped by a sinc for each; cells far finer."""
+    depth, k, cells = 12.0, 2 * np.pi / 1.5, 240_000
+    edges = np.linspace(-15, 15, cells + 1)
+    means = 1 + -np.diff(np.cos(k * edges)) / (k * np.diff(edges))
+    views = render(Scene([Layer(means[None], depth, (80.0, 30.0))]), small_camera).views
+    columns = trace_footprint(small_camera, depth, axis=1)
+    damping = np.sinc(k * columns.lenslet_width_mm / (2 * np.pi))
+    damping *= np.sinc(k * columns.pixel_width_mm / (2 * np.pi))
+    expected = 1 + damping * np.sin(k * columns.centres_mm)
+    np.testing.assert_allclose(views[1, :, 5, :], expected, rtol=2e-7)
+
+
+def disc_area(left, right, top, bottom, radius):
+    """Area of a disc about the origin inside a rectangle."""
+
+    def chord(x):
+        half = np.sqrt(max(radius**2 - x * x, 0.0))
+        return max(min(bottom, half) - max(top, -half), 0.0)
+
+    corners = [np.sqrt(radius**2 - y * y) for y in (top, bottom) if abs(y) < radius]
+    kinks = [-radius, radius, *corners, *(-x for x in corners)]
+    ends = np.unique(np.clip([left, right, *kinks], left, right))
+    return sum(quad(chord, a, b)[0] for a, b in pairwise(ends))
+
+
+def test_disc_in_focus_has_the_area_that_each_lenslet_sees(small_camera):
+    """Cells of a third of a lenslet's image, so that lenslet edges are cell edges."""
+    rows, columns = (trace_footprint(small_camera, 0.0, axis) for axis in (0, 1))
+    side, radius = abs(rows.lenslet_width_mm), 0.7
+    edges = (np.arange(37) - 18) * side / 3
+    cells = [
+        [disc_area(*x, *y, radius) / (side / 3) ** 2 for x in pairwise(edges)]
+        for y in pairwise(edges)
+    ]
+    layer = Layer(np.clip(cells, 0, None), 0.0, (12 * side, 12 * side))
+    image = render(Scene([layer]), small_camera).views[1, 3]
+    for t in range(8, 16):
+        for s in range(11, 19):
+            x, y = columns.centres_mm[2, s], rows.centres_mm[2, t]
+            half = side / 2
+            expected = disc_area(x - half, x + half, y - half, y + half, radius) / side**2
+            assert image[t, s] == pytest.approx(expected, rel=2e-7, abs=1e-9)
+
+
+def test_trapezoid_is_the_integral_of_two_boxes():
+    x = np.linspace(-2, 2, 2001)
+    for a, b in [(1.0, 0.4), (0.4, 1.0), (0.5, 0.5), (1.0, 0.0), (0.0, 1.0)]:
+        grid = (np.arange(1000) + 0.5) / 1000 - 0.5
+        sums = np.sort(np.add.outer(a * grid, b * grid).ravel())
+        counted = np.searchsorted(sums, x) / sums.size
+        np.testing.assert_allclose(trapezoid_cdf(x, a, b), counted, atol=1.5e-3)
+    np.testing.assert_array_equal(trapezoid_cdf(np.array([-1.0, 0.0, 2.0]), 0, 0), [0, 0.5, 1])
+
+
+def test_light_of_layers_adds(small_camera, rng):
+    near, far = random_layer(rng, -10.0), random_layer(rng, 20.0)
+    both = render(Scene([near, far]), small_camera).views
+    alone = [render(Scene([layer]), small_camera).views for layer in (near, far)]
+    np.testing.assert_allclose(both, alone[0] + alone[1], rtol=1e-6)
+    turned = render(Scene([far, near]), small_camera).views
+    np.testing.assert_allclose(both, turned, rtol=1e-6)
+
+
+def test_flux_of_a_bounded_object_is_its_size_times_its_radiance(small_camera):
+    camera = replace(small_camera, lenslets=(60, 60))
+    layer = Layer([[0.5]], 10.0, (2.0, 1.5))
+    views = render(Scene([layer]), camera).views
+    mm_per_lenslet = camera.field_mm(10.0)[0] / 60
+    per_view = views.sum(axis=(2, 3), dtype=float) * mm_per_lenslet**2
+    # Out of focus the lenslets' footprints are not spaced by their own width, so one view alone
+    # counts an edge cell a little too often or too seldom.
+    np.testing.assert_allclose(per_view, 0.5 * 2.0 * 1.5, rtol=2e-4)
+
+
+def test_images_are_upright(small_camera):
+    """Rows run down and columns right: light below and right of the axis lands there."""
+    layer = Layer([[1.0]], 0.0, (0.4, 0.4), centre_mm=(0.8, 0.5))
+    photograph = render(Scene([layer]), small_camera).photograph
+    t, s = np.unravel_index(photograph.argmax(), photograph.shape)
+    assert t > 13
+    assert s > 16
+
+
+def test_views_move_by_the_slope(small_camera):
+    """A point behind the focal plane moves toward larger t as v grows, by its slope."""
+    camera = replace(small_camera, lenslets=(60, 60))
+    depth = 15.0
+    layer = Layer([[1.0]], depth, (0.5, 0.5))
+    views = render(Scene([layer]), camera).views.astype(float)
+    t = np.arange(60)
+    centroid = (views.sum(axis=3) * t).sum(axis=2) / views.sum(axis=(2, 3))
+    np.testing.assert_allclose(np.diff(centroid[:, 2]), camera.depth_to_slope(depth), rtol=1e-3)
+
+
+def test_scene_in_focus_on_the_focal_plane_is_the_same_in_every_view(small_camera, rng):
+    views = render(Scene([random_layer(rng, 0.0)]), small_camera).views
+    np.testing.assert_allclose(views, np.broadcast_to(views[2, 2], views.shape), atol=1e-6)
+
+
+def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):
+    scene = Scene([random_layer(rng, 20.0)])
+    exact = render(scene, small_camera).views
+    image = render(scene, small_camera, tolerance=0.01, integrator="rays").views
+    assert np.sqrt(np.mean((image - exact) ** 2)) <= 0.01 * exact.max()
+    with pytest.raises(InputError, match="was not met with 315 x 315 rays"):
+        render(scene, small_camera, tolerance=1e-9, integrator="rays")
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        (Layer([[1.0]], 0.0, (1.0, 1.0), (0.0, 90.0)), "outside the field: in x it spans 89.5"),
+        (Layer([[1.0]], -400.0, (1.0, 1.0)), "in front of the main lens.*-400"),
+    ],
+)
+def test_layers_that_cannot_be_seen_are_refused(layer, message):
+    with pytest.raises(InputError, match=message):
+        render(Scene([layer]), PAPER_CAMERA)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"integrator": "magic"}, {"tolerance": 0}, {"rays": 4}, {"integrator": "rays", "rays": 0}],
+)
+def test_impossible_options_are_refused(small_camera, options):
+    with pytest.raises(InputError, match="must be"):
+        render(Scene([Layer([[1.0]], 0.0, (1.0, 1.0))]), small_camera, **options)
+
+
+def test_a_virtual_image_is_rendered(small_camera):
+    """A layer inside the focal length has no real image; the matrices do not mind."""
+    layer = Layer([[1.0]], -200.0, (1.0, 1.0))
+    assert 0 < render(Scene([layer]), small_camera).views.max() < 1
+
+
+def test_circle_covers_its_area():
+    assert shape_texture("circle", (4.0, 4.0)).mean() == pytest.approx(np.pi / 4, abs=1e-3)
+    assert shape_texture("triangle", (4.0, 3.0)).mean() == pytest.approx(0.5, abs=5e-3)
+    with pytest.raises(InputError, match="Unknown shape 'star'"):
+        shape_texture("star", (1.0, 1.0))

@@ -1,0 +1,368 @@
+"""Light at its extremes: long sums, thick absorbers, brightness, darkness, threads and layouts.
+
+Each test also runs a formula that suggests itself, `naive` here, and shows that it fails what
+ours passes. A warning fails any test.
+"""
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from decimal import Decimal, localcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
+from lf_flame.optics.sensor import expose
+from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.rendering import FEW_PORTIONS
+from lf_flame.simulation.slabs import self_absorbed, slice_scene
+
+UNIT, UNIT32 = 2.0**-53, 2.0**-24
+"""Unit roundoffs of float64, in which sums run, and of float32, in which images are stored."""
+
+CAMERA = PlenopticCamera(
+    main_lens_focal_mm=150.0,
+    focus_distance_mm=326.0,
+    lenslet_focal_mm=0.4,
+    lenslet_pitch_mm=0.112,
+    views=4,
+    lenslets=(10, 12),
+)
+ONE_PIXEL = replace(CAMERA, views=1, lenslets=(1, 1))
+
+RAYS = {"integrator": "rays", "rays": 5}
+METHODS = pytest.mark.parametrize("method", [{}, RAYS], ids=["exact", "rays"])
+
+WIDE = (300.0, 300.0)
+"""Size of a layer that fills the field at all depths used here."""
+
+
+def cells(rows=8, columns=9):
+    return np.random.default_rng(5).uniform(0.2, 1.0, (rows, columns))
+
+
+def glow(depth=10.0, brightness=1.0, **matter):
+    return Layer(cells() * brightness, depth, (1.6, 1.8), (0.05, -0.1), **matter)
+
+
+def card(depth=-20.0, brightness=1.0, opaque=True):
+    return Layer(cells(3, 4) * brightness, depth, (0.8, 0.9), (0.1, 0.2), opaque=opaque)
+
+
+def rendered(layers, camera=CAMERA, **options):
+    return render(Scene(layers), camera, **options).views.astype(float)
+
+
+def one_pixel(planes, method):
+    """Value of a sensor with one pixel that looks at planes of light."""
+    many = method == "rays" and len(planes) > FEW_PORTIONS  # as `render` chooses
+    image = np.zeros((1, 1, 1, 1), np.float64 if many else np.float32)
+    if method == "exact":
+        integrate(planes, Optics(ONE_PIXEL), "views", image)
+    else:
+        trace(planes, Optics(ONE_PIXEL), "views", 1, image)
+    return float(image[0, 0, 0, 0])
+
+
+def as_planes(layer, slabs=1, dimming=()):
+    return slice_scene(Scene([layer]), {layer: slabs}, absorption=True, dimming=set(dimming))
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("thin", [True, False])
+def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(thin):
+    """Naive: a running sum in float32; after 20 million addends it is 5 % off."""
+    image = np.zeros((1, 1, 1, 1), np.float32)
+    planes = as_planes(Layer([[0.1]], 5.0, WIDE))
+    trace(planes, Optics(ONE_PIXEL), "views", 10_000, image, thin=thin)
+    assert abs(image[0, 0, 0, 0].astype(float) / 0.1 - 1) <= UNIT32
+    rays = np.full(20_000_000, 0.1, np.float32)
+    naive = np.add.accumulate(rays, out=rays)[-1] / (0.1 * rays.size)
+    assert abs(naive - 1) > 0.04
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        "exact",
+        pytest.param(
+            "rays",
+        ),
+    ],
+)
+def test_many_slabs_in_one_pixel_keep_their_digits(method):
+    """Naive: add the light of each slab to a float32 image."""
+    slabs = 512
+    flame = Layer([[0.1]], 5.0, WIDE, thickness_mm=2.0)
+    naive = np.add.accumulate(np.full(slabs, 0.1 / slabs, np.float32))[-1]
+    assert abs(naive / 0.1 - 1) > 10 * UNIT32
+    assert abs(one_pixel(as_planes(flame, slabs), method) / 0.1 - 1) <= 2 * UNIT32
+
+
+def test_many_colours_keep_their_digits():
+    """Naive: add the light of each colour to a float32 image."""
+    camera = replace(CAMERA, lenslets=(2, 3), chromatic_shift=1e-3)
+    layers = [Layer([[0.02]], 5.0, (20.0, 20.0)), Layer([[0.1]], 6.0, WIDE)]
+    found = render(Scene(layers), camera, tolerance=1e-3)
+    colours = found.plan.colours
+    assert colours > 50
+    naive = np.add.accumulate(np.full(colours, 0.12 / colours, np.float32))[-1]
+    assert abs(naive / 0.12 - 1) > 10 * UNIT32
+    assert np.abs(found.views.astype(float) / 0.12 - 1).max() <= 2 * UNIT32
+
+
+THICKNESSES = [0.0, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5, 0.3, 50.0, 1e4]
+
+
+def exact_share(tau):
+    """``(1 - exp(-tau)) / tau`` to 40 digits or more."""
+    if tau < 1e-20:
+        return Decimal(1)
+    with localcontext(prec=60):
+        return (1 - (-Decimal(tau)).exp()) / Decimal(tau)
+
+
+def test_the_share_that_leaves_an_absorber_keeps_its_digits():
+    """Naive: ``(1 - exp(-tau)) / tau``, all of whose digits cancel; 0 / 0 where tau is 0."""
+    naive = {}
+    for tau in THICKNESSES:
+        truth, found = float(exact_share(tau)), float(self_absorbed(tau))
+        assert abs(found / truth - 1) <= 4 * UNIT
+        with np.errstate(invalid="ignore"):
+            naive[tau] = abs((1 - np.exp(-np.float64(tau))) / np.float64(tau) / truth - 1)
+    assert naive[1e-8] > 1e-10
+    assert naive[1e-12] > 1e-5
+    assert naive[1e-17] == 1
+    assert np.isnan(naive[0.0])
+
+
+@METHODS
+def test_absorbers_of_any_thickness_before_a_bright_ground(method):
+    """Its own light and that from behind, and both in cells of different thickness.
+
+    Naive: ``(1 - exp(-tau)) / tau`` in float32. From 1e-8 down the flame gives no light at all.
+    """
+    taus = np.array(THICKNESSES)
+    truth = np.array([float(exact_share(tau)) for tau in taus]) + 2 * np.exp(-taus)
+    ground, on = Layer([[2.0]], 20.0, WIDE), {"self_absorption": True}
+    for tau, expected in zip(taus, truth, strict=True):
+        flame = Layer([[1.0]], 0.0, WIDE, optical_thickness=tau)
+        image = rendered([flame, ground], effects=on, **method)
+        np.testing.assert_allclose(image, expected, rtol=2 * UNIT32)
+    # three lenslets to a cell: in the middle one every ray of a pixel meets the same cell
+    camera = replace(CAMERA, lenslets=(9, 9))
+    size = camera.field_mm(0.0)
+    flame = Layer(np.ones((3, 3)), 0.0, size, optical_thickness=taus.reshape(3, 3))
+    image = rendered([flame, ground], camera, effects=on, **method)[:, :, 1::3, 1::3]
+    np.testing.assert_allclose(image, np.broadcast_to(truth.reshape(3, 3), image.shape), rtol=1e-6)
+    single = taus.astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        naive = (1 - np.exp(-single)) / single + 2 * np.exp(-single)
+    assert not abs(naive[3] / truth[3] - 1) <= 1e3 * UNIT32
+    assert np.isnan(naive[0])
+
+
+@pytest.mark.parametrize("tau", [1e-12, 0.3, 5.0, 50.0, 1e4])
+@pytest.mark.parametrize("slabs", [1, 2, 8, 128, 1000])
+def test_slabs_of_an_absorbing_flame_compose_to_the_whole(tau, slabs):
+    """Naive: each slab emits ``tau / N`` and dims by ``exp(-tau / N)``, an explicit step."""
+    flame = Layer([[0.7]], 5.0, WIDE, optical_thickness=tau, thickness_mm=2.0)
+    truth = 0.7 * float(exact_share(tau))
+    found = one_pixel(as_planes(flame, slabs, {"self_absorption"}), "rays")
+    assert abs(found / truth - 1) <= 4 * UNIT32 * (1 + (slabs > 1))
+    step = tau / slabs
+    naive = 0.7 / slabs * np.sum(np.exp(-step * np.arange(slabs)))
+    assert (abs(naive / truth - 1) > 1e-3) == (step > 1e-3)
+
+
+@pytest.mark.parametrize("slabs", [1, 8, 32, 128])
+def test_a_transparent_flame_does_not_darken_with_few_slabs(slabs):
+    """Naive: widths between the jittered ends of N strata, the first from 0; the mean of the last
+    end is ``1 - 1/(2N)``, and the rest of the path is lost: 0.937 for 8 slabs.
+    """
+    flame = Layer([[1.0]], 5.0, WIDE, thickness_mm=2.0)
+    assert one_pixel(as_planes(flame, slabs), "exact") == 1
+    draws = np.random.default_rng(0).uniform(size=(4000, slabs))
+    ends = (np.arange(slabs) + draws) / slabs
+    naive = np.diff(ends, prepend=0.0, axis=1).sum(axis=1).mean()
+    assert naive == pytest.approx(1 - 1 / (2 * slabs), abs=0.02 / slabs)
+    assert abs(naive - 1) > 1e3 * UNIT32
+
+
+FULL = replace(
+    CAMERA,
+    aperture_diameter_mm=76.0,
+    rim_diameter_mm=80.0,
+    rim_distance_mm=40.0,
+    wavelength_nm=500.0,
+    falloff_corrected=False,
+    lenslet_pitch_error=1e-3,
+)
+
+
+@pytest.mark.parametrize("brightness", [2.0**-99, 2.0**99, 1e-30, 1e30])
+@pytest.mark.parametrize("camera", [CAMERA, FULL], ids=["plain", "full"])
+def test_images_scale_with_the_brightness(camera, brightness):
+    """The same plan and the same rays, and the same bits for a power of two.
+
+    Naive: the change between two images as a float32 mean square: 0, or infinite.
+    """
+    scenes = [
+        [glow(brightness=b, optical_thickness=0.2), card(brightness=b)] for b in (1.0, brightness)
+    ]
+    plain, other = (render(Scene(layers), camera, tolerance=0.1) for layers in scenes)
+    assert other.plan.kept == plain.plan.kept
+    assert other.plan.integrator == plain.plan.integrator == "rays"
+    expected = plain.views.astype(float) * brightness
+    if math.frexp(brightness)[0] == 0.5:
+        np.testing.assert_array_equal(other.views, expected)
+    else:  # float32 is rounded once, and after each axis of diffraction again
+        np.testing.assert_allclose(other.views, expected, rtol=8 * UNIT32,
+                                   atol=1e-6 * UNIT32 * expected.max())  # fmt: skip
+    coarse, fine = (rendered(scenes[1], camera, **(RAYS | {"rays": n})) for n in (3, 5))
+    assert np.abs(fine - coarse).max() > 1e-4 * fine.max()
+    with np.errstate(over="ignore", under="ignore"):
+        naive = np.mean(np.square((fine - coarse).astype(np.float32)))
+    assert naive in (0, np.inf)
+
+
+def test_light_beyond_float32_is_refused():
+    """Naive: ``float32(light)``: infinite pixels, where a light field promises finite ones."""
+    with pytest.raises(InputError, match="at most 1e.36 for float32 images to hold it"):
+        glow(brightness=1e39)
+    assert np.all(
+        np.isfinite(rendered([glow(brightness=1e36), card(brightness=1e36)], tolerance=0.1))
+    )
+    with np.errstate(over="ignore"):
+        naive = np.float64(1e39).astype(np.float32)
+    assert np.isinf(naive)
+
+
+BLACK = {
+    "glow": [Layer(np.zeros((3, 4)), 5.0, (1.0, 1.0))],
+    "before and behind": [
+        Layer([[0.0]], 5.0, (1.0, 1.0), opaque=True),
+        Layer([[0.0]], 15.0, (2.0, 2.0), optical_thickness=0.4, thickness_mm=2.0),
+    ],
+}
+
+
+@pytest.mark.parametrize("layers", BLACK.values(), ids=BLACK)
+@pytest.mark.parametrize("options", [{}, {"integrator": "rays"}, RAYS], ids=str)
+def test_darkness_stays_dark(layers, options):
+    """Through all imperfections and a sensor without read noise.
+
+    Naive: an effect matters if it changes the image by more than a part of the brightest pixel,
+    as a quotient: 0 / 0. And shot noise that is normal with ``sqrt(mean + 1)``: it lights the dark.
+    """
+    sensor = Sensor(1e12, read_noise_e=0.0)
+    for camera in (CAMERA, FULL, replace(FULL, chromatic_shift=0.01, sensor=sensor),
+                   replace(CAMERA, lenslet_rotation_rad=0.01, sensor=sensor)):  # fmt: skip
+        assert not np.any(rendered(layers, camera, seed=1, **options))
+        plan = plan_effects(Scene(layers), camera)
+        assert not plan.traced
+        assert all(effect.bound == 0 for effect in plan.effects if effect.name != "quantisation")
+    with np.errstate(invalid="ignore"):
+        naive = np.float64(0.0) / np.float64(0.0)
+    assert not naive <= 1e-3
+    naive = np.sqrt(0 + 1) * np.random.default_rng(1).standard_normal(100)
+    assert np.abs(naive).max() > 1
+
+
+@pytest.mark.parametrize("brightness", [1.0, 1e30])
+@pytest.mark.parametrize("exposure", [1e5, 1e12])
+def test_saturated_images_are_white(brightness, exposure):
+    """All pixels at the full well, whatever the exposure.
+
+    Naive: scale the brightest pixel to the highest number; the rest stays darker than it is.
+    """
+    camera = replace(CAMERA, sensor=Sensor(exposure, full_well_e=1e4, read_noise_e=5.0))
+    layer = Layer([[brightness, 10 * brightness]], 5.0, WIDE)
+    image = rendered([layer], camera, seed=1)
+    np.testing.assert_allclose(image, 1e4 / exposure, rtol=2 * UNIT32)
+    light = rendered([layer])
+    naive = light / light.max()
+    assert np.ptp(naive) > 0.5
+
+
+SETUPS = {
+    "exact": (CAMERA, [glow(), card(opaque=False)], {}),
+    "rays": (CAMERA, [glow(), card(opaque=False)], RAYS),
+    "occlusion": (CAMERA, [glow(), card()], RAYS),
+    "rotated": (replace(FULL, lenslet_rotation_rad=0.02), [glow(), card(opaque=False)], RAYS),
+    "full": (FULL, [glow(), card()], RAYS),
+    "sensor": (replace(CAMERA, sensor=Sensor(500.0)), [glow(), card(opaque=False)], {}),
+}
+
+
+@pytest.mark.parametrize("name", SETUPS)
+def test_both_layouts_hold_the_same_bits(name):
+    """Naive: noise drawn pixel after pixel in the order of the memory."""
+    camera, layers, options = SETUPS[name]
+    views, raw = (
+        render(Scene(layers), camera, seed=3, layout=layout, **options)
+        for layout in ("views", "raw")
+    )
+    np.testing.assert_array_equal(views.views, raw.views)
+    np.testing.assert_array_equal(views.to_raw(), raw.to_raw())
+    assert raw.to_raw().base is not None  # contiguous as it is
+    one, other = (image * 500.0 for image in (views.views.clip(0), raw.to_raw().clip(0)))
+    naive = [np.random.default_rng(3).poisson(image) for image in (one, other)]
+    assert np.any(naive[0].transpose(2, 0, 3, 1).reshape(other.shape) != naive[1])
+
+
+THREADS = """
+import hashlib, numba, test_stability_light as light
+for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
+    numba.set_num_threads(threads)
+    print(threads, *(
+        hashlib.sha256(light.rendered(layers, camera, seed=3, **options).tobytes()).hexdigest()
+        for camera, layers, options in light.SETUPS.values()
+    ))
+"""
+
+
+@pytest.mark.jit
+def test_bits_are_the_same_for_one_to_eight_threads(rng):
+    """Naive: each thread adds its rays to a float32 image of its own, or draws its own noise."""
+    run = subprocess.run(
+        [sys.executable, "-c", THREADS],
+        env={**os.environ, "NUMBA_NUM_THREADS": "8", "PYTHONPATH": str(Path(__file__).parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = [line.split() for line in run.stdout.splitlines()]
+    assert [int(line[0]) for line in lines] == list(range(1, 9))
+    assert len({tuple(line[1:]) for line in lines}) == 1
+    assert len(lines[0]) == 1 + len(SETUPS)
+    rays = rng.uniform(size=(640, 100)).astype(np.float32)
+    naive = {
+        sum(part.sum(axis=0) for part in np.array_split(rays, n)).tobytes() for n in range(1, 9)
+    }
+    assert len(naive) > 1
+    noise = {
+        b"".join(g.normal(size=640 // n).tobytes() for g in np.random.default_rng(3).spawn(n))
+        for n in (1, 2, 4, 8)
+    }
+    assert len(noise) > 1
+
+
+@pytest.mark.parametrize("stages", [{"shot_noise"}, {"shot_noise", "saturation", "quantisation"}])
+def test_black_and_bright_pixels_side_by_side(stages):
+    """From 0 over fractions of an electron to far beyond the full well.
+
+    Naive: a normal law for the shot noise, ``mean + sqrt(mean) z``: electrons fewer than none.
+    """
+    electrons = np.repeat([0.0, 1e-30, 1e-3, 1.0, 1e4, 1e9, 1e30], 1000)
+    sensor = Sensor(1.0, full_well_e=1e4)
+    found = expose(electrons, sensor, stages, np.random.default_rng(2)).reshape(7, -1)
+    assert not found[:2].any()
+    assert found.min() == 0
+    assert np.all(found <= 1e4) == ("saturation" in stages)
+    naive = electrons + np.sqrt(electrons) * np.random.default_rng(2).standard_normal(7000)
+    assert naive.min() < 0

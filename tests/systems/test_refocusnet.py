@@ -1,0 +1,172 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from lf_flame import InputError, read_light_field
+from lf_flame._common.metrics import psnr
+from lf_flame.refocus import align_views, shift_and_sum
+from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
+
+SHARED = Path(__file__).parents[3] / "shared"
+WEIGHTS = SHARED / "weights/refocusnet_weights.npz"
+LYTRO = SHARED / "lightfields/lytro_2067"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return build_refocusnet(seed=3)
+
+
+def convolve(image, layer):
+    """Convolve [h, w, channels] by a 3 x 3 layer, term by term in float64."""
+    kernel, bias = (x.numpy().astype(float) for x in layer.weights)
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)))
+    height, width = image.shape[:2]
+    total = np.zeros((height, width, kernel.shape[3])) + bias
+    for i in range(3):
+        for j in range(3):
+            total += padded[i : i + height, j : j + width] @ kernel[i, j]
+    return total
+
+
+def test_layers_are_the_published_ones(model, rng):
+    """Beside the formula of the authors' program, written out with its own numbers."""
+    assert model.count_params() == 234_795
+    seen = rng.uniform(size=(18, 20, 12))
+    w = {number: model.get_layer(f"w{number}") for number in (*range(1, 13), 14, 15)}
+    x1 = np.maximum(convolve(seen, w[1]), 0)
+    x3 = np.maximum(convolve(x1, w[3]), 0)
+    x5 = np.maximum(convolve(x3, w[5]), 0)
+    x7 = np.maximum(convolve(x5, w[7]), 0)
+    x9 = np.maximum(convolve(x7, w[9]), 0)
+    x11 = np.maximum(convolve(x9, w[11]), 0)
+    total = sum(
+        convolve(x, w[n]) for x, n in [(seen, 2), (x1, 4), (x3, 6), (x5, 8), (x7, 10), (x9, 12),
+                                       (x11, 14)]
+    )  # fmt: skip
+    red, green, blue = (total[..., c::3].mean(axis=-1) for c in range(3))
+    expected = convolve(total, w[15]) + np.stack([red, green, blue], axis=-1)
+    found = model.predict_on_batch(seen[None].astype(np.float32))[0]
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_views_are_the_authors_on_nine_by_nine_and_as_far_out_on_others(model):
+    system = RefocusNet(model)
+    assert system.chosen(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
+    assert system.chosen(15, 15) == [(7, 3), (3, 7), (7, 11), (11, 7)]
+    for count in range(3, 20):
+        places = np.array(system.chosen(count, count))
+        assert 0 <= np.ptp(places) - (count - 1) / 2 < 2
+        assert places.min() >= 0
+        assert places.max() < count
+        assert len(np.unique(places, axis=0)) == 4
+
+
+def test_colours_are_mixed_only_by_weights_that_have_seen_them(model, rng):
+    views = rng.uniform(size=(3, 3, 20, 18, 3)).astype(np.float32)
+    apart = RefocusNet(model).refocus(views, 0.3)
+    np.testing.assert_allclose(apart[..., 1], RefocusNet(model).refocus(views[..., 1], 0.3))
+    assert np.abs(RefocusNet(model, colours=3).refocus(views, 0.3) - apart).max() > 1e-3
+
+
+def test_colours_of_one_view_stand_side_by_side(model, rng):
+    """The network sees red, green and blue of one aligned view after the other."""
+    views = rng.uniform(size=(5, 5, 20, 18, 3)).astype(np.float32)
+    system = RefocusNet(model, colours=3)
+    aligned = align_views(views, 0.6, system.chosen(5, 5))[0]
+    shown = np.concatenate(list(aligned), axis=-1)
+    expected = np.clip(model.predict_on_batch(shown[None])[0], 0, 1)
+    np.testing.assert_allclose(system.refocus(views, 0.6)[0], expected, atol=1e-6)
+
+
+def test_grey_is_shown_as_three_equal_colours(model, rng):
+    views = rng.uniform(size=(3, 3, 20, 18)).astype(np.float32)
+    system = RefocusNet(model)
+    coloured = np.repeat(views[..., None], 3, axis=-1)
+    grey = system.refocus(views, [0.4, -1.0])
+    assert grey.shape == (2, 20, 18)
+    whole = system.model.predict_on_batch  # not clipped, so that means can be compared
+    aligned = align_views(coloured, 0.4, system.chosen(3, 3))[0]
+    image = whole(np.concatenate(list(aligned), axis=-1)[None])[0]
+    np.testing.assert_allclose(grey[0], np.clip(image.mean(axis=-1), 0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "slope", "words"),
+    [
+        ((3, 4, 20, 20), 0.5, "RefocusNet needs a square of 3 x 3 views or more, got 3 x 4"),
+        ((1, 1, 20, 20), 0.5, "got 1 x 1"),
+        ((3, 3, 16, 20), 0.5, "needs images of 17 pixels or more along each side, got 16 x 20"),
+        ((3, 3, 20, 20), np.inf, "slopes must be one or more finite numbers"),
+        ((3, 3, 20, 20, 2), 0.5, "takes grey light fields and those of 3 channels, got 2"),
+    ],
+)
+def test_bad_input_is_one_sentence(model, shape, slope, words):
+    with pytest.raises(InputError, match=words):
+        RefocusNet(model).refocus(np.zeros(shape, np.float32), slope)
+
+
+def test_images_smaller_than_the_receptive_field_after_averaging_are_refused(model):
+    with pytest.raises(InputError, match="got 15 x 20"):
+        RefocusNet(model).refocus(np.zeros((3, 3, 30, 40), np.float32), 0.5, (2, 2))
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        (None, "There is no file"),
+        (b"no zip", "is not a NumPy .npz file of plain arrays"),
+        ({"w1": np.array([None])}, "is not a NumPy .npz file of plain arrays"),
+        ({"b1": np.zeros(64)}, "w1 and b1 must have shapes .* got missing and"),
+        ({"w1": np.zeros((3, 3, 3, 64)), "b1": np.zeros(64)}, r"got \(3, 3, 3, 64\)"),
+    ],
+)
+def test_a_file_without_the_weights_is_refused(model, tmp_path, arrays, words):
+    path = tmp_path / "weights.npz"
+    if isinstance(arrays, bytes):
+        path.write_bytes(arrays)
+    elif arrays is not None:
+        np.savez(path, **arrays)
+    with pytest.raises(InputError, match=words):
+        load_official_weights(model, path)
+
+
+# PSNR of four-view shift-and-sum and of RefocusNet against all 81 views, and SSIM of both
+# (scikit-image's default window), 12 pixels cut off at each edge, as the authors' own program and
+# weights give them on this scene.
+OFFICIAL = {
+    -1.0: (37.15, 45.55, 0.954, 0.993),
+    0.0: (41.02, 45.83, 0.973, 0.993),
+    1.0: (34.92, 44.04, 0.902, 0.988),
+}
+
+
+@pytest.mark.skipif(
+    not (WEIGHTS.is_file() and LYTRO.is_dir()),
+    reason="no RefocusNet weights or no Lytro example light field beside the checkout",
+)
+@pytest.mark.parametrize("slope", OFFICIAL)
+def test_authors_weights_give_the_authors_figures(slope):
+    network = build_refocusnet()
+    load_official_weights(network, WEIGHTS)
+    system = RefocusNet(network, colours=3)
+    views = read_light_field(LYTRO, order="row,col").views
+    weights = np.zeros((9, 9))
+    weights[tuple(np.transpose(system.chosen(9, 9)))] = 1
+    every, four, drawn = (
+        stack[0, 12:-12, 12:-12]
+        for stack in (
+            shift_and_sum(views, slope),
+            shift_and_sum(views, slope, weights=weights),
+            system.refocus(views, slope),
+        )
+    )
+    found = [psnr(every, x) for x in (four, drawn)]
+    found += [
+        structural_similarity(every, x, data_range=1.0, channel_axis=-1) for x in (four, drawn)
+    ]
+    expected = OFFICIAL[slope]
+    assert found[:2] == pytest.approx(expected[:2], abs=0.1)
+    assert found[2:] == pytest.approx(expected[2:], abs=1e-3)

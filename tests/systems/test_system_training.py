@@ -1,0 +1,235 @@
+import json
+import shutil
+import zipfile
+from dataclasses import replace
+
+import keras
+import numpy as np
+import pandas as pd
+import pytest
+
+from lf_flame import InputError
+from lf_flame._common.config import build
+from lf_flame.learning import training_run
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.systems.refnet import SLOPES
+from lf_flame.systems.registry import NETWORKS
+from lf_flame.systems.training import (
+    PatchTrainer,
+    SystemRecipe,
+    SystemsConfig,
+    load_system,
+    read_systems_config,
+    train_system,
+)
+from lf_flame.systems.training_scenes import Lessons, teach
+
+
+@pytest.fixture(scope="module")
+def config(coarse_data):
+    values = {
+        "seed": 3,
+        "checkpoint_s": 0,
+        "lessons": {"data": [str(path) for path in coarse_data], "slopes": 3},
+        "presets": {"smoke": {"lessons": 4, "held_out": 2, "epochs": 2}},
+        "systems": {
+            "aperturenet": {"epochs": 50, "patch": 20},
+            "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
+            "aperturenet-dark": {"epochs": 50, "patch": 20, "dark": 1.0},
+            "refnet": {"epochs": 50, "patch": 24},
+            "refnet-fourier": {"epochs": 50, "patch": 24},
+            "volumetric": {"epochs": 50, "patch": 24, "optimizer": "rmsprop"},
+        },
+    }
+    return build(SystemsConfig, values, "test")
+
+
+def test_lessons_depend_on_seed_and_index_alone(config):
+    first, again, other = (config.lessons.draw(1, k) for k in (5, 5, 6))
+    np.testing.assert_array_equal(first.views, again.views)
+    np.testing.assert_array_equal(first.slopes, again.slopes)
+    assert first.views.shape != other.views.shape or np.any(first.views != other.views)
+
+
+def test_lessons_show_leaves_and_scenes_at_new_depths(config):
+    drawn = [config.lessons.draw(1, k) for k in range(30)]
+    kinds = {lesson.block for lesson in drawn}
+    assert kinds == {(1, 1), (2, 2)}
+    slopes = np.concatenate([lesson.slopes / lesson.block[0] for lesson in drawn])
+    assert slopes.min() < -0.1
+    assert slopes.max() > 0.1
+
+
+def test_every_object_is_in_focus_in_some_lesson(config):
+    """Half of a scene's slopes are those of its objects, each object as often as the others."""
+    data = config.lessons.configs[0]
+    own = {round(float(data.camera.depth_to_slope(z)), 6): z for z in data.depths_mm}
+    scenes = Lessons(config.lessons.data[:1], leaves=0, slopes=4)
+    seen = [round(x, 6) for k in range(40) for x in scenes.draw(2, k).slopes[:2]]
+    counts = [seen.count(slope) for slope in own]
+    assert min(counts) >= 2  # about every other lesson keeps the depths of the data set
+
+
+def test_something_is_sharp_at_the_first_half_of_a_scenes_slopes(config):
+    """There the image changes most from pixel to pixel, against slopes between."""
+    scenes = Lessons(config.lessons.data, leaves=0, slopes=8)
+    for k in range(4):
+        lesson = scenes.draw(2, k)
+        changes = np.square(np.diff(lesson.truth(lesson.slopes))).sum(axis=(1, 2))
+        assert changes[:4].mean() > changes[4:].mean()
+
+
+def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
+    for name, network in NETWORKS.items():
+        system = network.build(0)
+        shown, truth = teach(config.lessons, system, 1, range(2))
+        assert shown.shape[:3] == truth.shape[:3] == (2 if name.startswith("refnet") else 6, 24, 48)
+        assert shown.dtype == truth.dtype == np.float32
+        assert system.model.predict_on_batch(shown[:1, :24, :24]).shape[3] == truth.shape[3]
+
+
+def test_lessons_in_little_light_are_noisy_and_their_truth_is_not(config):
+    """Shot noise: over many pixels its variance is the mean over the electrons."""
+    lessons = replace(config.lessons, electrons=(20.0, 20.0))
+    clean, dark = (lessons.draw(1, 5, share) for share in (0.0, 1.0))
+    np.testing.assert_array_equal(dark.views, clean.views)
+    np.testing.assert_array_equal(clean.seen, clean.views)
+    assert np.var(dark.seen - dark.views) == pytest.approx(dark.views.mean() / 20, rel=0.02)
+    np.testing.assert_array_equal(dark.truth(dark.slopes), clean.truth(clean.slopes))
+    assert sum(np.any(x.seen != x.views) for x in (lessons.draw(1, k, 0.5) for k in range(9))) > 1
+
+
+def test_what_is_right_may_be_the_fourier_slice(config):
+    lesson = config.lessons.draw(1, 0)
+    a, b = (lesson.truth(lesson.slopes, right) for right in ("shift-and-sum", "Fourier slice"))
+    assert 1e-4 < np.abs(a - b).mean() < 0.05
+
+
+def test_refnet_learns_its_own_slopes(config):
+    lesson = config.lessons.draw(1, 0)
+    slopes = NETWORKS["refnet"].build(0).slopes_to_learn(lesson.slopes, (3, 3))
+    np.testing.assert_allclose(slopes, 3 * SLOPES)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
+    path = train_system(config, name, "smoke", tmp_path / name, show=False)
+    record = json.loads((path.parent / "run.json").read_text())
+    history = pd.read_csv(path.parent / "history.csv")
+    assert list(history.epoch) == [0, 1, 2]
+    assert record["best_validation_loss"] == pytest.approx(history.val_loss.min(), rel=1e-5)
+    system = load_system(path.parent)
+    assert record["parameters"] == system.parameters == system.model.count_params()
+    views = DeadLeaves().draw((9, 9), (50, 60), np.random.default_rng(1)).views
+    assert system.refocus(views, 0.2).shape == (1, 50, 60)
+    # The best weights of the run are those in the file.
+    arrays = teach(
+        config.lessons, system, config.seed, range(1_000_000, 1_000_002), NETWORKS[name].truth,
+        config.recipe(name, "smoke").dark,
+    )  # fmt: skip
+    images = np.clip(system.predict(arrays[0]), 0, 1)
+    assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
+
+
+def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monkeypatch):
+    train_system(config, "volumetric", "smoke", tmp_path / "whole", show=False)
+    run_epoch = training_run._run_epoch
+
+    def cut_in_epoch_2(trainer, seed, epoch):
+        if epoch == 2:
+            raise KeyboardInterrupt
+        return run_epoch(trainer, seed, epoch)
+
+    monkeypatch.setattr(training_run, "_run_epoch", cut_in_epoch_2)
+    with pytest.raises(KeyboardInterrupt):
+        train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+    monkeypatch.undo()
+    train_system(config, "volumetric", "smoke", tmp_path / "cut", show=False)
+    losses = [pd.read_csv(tmp_path / x / "history.csv").loss for x in ("whole", "cut")]
+    np.testing.assert_allclose(losses[0], losses[1], rtol=1e-4)
+
+
+def test_a_network_learns(config):
+    """From one lesson, by the trainer, RefocusNet's error falls to a tenth."""
+    system = NETWORKS["refocusnet"].build(1)
+    pair = teach(config.lessons, system, 1, range(1))
+    recipe = SystemRecipe(epochs=30, patch=24, batch_size=4, schedule="constant")
+    trainer = PatchTrainer(
+        system, "mean_squared_error", recipe, {"train": pair, "validation": pair}
+    )
+    start = trainer.evaluate("validation")
+    for epoch in range(30):
+        trainer.train_epoch(np.random.default_rng(epoch))
+    assert trainer.evaluate("validation") < start / 10
+
+
+def test_weights_come_from_the_seed(config):
+    first, again, other = (NETWORKS["refnet"].build(seed).model.get_weights() for seed in (1, 1, 2))
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0], other[0])
+
+
+def test_another_run_in_the_folder_is_refused(config, tmp_path):
+    train_system(config, "volumetric", "smoke", tmp_path, show=False)
+    with pytest.raises(InputError, match="holds a run with another system"):
+        train_system(config, "refnet", "smoke", tmp_path, show=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "preset", "words"),
+    [
+        (
+            "refocus",
+            "smoke",
+            "system must be one of aperturenet, .*volumetric, got 'refocus'",
+        ),
+        ("refnet", "slow", "preset must be one of smoke, got 'slow'"),
+    ],
+)
+def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
+    with pytest.raises(InputError, match=words):
+        train_system(config, name, preset, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("model.keras", b"", "model.keras is not a Keras file, or is cut short"),
+        ("model.keras", None, "model.keras cannot be loaded: it is damaged"),
+        ("run.json", b"{", "run.json is not a JSON file"),
+    ],
+)
+def test_a_damaged_run_is_one_sentence(system_runs, tmp_path, name, content, words):
+    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
+    if content is None:
+        with zipfile.ZipFile(tmp_path / "run" / name, "w") as file:
+            file.writestr("config.json", "{}")
+    else:
+        (tmp_path / "run" / name).write_bytes(content)
+    with pytest.raises(InputError, match=words) as caught:
+        load_system(tmp_path / "run")
+    assert "\n" not in str(caught.value)
+
+
+def test_training_into_a_damaged_run_is_one_sentence(config, system_runs, tmp_path):
+    shutil.copytree(system_runs / "refocusnet", tmp_path / "run")
+    (tmp_path / "run" / "run.json").write_text("{")
+    with pytest.raises(InputError, match=r"run\.json is not a JSON file"):
+        train_system(config, "refocusnet", "smoke", tmp_path / "run", show=False)
+
+
+def test_a_folder_without_a_system_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no finished run"):
+        load_system(tmp_path)
+    keras.Sequential([keras.layers.Input((1,)), keras.layers.Dense(1)]).save(
+        tmp_path / "model.keras"
+    )
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(InputError, match="holds no run of a refocusing system"):
+        load_system(tmp_path)
+
+
+def test_the_experiment_names_every_network():
+    config = read_systems_config("experiments/systems.toml")
+    assert set(config.systems) == set(NETWORKS)
+    assert config.lessons.configs[0].image == (90, 180)
