@@ -163,7 +163,7 @@ METHODS = {
         theory=1 / 2,
     ),
     "thin": Method(
-        "backward, thin bundles",
+        "backward, finite-width rays",
         partial(_backward, thin=True),
         PER_AXIS,
         lambda n: n**2,

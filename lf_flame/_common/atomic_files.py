@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 @contextmanager
-def written_aside(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """Give a path beside the wanted one; rename it when the block ends well, else remove it.
 
     Parameters
@@ -33,7 +33,7 @@ def written_aside(path: str | Path) -> Iterator[Path]:
 
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file in UTF-8."""
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(text, encoding="utf-8")
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lf_flame._common.atomic_files import written_aside
+from lf_flame._common.atomic_files import atomic_write
 
 
 def subplots(rows: int = 1, columns: int = 1, *, figsize=None, layout=None, **options):
@@ -31,5 +31,5 @@ def subplots(rows: int = 1, columns: int = 1, *, figsize=None, layout=None, **op
 
 def save(figure: Figure, path: Path, dpi: int = 150) -> None:
     """Write a figure as PNG."""
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         figure.savefig(aside, dpi=dpi)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text, written_aside
+from lf_flame._common.atomic_files import atomic_write, write_json, write_text
 from lf_flame._common.config import to_json
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_level, write_image
@@ -44,7 +44,7 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
     arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
-    with written_aside(out / "light_field.npz") as aside:
+    with atomic_write(out / "light_field.npz") as aside:
         np.savez_compressed(aside, **arrays)
     record = {
         "camera": to_json(camera),

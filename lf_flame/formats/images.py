@@ -11,7 +11,7 @@ import tifffile
 from PIL import Image
 from skimage.io import imread
 
-from lf_flame._common.atomic_files import written_aside
+from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -153,7 +153,7 @@ def write_image(path: str | Path, levels: np.ndarray) -> None:
         levels = levels[..., 0]
     if levels.ndim == 3 and levels.shape[2] != 3:
         raise InputError(f"An image must have 1 or 3 channels, got {levels.shape[2]}.")
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         if suffix in TIFF_SUFFIXES:
             photometric = "rgb" if levels.ndim == 3 else "minisblack"
             tifffile.imwrite(aside, levels, photometric=photometric, compression="zlib")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from lf_flame._common.atomic_files import written_aside
+from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 
 MOVIE_SUFFIXES = (".gif", ".mp4")
@@ -49,7 +49,7 @@ def write_movie(path: str | Path, frames: np.ndarray) -> None:
         If it cannot be written (`check_movie`).
     """
     check_movie(path)
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         if aside.suffix.lower() == ".gif":
             first, *others = (Image.fromarray(frame) for frame in frames)
             duration = round(1000 / FRAMES_PER_S)

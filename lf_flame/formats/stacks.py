@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from lf_flame._common.atomic_files import written_aside
+from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 from lf_flame.formats.images import readable, to_unit
 from lf_flame.formats.view_order import arranged, find_order
@@ -111,7 +111,7 @@ def write_focal_stack(stack, slopes, path: str | Path) -> None:
         "slopes": json.dumps(slopes),
         "Labels": [f"slope {slope:g}" for slope in slopes for _ in range(channels)],
     }
-    with written_aside(path) as aside:
+    with atomic_write(path) as aside:
         tifffile.imwrite(aside, stack, imagej=True, photometric="minisblack", metadata=metadata)
 
 

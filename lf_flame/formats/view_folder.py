@@ -172,14 +172,14 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
         raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
     levels = to_levels(light_field.views, bits)
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
-    with _folder_written_aside(folder) as aside:
+    with _folder_atomic_write(folder) as aside:
         for v, u in np.ndindex(levels.shape[:2]):
             write_image(aside / f"view_{v:0{width}}_{u:0{width}}.png", levels[v, u])
 
 
 @contextmanager
-def _folder_written_aside(folder: Path) -> Iterator[Path]:
-    """Do for a folder what `lf_flame._common.atomic_files.written_aside` does for a file."""
+def _folder_atomic_write(folder: Path) -> Iterator[Path]:
+    """Do for a folder what `lf_flame._common.atomic_files.atomic_write` does for a file."""
     aside = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir(parents=True)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.atomic_files import written_aside
+from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_folder import write_view_folder
@@ -36,7 +36,7 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
     elif suffix in (".png", ".tif", ".tiff"):
         write_lenslet_image(light_field, path, bits)
     elif suffix == ".npy":
-        with written_aside(path) as aside:
+        with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)
     else:
         raise InputError(f"A light field is written to a folder, .png, .tif or .npy, got {path}.")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import write_json, written_aside
+from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.config import build, read_record, to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.encodings import InputEncoding
@@ -185,7 +185,7 @@ def export_network(run: str | Path, out: str | Path) -> None:
         raise InputError(f"A network is exported to a .keras file outside of its run, got {out}.")
     card = read_card(run)
     network = load_network(run, card)
-    with written_aside(out) as aside:
+    with atomic_write(out) as aside:
         network.save(aside)
         card = replace(card, sha256=_sha256(aside), exported=provenance.environment())
         write_json(out.with_suffix(".json"), to_json(card))

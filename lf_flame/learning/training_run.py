@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import write_json, written_aside
+from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.config import read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
@@ -113,7 +113,7 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
         **provenance.environment(),
     }
     write_json(out / "run.json", record)
-    with written_aside(model) as aside:  # last: make looks at this file
+    with atomic_write(model) as aside:  # last: make looks at this file
         network.save(aside)
     return model
 

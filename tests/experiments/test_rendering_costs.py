@@ -76,7 +76,7 @@ def test_all_files_are_there(measured):
     assert json.loads(text, parse_constant=pytest.fail)["accuracy"] == record["accuracy"]
     assert len(pd.read_csv(out / "accuracy.csv")) == len(record["accuracy"])
     report = (out / "costs.md").read_text()
-    for words in (record["command"], record["machine"], "numba", "thin bundles", "shot_noise"):
+    for words in (record["command"], record["machine"], "numba", "finite-width rays", "shot_noise"):
         assert words in report
     assert "nan" not in report
 
