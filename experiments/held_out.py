@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from lf_flame.datasets.store import DatasetConfig
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 
@@ -50,16 +50,17 @@ def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> Hel
         As many of them, or fewer where there are not as many.
     """
     try:
-        record, dataset = open_run(run)
+        found = open_run(run)
     except InputError as error:
         count = min(config.samples.values())
         slopes = tuple(config.camera.depth_to_slope(z) for z in config.depths_mm)
         indices = tuple(range(max(count - samples, 0), count))
         return HeldOut(config.kind, config, slopes, indices, None, f"missing. {error}")
+    record = found.record
     origin = (
         f"preset {record['preset']}, {record['epochs']} epochs, backbone "
         f"{record['backbone_weights']}"
     )
     indices = tuple(record["test_indices"][:samples])
-    slopes = tuple(dataset.attrs["slopes"])
-    return HeldOut(config.kind, dataset.config, slopes, indices, run, origin)
+    slopes = tuple(found.slopes)
+    return HeldOut(config.kind, found.config, slopes, indices, run, origin)

@@ -75,7 +75,7 @@ def system_runs(tmp_path_factory, coarse_data):
     folder = tmp_path_factory.mktemp("runs")
     text = "\n".join(
         [
-            "seed = 1\n[lessons]",
+            "seed = 1\n[training_samples]",
             f"data = {json.dumps([str(path) for path in coarse_data])}",
             "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
             "[systems.refocusnet]\nepochs = 1\npatch = 24",

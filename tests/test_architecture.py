@@ -1,65 +1,107 @@
-"""Dependencies point one way, and importing the optics stays light."""
+"""Imports point one way, the library knows nothing of the repository, and importing stays light."""
 
 import ast
+import re
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "lf_flame"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "lf_flame"
 
-LAYERS = [
-    {"errors", "files", "keras_loading"},
-    {"_kernels", "_leaves_kernels", "transfer", "sensor", "diffraction"},
-    {"camera", "footprint", "conventions"},
-    {"scene", "shapes", "flames", "leaves", "lightfield", "formats"},
-    {"planes", "integrators"},
-    {"survey", "effects", "plan"},
-    {"render", "forward", "closed_form", "refocus"},
-    {"config", "provenance", "templates", "scenefile", "paper"},
-    {"encodings", "datasets", "cases"},
-    {"backbone", "models", "_adam", "checkpoints", "runs", "trainers", "ridge", "warmstart"},
-    {"training", "evaluation", "comparison", "bottleneck"},
-    {"figures", "simulate", "refocusing", "report", "costs"},
-    {"costs_report", "refocus_costs"},
-    {"refocus_costs_report"},
-    {"studies", "studies_report"},
-    {"systems"},
-    {"swaptest", "swaptest_report"},
-    {"network", "prediction"},
-    {"latency"},
-    {"latency_report"},
-    {"light_field_commands", "model_commands", "study_commands", "system_commands"},
-    {"cli"},
+FLOORS = [
+    ["errors"],
+    ["_common"],
+    ["lightfield"],
+    ["optics"],
+    ["scenes"],
+    ["simulation"],
+    ["formats", "refocus"],
+    ["datasets"],
+    ["learning"],
+    ["models", "systems"],
+    ["commands"],
+    ["__main__"],
 ]
-"""A module imports only from its own layer and from those above it in this list."""
+"""Rooms of the library, from the ground up: each may import those of lower floors, and itself."""
 
-RANK = {module: rank for rank, modules in enumerate(LAYERS) for module in modules}
-FILES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+RANK = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+LIBRARY = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+EXPERIMENTS = sorted((ROOT / "experiments").rglob("*.py"))
 
 
 def module_of(path):
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    """Dotted name of the module in a file."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path) for path in (*LIBRARY, *EXPERIMENTS)}
 
 
 def imports_of(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Modules that a file imports, those inside functions too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            inner = [name for name in names if name in MODULES]
+            yield from inner
+            if len(inner) < len(names):
+                yield node.module
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_dependencies_point_one_way(path):
-    rank = RANK[module_of(path)]
+def room_of(name):
+    """Room of the library that a module lies in."""
+    return name.split(".")[1] if name.startswith("lf_flame.") else ""
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_down_from_floor_to_floor(path):
+    here = room_of(module_of(path))
     for name in imports_of(path):
-        parts = name.split(".")
-        assert parts[0] not in ("experiments", "data_gen", "tests"), name
-        if parts[0] == "lf_flame" and len(parts) > 1 and parts[1] in RANK:
-            assert RANK[parts[1]] <= rank, f"{path.name} must not import {name}"
+        assert name.split(".")[0] not in ("experiments", "data_gen", "tests"), name
+        if name == "lf_flame":  # its names come from everywhere: for users and for the version
+            assert here in ("commands", "_common"), f"{path} imports the package's face"
+        there = room_of(name)
+        if there and there != here:
+            assert RANK[there] < RANK[here], f"{here} is not above {there}"
+
+
+def test_no_two_files_import_each_other():
+    """Neither inside a room nor around a corner, in the library or in the experiments."""
+    graph = {}
+    for path in (*LIBRARY, *EXPERIMENTS):
+        me = module_of(path)
+        graph[me] = {name for name in imports_of(path) if name in MODULES and name != me}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_every_room_has_a_floor_and_tells_what_it_holds():
+    rooms = {path.relative_to(PACKAGE).parts[0].removesuffix(".py") for path in LIBRARY}
+    assert rooms == set(RANK)
+    for path in (*PACKAGE.rglob("__init__.py"), *(ROOT / "experiments").rglob("__init__.py")):
+        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), path
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_the_library_knows_nothing_of_the_repository(path):
+    """No path of it, no Make target, no table of the paper."""
+    text = path.read_text(encoding="utf-8")
+    known = (
+        r"experiments/|data_gen/|python -m experiments|`make |\bmake [a-z]+`|Tables? I|RUN=|PRESET="
+    )
+    found = [line for line in text.splitlines() if re.search(known, line)]
+    if path.name == "moved.py":  # tells users of old names the new ones
+        found = [line for line in found if "python -m experiments" not in line]
+    assert not found, found
 
 
 @pytest.mark.parametrize(
@@ -70,27 +112,46 @@ def test_kernels_import_only_numpy_and_numba(name):
     assert used <= {"math", "numpy", "numba"}
 
 
+def loaded_by(code):
+    """Heavy packages that some code loads in a process of its own."""
+    heavy = ("numba", "keras", "tensorflow", "matplotlib", "pandas", "zarr", "skimage", "scipy")
+    code = f"import sys; {code}; print([m for m in {heavy} if m in sys.modules])"
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
 def test_importing_the_package_loads_neither_numba_nor_keras():
+    assert loaded_by("import lf_flame; lf_flame.PAPER_CAMERA") == "[]"
+
+
+def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
     code = (
-        "import sys, lf_flame; lf_flame.PAPER_CAMERA; "
-        "print([m for m in ('numba', 'keras', 'tensorflow', 'matplotlib') if m in sys.modules])"
+        "import numpy as np; from lf_flame import *; from lf_flame.refocus import shift_and_sum;"
+        "import lf_flame.formats; import lf_flame.commands.cli;"
+        "c = PlenopticCamera(150, 326, 0.4, 0.112, views=3, lenslets=(8, 8));"
+        "lf = render(Scene([Layer(np.ones((2, 2)), 0.0, (0.5, 0.5))]), c); str(lf.plan);"
+        "shift_and_sum(lf, 1.0)"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"
+    assert not {"keras", "tensorflow", "pandas", "zarr"} & set(eval(loaded_by(code)))
 
 
 def test_every_public_name_loads():
     import lf_flame
 
-    for name in (
-        "PlenopticCamera",
-        "PAPER_CAMERA",
-        "Scene",
-        "Layer",
-        "LightField",
-        "render",
-        "Sensor",
-        "plan_effects",
-    ):
+    for name in lf_flame.__all__:
         assert getattr(lf_flame, name) is not None
         assert name in dir(lf_flame)
+    from lf_flame import (  # noqa: F401
+        PAPER_CAMERA,
+        InputError,
+        Layer,
+        LightField,
+        PlenopticCamera,
+        Scene,
+        Sensor,
+        plan_effects,
+        read_light_field,
+        render,
+    )
+
+    assert callable(lf_flame.render)  # the function, never a module of that name

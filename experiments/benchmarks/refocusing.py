@@ -1,10 +1,10 @@
-"""How fast refocusing is: ratios within one run, against named opponents, outputs compared.
+"""How fast refocusing is: ratios within one run, against named baselines, outputs compared.
 
     make benchmarks
 
 All calls are timed in turn, again and again, and the best of each counts, so that what else the
-machine does hits all alike. The opponents of `opponents.txt` run in a Python of their own
-(`--opponents`), which times the call alone. A ratio is the opponent's time over ours; a difference
+machine does hits all alike. The baselines of `baselines.txt` run in a Python of their own
+(`--baselines`), which times the call alone. A ratio is the baseline's time over ours; a difference
 is the largest of any pixel, relative to the brightest.
 """
 
@@ -41,7 +41,7 @@ ROUNDS = 5
 TURN_S = 0.05
 """A call that takes less is repeated for so long in its turn."""
 
-COLUMNS = ["what", "opponent", "threads", "ours ms", "opponent ms", "ratio", "wanted",
+COLUMNS = ["what", "baseline", "threads", "ours ms", "baseline ms", "ratio", "wanted",
            "largest difference", "remarks"]  # fmt: skip
 
 
@@ -200,14 +200,14 @@ def cases(small: bool) -> list[Case]:
 
 
 class OtherPython:
-    """The program `opponents.py` in another interpreter; `versions` says what that has."""
+    """The program `baselines.py` in another interpreter; `versions` says what that has."""
 
     def __init__(self, python: Path):
         self.python = python
 
     def __enter__(self):
         self._folder = tempfile.TemporaryDirectory()
-        program = Path(__file__).with_name("opponents.py")
+        program = Path(__file__).with_name("baselines.py")
         self._process = subprocess.Popen(
             [self.python, program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
@@ -238,7 +238,7 @@ class OtherPython:
     def _answer(self) -> dict:
         line = self._process.stdout.readline()
         if not line:
-            sys.exit("The opponents' Python stopped; what it wrote stands above.")
+            sys.exit("The baselines' Python stopped; what it wrote stands above.")
         return json.loads(line)
 
 
@@ -260,13 +260,13 @@ def largest_difference(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
 
-def compared(opponent: Opponent, ours: np.ndarray, theirs: np.ndarray) -> str:
+def compared(baseline: Opponent, ours: np.ndarray, theirs: np.ndarray) -> str:
     """Difference of the images, which ends the program where they should be the same."""
-    if opponent is READ:
+    if baseline is READ:
         return ""
     found = largest_difference(ours, theirs)
-    if opponent.same_output and not found <= ALIKE:
-        sys.exit(f"{opponent.name} must refocus as we do to {ALIKE:g}, but differs by {found:.1e}.")
+    if baseline.same_output and not found <= ALIKE:
+        sys.exit(f"{baseline.name} must refocus as we do to {ALIKE:g}, but differs by {found:.1e}.")
     return f"{found:.1e}"
 
 
@@ -276,17 +276,17 @@ def measure(case: Case, small: bool, other: OtherPython | None) -> list[tuple]:
     ours = partial(shift_and_sum, *work, interpolation=case.interpolation)
     images, differences = ours(), {}
     clocks = {("ours", n): on_threads(n, ours) for n in THREADS}
-    for opponent in case.against:
-        if opponent.refocus:
-            theirs = opponent.refocus(*work)
-            for n in THREADS if opponent.threaded else THREADS[-1:]:
-                clocks[opponent, n] = on_threads(n, partial(opponent.refocus, *work))
-        elif other and opponent.package in other.versions:
-            theirs = other.refocus(opponent.package, *work)
-            clocks[opponent, THREADS[-1]] = partial(other.seconds, opponent.package)
+    for baseline in case.against:
+        if baseline.refocus:
+            theirs = baseline.refocus(*work)
+            for n in THREADS if baseline.threaded else THREADS[-1:]:
+                clocks[baseline, n] = on_threads(n, partial(baseline.refocus, *work))
+        elif other and baseline.package in other.versions:
+            theirs = other.refocus(baseline.package, *work)
+            clocks[baseline, THREADS[-1]] = partial(other.seconds, baseline.package)
         else:
             continue
-        differences[opponent] = compared(opponent, images, theirs)
+        differences[baseline] = compared(baseline, images, theirs)
     times = best_times(*((1, 0.0) if small else (ROUNDS, TURN_S)), list(clocks.values()))
     ms = {key: 1e3 * time for key, time in zip(clocks, times, strict=True)}
     return [row for n in THREADS for row in rows_of(case, n, ms, differences)]
@@ -297,13 +297,13 @@ def rows_of(case: Case, threads: int, ms: dict, differences: dict) -> list[tuple
     what = f"{case.what}, {'x'.join(map(str, case.shape))}"
     ours, all_threads = ms["ours", threads], threads == THREADS[-1]
     rows = []
-    for opponent in case.against:
-        theirs = ms.get((opponent, threads), ms.get((opponent, THREADS[-1]), np.nan))
-        wanted = case.wanted.get(opponent) if all_threads else None
+    for baseline in case.against:
+        theirs = ms.get((baseline, threads), ms.get((baseline, THREADS[-1]), np.nan))
+        wanted = case.wanted.get(baseline) if all_threads else None
         rows.append((
-            what, opponent.name, threads, ours, theirs, theirs / ours,
-            f"at least {wanted:g}" if wanted else "", differences.get(opponent, ""),
-            opponent.remarks if opponent in differences else f"not installed; {opponent.remarks}",
+            what, baseline.name, threads, ours, theirs, theirs / ours,
+            f"at least {wanted:g}" if wanted else "", differences.get(baseline, ""),
+            baseline.remarks if baseline in differences else f"not installed; {baseline.remarks}",
         ))  # fmt: skip
     if case.frames_per_s:
         frame = 1e3 / case.frames_per_s
@@ -364,12 +364,12 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
     parser.add_argument(
-        "--opponents", type=Path, help="Python in which opponents.txt is installed; default: none"
+        "--baselines", type=Path, help="Python in which baselines.txt is installed; default: none"
     )
     parser.add_argument("--small", action="store_true", help="few small views, to try the program")
     asked = parser.parse_args()
-    if asked.opponents and not shutil.which(asked.opponents):
-        parser.error(f"--opponents must be a Python interpreter, got {asked.opponents}")
+    if asked.baselines and not shutil.which(asked.baselines):
+        parser.error(f"--baselines must be a Python interpreter, got {asked.baselines}")
     return asked
 
 
@@ -378,15 +378,15 @@ def main() -> None:
     asked = arguments()
     rows, record = [], environment()
     record["versions"]["scipy"] = metadata.version("scipy")
-    with OtherPython(asked.opponents) if asked.opponents else nullcontext() as other:
-        record["opponents"] = other.versions if other else {}
+    with OtherPython(asked.baselines) if asked.baselines else nullcontext() as other:
+        record["baselines"] = other.versions if other else {}
         for case in cases(asked.small):
             sys.stderr.write(f"measuring: {case.what}\n")
             rows += measure(case, asked.small, other)
         sys.stderr.write("measuring: methods\n")
         methods, crossings = measure_methods(asked.small)
     record["methods"] = methods.to_dict("records")
-    theirs = ", ".join(map(" ".join, record["opponents"].items())) or "none installed"
+    theirs = ", ".join(map(" ".join, record["baselines"].items())) or "none installed"
     write_table(
         asked.out / "refocusing",
         "Speed of refocusing",
@@ -394,8 +394,8 @@ def main() -> None:
         ("", "", "", ".4g", ".4g", ".3g", "", "", ""),
         record,
         missing="missing",
-        notes="Threads are ours. Ratio: the opponent's time over ours. Difference: of any pixel, "
-        f"relative to the brightest. Opponents in a Python of their own: {theirs}.\n\n"
+        notes="Threads are ours. Ratio: the baseline's time over ours. Difference: of any pixel, "
+        f"relative to the brightest. Baselines in a Python of their own: {theirs}.\n\n"
         f"{methods.to_markdown(index=False, floatfmt='.3g')}\n\n{crossings} "
         f"All of them at {THREADS[-1]} threads, edges clamped.\n\n",
     )

@@ -1,4 +1,4 @@
-"""How fast the simulator is: ratios within one run, against named opponents, outputs compared.
+"""How fast the simulator is: ratios within one run, against named baselines, outputs compared.
 
     make benchmarks
 
@@ -22,7 +22,7 @@ from experiments.benchmarks.report import write_table
 from experiments.timing import best_of
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
 from lf_flame._common.provenance import environment
-from lf_flame.datasets.store import read_config
+from lf_flame.datasets.config import read_config
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
 from lf_flame.simulation.integrators import Optics, integrate, trace
@@ -31,7 +31,7 @@ from lf_flame.simulation.slabs import slice_scene
 SOME_LINES = slice(20, None, 45)
 """Lines of the image on which many rays are traced."""
 
-COLUMNS = ["what", "ours", "opponent", "unit", "ratio", "wanted", "outputs differ by"]
+COLUMNS = ["what", "ours", "baseline", "unit", "ratio", "wanted", "outputs differ by"]
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> str:

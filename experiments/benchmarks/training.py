@@ -237,8 +237,8 @@ def measure(case: Case, rounds: int) -> list[tuple]:
         profiles.append(profile(trainer, batches))
         return sum(profiles[-1].values())
 
-    def clock(opponent: PlainKeras) -> float:
-        return seconds(partial(run, opponent.step, batches)) / len(batches)
+    def clock(baseline: PlainKeras) -> float:
+        return seconds(partial(run, baseline.step, batches)) / len(batches)
 
     clocks = [our_clock, partial(clock, plain), partial(clock, xla)]
     clocks += [partial(seconds, call) for call in floor.calls]

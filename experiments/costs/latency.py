@@ -1,6 +1,6 @@
 """How long a trained network takes for one picture, stage by stage, in 32 bits and in fewer.
 
-The way is that of a user who has a raw lenslet image in memory: it is averaged to the network's
+The clock runs as for a user who has a raw lenslet image in memory: it is averaged to the network's
 size, the backbone makes features of it, and the decoder images of these; at batch 1. In each round
 every precision goes it once stage by stage and once in one go, in an order drawn anew, so that what
 else the machine does, and what the one before left behind, hits all alike. The floor is the time
@@ -36,7 +36,7 @@ PRECISIONS = (REFERENCE, "bfloat16", "float16", "int8")
 
 STAGES = ("resize", "backbone", "decoder")
 WHOLE = "whole"
-"""Label of the way in one go."""
+"""Label of all stages in one go."""
 
 WARM_UP = 3
 """Rounds that do not count: memory and caches settle."""
@@ -98,15 +98,24 @@ def open_subject(path: str | Path, seed: int = 0) -> Subject:
     camera = card.camera
     shape = [n * camera.views for n in camera.lenslets]
     raw = np.random.default_rng(seed).random(shape, np.float32)
-    if path.is_dir():
-        run, dataset = open_run(path)
-        indices = run["test_indices"][:PICTURES]
-        inputs = dataset.inputs[indices]
-        truths, origin = dataset.targets[indices], f"{len(indices)} test inputs of {dataset.path}"
-    else:
-        inputs, truths = _resized(raw, size), None
-        origin = "the random raw image: an exported network comes without test inputs"
+    inputs, truths, origin = _test_inputs(path) or (
+        _resized(raw, size), None, "the random raw image: there are no test inputs beside the network"
+    )  # fmt: skip
     return Subject(str(path), card, network, raw, inputs, truths, origin)
+
+
+def _test_inputs(path: Path) -> tuple | None:
+    """Read pictures of a run's test split; None where its data set is not at hand."""
+    if not path.is_dir():
+        return None
+    try:
+        run = open_run(path)
+        dataset = run.open_dataset()
+    except InputError:
+        return None
+    indices = run.record["test_indices"][:PICTURES]
+    origin = f"{len(indices)} test inputs of its data set, {dataset.path.name}"
+    return dataset.inputs[indices], dataset.targets[indices], origin
 
 
 def check_parts(network: keras.Model, path: Path) -> None:
@@ -179,14 +188,14 @@ def weight_bytes(network: keras.Model) -> int:
 
 
 def compilers() -> dict[str, bool]:
-    """Name the ways in which the backend can compile a network, with Keras's `jit_compile`."""
+    """Name the compilers with which the backend can compile a network, with Keras's `jit_compile`."""
     if keras.backend.backend() == "tensorflow":
         return {"TensorFlow": False, "XLA": True}
     return {"XLA": True}
 
 
 @dataclass(eq=False)
-class Way:
+class Variant:
     """A network in one precision, compiled in one way.
 
     Attributes
@@ -249,7 +258,7 @@ def _resized(raw: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return area_average(raw, size)[None, ..., None]
 
 
-def build_ways(subject: Subject, chosen: dict[str, bool]) -> Iterator[Way]:
+def build_variants(subject: Subject, chosen: dict[str, bool]) -> Iterator[Variant]:
     """Build a network in each precision, compile it, and compare its images with float32's.
 
     Parameters
@@ -260,23 +269,25 @@ def build_ways(subject: Subject, chosen: dict[str, bool]) -> Iterator[Way]:
 
     Yields
     ------
-    Way
+    Variant
         What the platform cannot do is `missing`, with the reason.
     """
     reference = None
     for precision in PRECISIONS:
         network, reason = _attempt(in_precision, subject.network, precision)
         for compiler, xla in chosen.items():
-            way = Way(subject.label, precision, compiler, missing=reason)
+            variant = Variant(subject.label, precision, compiler, missing=reason)
             if network is not None:
-                way.computes = describe(network, precision)
-                way.parts = tuple(compiled(part, xla) for part in (*network.layers[1:], network))
-                stacks, way.missing = _attempt(_finite, way, subject.inputs)
-            if way.missing is None:
+                variant.computes = describe(network, precision)
+                variant.parts = tuple(
+                    compiled(part, xla) for part in (*network.layers[1:], network)
+                )
+                stacks, variant.missing = _attempt(_finite, variant, subject.inputs)
+            if variant.missing is None:
                 reference = stacks if reference is None else reference
-                way.facts = _compared(subject, stacks, reference)
-                way.facts["weights_mb"] = weight_bytes(network) / 1e6
-            yield way
+                variant.facts = _compared(subject, stacks, reference)
+                variant.facts["weights_mb"] = weight_bytes(network) / 1e6
+            yield variant
 
 
 def _attempt(call: Callable, *args) -> tuple:
@@ -289,8 +300,8 @@ def _attempt(call: Callable, *args) -> tuple:
         return None, f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
 
 
-def _finite(way: Way, inputs: np.ndarray) -> np.ndarray:
-    stacks = way.predict(inputs)
+def _finite(variant: Variant, inputs: np.ndarray) -> np.ndarray:
+    stacks = variant.predict(inputs)
     if not np.all(np.isfinite(stacks)):
         raise FloatingPointError("its images are not finite")
     return stacks
@@ -347,7 +358,7 @@ def measure_latency(
     Returns
     -------
     DataFrame
-        One row for each way to run a network.
+        One row a variant.
     dict
         The record.
 
@@ -360,15 +371,17 @@ def measure_latency(
         raise InputError(f"repeats must be 3 or more, for a median and its spread, got {repeats}.")
     started, chosen = time.perf_counter(), chosen or compilers()
     subjects = [open_subject(path, seed) for path in dict.fromkeys(networks)]
-    ways, bandwidth = [], measure_bandwidth()
+    variants, bandwidth = [], measure_bandwidth()
     steps = (
-        step for subject in subjects for step in _measure(subject, chosen, repeats, seed, ways)
+        step for subject in subjects for step in _measure(subject, chosen, repeats, seed, variants)
     )
     total = len(subjects) * (len(PRECISIONS) * len(chosen) + WARM_UP + repeats)
     for _ in progress(steps, 0, total) if progress else steps:
         pass
     raw_bytes = {subject.label: subject.raw.nbytes for subject in subjects}
-    table = pd.DataFrame([summarise(way, raw_bytes[way.label], bandwidth) for way in ways])
+    table = pd.DataFrame(
+        [summarise(variant, raw_bytes[variant.label], bandwidth) for variant in variants]
+    )
     record = {
         "networks": {subject.label: _described(subject) for subject in subjects},
         "repeats": repeats,
@@ -382,14 +395,14 @@ def measure_latency(
     return table, record
 
 
-def _measure(subject: Subject, chosen, repeats: int, seed: int, ways: list) -> Iterator[None]:
-    """Build all ways of a network, then time them in turn."""
+def _measure(subject: Subject, chosen, repeats: int, seed: int, variants: list) -> Iterator[None]:
+    """Build all variants of a network, then time them in turn."""
     found = []
-    for way in build_ways(subject, chosen):
-        found.append(way)
+    for variant in build_variants(subject, chosen):
+        found.append(variant)
         yield
-    ways += found
-    there = [way for way in found if way.missing is None]
+    variants += found
+    there = [variant for variant in found if variant.missing is None]
     rng = np.random.default_rng(seed)
     for number in range(WARM_UP + repeats):
         for k in rng.permutation(len(there)):
@@ -397,8 +410,8 @@ def _measure(subject: Subject, chosen, repeats: int, seed: int, ways: list) -> I
                 there[k].seconds.clear()
             there[k].go(subject.raw, input_size(subject.card))
         yield
-    for way in found:
-        way.parts = ()  # networks that are done make room for the next
+    for variant in found:
+        variant.parts = ()  # networks that are done make room for the next
 
 
 def columns(stage: str) -> tuple[str, str, str]:
@@ -406,12 +419,12 @@ def columns(stage: str) -> tuple[str, str, str]:
     return f"{stage}_ms", f"{stage}_q1_ms", f"{stage}_q3_ms"
 
 
-def summarise(way: Way, raw_bytes: int, bandwidth: float) -> dict:
+def summarise(variant: Variant, raw_bytes: int, bandwidth: float) -> dict:
     """Make a row of the table: medians, quartiles, floor, and what it costs in images.
 
     Parameters
     ----------
-    way : Way
+    variant : Variant
     raw_bytes : int
         Of the raw image.
     bandwidth : float
@@ -420,24 +433,24 @@ def summarise(way: Way, raw_bytes: int, bandwidth: float) -> dict:
     Returns
     -------
     dict
-        Milliseconds, megabytes (1e6 bytes) and dB; NaN where the way is missing.
+        Milliseconds, megabytes (1e6 bytes) and dB; NaN where the variant is missing.
     """
-    row = {"network": way.label, "precision": way.precision, "compiler": way.compiler}
+    row = {"network": variant.label, "precision": variant.precision, "compiler": variant.compiler}
     for stage in (*STAGES, WHOLE):
-        ms = [1e3 * seconds[stage] for seconds in way.seconds] or [math.nan]
+        ms = [1e3 * seconds[stage] for seconds in variant.seconds] or [math.nan]
         quartiles = np.percentile(ms, (50, 25, 75)).tolist()
         row |= dict(zip(columns(stage), quartiles, strict=True))
-    weights_mb = way.facts.get("weights_mb", math.nan)
+    weights_mb = variant.facts.get("weights_mb", math.nan)
     floor_ms = 1e3 * (1e6 * weights_mb + raw_bytes) / bandwidth
     return {
         **row,
         "floor_ms": floor_ms,
         "times_floor": row[f"{WHOLE}_ms"] / floor_ms,
         "weights_mb": weights_mb,
-        "psnr_db": way.facts.get("psnr_db", math.nan),
-        "truth_psnr_db": way.facts.get("truth_psnr_db", math.nan),
-        "computes": way.computes,
-        "missing": way.missing or "",
+        "psnr_db": variant.facts.get("psnr_db", math.nan),
+        "truth_psnr_db": variant.facts.get("truth_psnr_db", math.nan),
+        "computes": variant.computes,
+        "missing": variant.missing or "",
     }
 
 

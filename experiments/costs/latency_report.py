@@ -79,7 +79,7 @@ def text(table: pd.DataFrame, record: dict) -> str:
     described = record["networks"].items()
     shown = "\n".join(_network_line(label, network) for label, network in described)
     findings = "\n".join(f"- {_finding(rows)}" for _, rows in table.groupby("network", sort=False))
-    types = "\n".join(_type_line(*way) for way in _ways_by_precision(table))
+    types = "\n".join(_type_line(*variant) for variant in _variants_by_precision(table))
     return f"""# Latency of one picture
 
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
@@ -106,7 +106,7 @@ against the truth, which only a run folder's test inputs have.
 
 {findings}
 
-## All ways
+## All variants
 
 {_markdown(table)}
 """
@@ -123,7 +123,7 @@ def _network_line(label: str, network: dict) -> str:
     )
 
 
-def _ways_by_precision(table: pd.DataFrame):
+def _variants_by_precision(table: pd.DataFrame):
     known = table[table["computes"] != ""]
     return known[["precision", "computes"]].drop_duplicates().itertuples(index=False)
 
@@ -133,15 +133,15 @@ def _type_line(precision: str, computes: str) -> str:
 
 
 def fastest(rows: pd.DataFrame) -> pd.DataFrame:
-    """Select, of each precision, the way that is fastest in one go; a missing one if all are."""
+    """Select, of each precision, the variant that is fastest in one go; a missing one if all are."""
     ranked = rows.sort_values(f"{WHOLE}_ms", kind="stable", na_position="last")
     return ranked.groupby("precision", sort=False).head(1).sort_index()
 
 
 def _finding(rows: pd.DataFrame) -> str:
     """Say where the time goes, and what fewer bits buy."""
-    ways = fastest(rows)
-    first = ways[ways["precision"] == REFERENCE].iloc[0]
+    variants = fastest(rows)
+    first = variants[variants["precision"] == REFERENCE].iloc[0]
     if first["missing"]:
         return f"{first['network']}: missing. {first['missing']}."
     total = sum(first[f"{stage}_ms"] for stage in STAGES)
@@ -150,24 +150,24 @@ def _finding(rows: pd.DataFrame) -> str:
         f"{first['network']}: {REFERENCE} ({first['compiler']}) takes {first[f'{WHOLE}_ms']:.3g} "
         f"ms, {first['times_floor']:.2g} times its floor of {first['floor_ms']:.3g} ms ({shares})."
     ]
-    for way in ways[ways["precision"] != REFERENCE].to_dict("records"):
-        said.append(_against(way, first))
+    for variant in variants[variants["precision"] != REFERENCE].to_dict("records"):
+        said.append(_against(variant, first))
     return " ".join(said)
 
 
-def _against(way: dict, first: pd.Series) -> str:
+def _against(variant: dict, first: pd.Series) -> str:
     """Set a precision beside float32; no difference where the quartiles overlap."""
-    if way["missing"]:
-        return f"{way['precision']} is missing: {way['missing']}."
-    ms, least = way[f"{WHOLE}_ms"], first[f"{WHOLE}_ms"]
+    if variant["missing"]:
+        return f"{variant['precision']} is missing: {variant['missing']}."
+    ms, least = variant[f"{WHOLE}_ms"], first[f"{WHOLE}_ms"]
     _, low, high = columns(WHOLE)
-    apart = way[high] < first[low] or way[low] > first[high]
+    apart = variant[high] < first[low] or variant[low] > first[high]
     pace = f"{ms / least:.2f} times as long" if apart else "as long, within the quartiles"
-    truth = way["truth_psnr_db"] - first["truth_psnr_db"]
+    truth = variant["truth_psnr_db"] - first["truth_psnr_db"]
     cost = "" if math.isnan(truth) else f", which moves that against the truth by {truth:+.2f} dB"
     return (
-        f"{way['precision']} ({way['compiler']}) takes {pace} ({ms:.3g} ms), at "
-        f"{way['psnr_db']:.1f} dB to {REFERENCE}{cost}."
+        f"{variant['precision']} ({variant['compiler']}) takes {pace} ({ms:.3g} ms), at "
+        f"{variant['psnr_db']:.1f} dB to {REFERENCE}{cost}."
     )
 
 
@@ -189,7 +189,7 @@ def _known(shown: str, value: float) -> str:
 
 
 def figure(table: pd.DataFrame, record: dict):
-    """Draw the stages as bars, one for each precision, compiled in the way that is fastest.
+    """Draw the stages as bars, one for each precision, compiled in the variant that is fastest.
 
     Parameters
     ----------
@@ -203,17 +203,17 @@ def figure(table: pd.DataFrame, record: dict):
     matplotlib.figure.Figure
     """
     groups = [(label, fastest(rows)) for label, rows in table.groupby("network", sort=False)]
-    heights = [len(ways) for _, ways in groups]
+    heights = [len(variants) for _, variants in groups]
     picture, axes = subplots(
         len(groups), 1, figsize=(11, 2.0 + 0.62 * sum(heights) + 0.7 * len(groups)), sharex=True,
         squeeze=False, layout="constrained", height_ratios=heights,
     )  # fmt: skip
-    reach = max(_reach(ways) for _, ways in groups)
-    for axis, (label, ways) in zip(axes[:, 0], groups, strict=True):
+    reach = max(_reach(variants) for _, variants in groups)
+    for axis, (label, variants) in zip(axes[:, 0], groups, strict=True):
         axis.set_title(
             _title(label, record["networks"][label]), fontsize=10, loc="left", parse_math=False
         )
-        _draw_ways(axis, ways, reach)
+        _draw_variants(axis, variants, reach)
     axes[-1, 0].set_xlim(0, 1.5 * reach)  # the words stand behind the longest bar
     axes[-1, 0].set_xlabel("milliseconds (median)")
     picture.suptitle(
@@ -247,45 +247,47 @@ def _legend_order(axis) -> list:
     return [*first.values(), whole, floor]
 
 
-def _reach(ways: pd.DataFrame) -> float:
+def _reach(variants: pd.DataFrame) -> float:
     """Where the longest bar or whisker ends; 1 where all are missing."""
-    sums = ways[[f"{stage}_ms" for stage in STAGES]].sum(axis=1)
-    return max(sums.max(), ways[columns(WHOLE)[2]].fillna(0.0).max()) or 1.0
+    sums = variants[[f"{stage}_ms" for stage in STAGES]].sum(axis=1)
+    return max(sums.max(), variants[columns(WHOLE)[2]].fillna(0.0).max()) or 1.0
 
 
-def _draw_ways(axis, ways: pd.DataFrame, reach: float) -> None:
-    at = range(len(ways))
-    left = pd.Series(0.0, ways.index)
+def _draw_variants(axis, variants: pd.DataFrame, reach: float) -> None:
+    at = range(len(variants))
+    left = pd.Series(0.0, variants.index)
     for stage in STAGES:
-        lengths = ways[f"{stage}_ms"].fillna(0.0)
+        lengths = variants[f"{stage}_ms"].fillna(0.0)
         axis.barh(at, lengths, 0.62, left, color=COLOURS[stage], label=stage)
         left = left + lengths
-    middle, low, high = (ways[name] for name in columns(WHOLE))
+    middle, low, high = (variants[name] for name in columns(WHOLE))
     axis.errorbar(
         middle, at, xerr=(middle - low, high - middle), fmt="D", color="black", markersize=5,
         capsize=4, label=WHOLE_LABEL,
     )  # fmt: skip
     axis.plot(
-        ways["floor_ms"], at, "|", color=FLOOR_COLOUR, markersize=26, markeredgewidth=2.5,
+        variants["floor_ms"], at, "|", color=FLOOR_COLOUR, markersize=26, markeredgewidth=2.5,
         label=FLOOR_LABEL,
     )  # fmt: skip
-    for place, way in zip(at, ways.to_dict("records"), strict=True):
-        start = 0.01 * reach if way["missing"] else 1.03 * reach
-        axis.text(start, place, _caption(way), va="center", fontsize=9, parse_math=False)
-    labels = [f"{LABELS.get(x.precision, x.precision)}\n{x.compiler}" for x in ways.itertuples()]
+    for place, variant in zip(at, variants.to_dict("records"), strict=True):
+        start = 0.01 * reach if variant["missing"] else 1.03 * reach
+        axis.text(start, place, _caption(variant), va="center", fontsize=9, parse_math=False)
+    labels = [
+        f"{LABELS.get(x.precision, x.precision)}\n{x.compiler}" for x in variants.itertuples()
+    ]
     axis.set_yticks(at, labels)
-    axis.set_ylim(len(ways) - 0.5, -0.5)
+    axis.set_ylim(len(variants) - 0.5, -0.5)
     axis.grid(axis="x", alpha=0.25)
     axis.set_axisbelow(True)
 
 
-def _caption(way: dict) -> str:
+def _caption(variant: dict) -> str:
     """Total, floor, distance from float32, weights."""
-    if way["missing"]:
-        return f"missing: {shorten(way['missing'], 100)}"
-    reference = way["precision"] == REFERENCE
-    images = "the reference" if reference else f"{way['psnr_db']:.1f} dB to {REFERENCE}"
+    if variant["missing"]:
+        return f"missing: {shorten(variant['missing'], 100)}"
+    reference = variant["precision"] == REFERENCE
+    images = "the reference" if reference else f"{variant['psnr_db']:.1f} dB to {REFERENCE}"
     return (
-        f"{way[f'{WHOLE}_ms']:.1f} ms, {way['times_floor']:.1f} x floor\n"
-        f"{images}, weights {way['weights_mb']:.0f} MB"
+        f"{variant[f'{WHOLE}_ms']:.1f} ms, {variant['times_floor']:.1f} x floor\n"
+        f"{images}, weights {variant['weights_mb']:.0f} MB"
     )

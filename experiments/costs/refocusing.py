@@ -1,6 +1,6 @@
 """What accuracy costs in time when refocusing: SSIM and PSNR over milliseconds, beside the network.
 
-All ways go from the same light fields in memory to the same images, those of a data set's targets,
+All methods go from the same light fields in memory to the same images, those of a data set's targets,
 on all cores of one machine, one after the other in one process, compiled beforehand. Exact are all
 views, shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
 edges): nothing is interpolated. (The targets that networks are trained on are linear
@@ -28,7 +28,8 @@ from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.metrics import psnr, ssim
-from lf_flame.datasets.store import DatasetConfig, read_config, render_sample
+from lf_flame.datasets.config import DatasetConfig, read_config
+from lf_flame.datasets.sampling import render_sample
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
@@ -40,8 +41,8 @@ NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 
 
 @dataclass(frozen=True)
-class Way:
-    """A way from a light field in memory to refocused images.
+class Method:
+    """A method that takes a light field in memory to refocused images.
 
     Attributes
     ----------
@@ -64,8 +65,8 @@ class Way:
     store: Callable[[np.ndarray], np.ndarray] = np.asarray
 
 
-def classic_ways(views: int, block: tuple[int, int]) -> list[Way]:
-    """List the ways that need no training.
+def formula_methods(views: int, block: tuple[int, int]) -> list[Method]:
+    """List the methods that need no training.
 
     Parameters
     ----------
@@ -76,41 +77,41 @@ def classic_ways(views: int, block: tuple[int, int]) -> list[Way]:
     """
     every = f"{views} x {views} views"
     interpolations = [
-        Way("interpolation", name, f"{name}, {every}", partial(_in_space, interpolation=name))
+        Method("interpolation", name, f"{name}, {every}", partial(_in_space, interpolation=name))
         for name in ("nearest", "linear", "cubic")
     ]
     return [
         *interpolations,
         *_with_fewer_views(views),
         *_stored_smaller(every, block),
-        Way("fourier", "phases, padded", f"exact phases, {every}, padded",
+        Method("fourier", "phases, padded", f"exact phases, {every}, padded",
             partial(fourier_refocus, edges="clamp")),
-        Way("fourier", "phases", f"exact phases, {every}, not padded", fourier_refocus),
-        Way("fourier", "slice, padded", f"Fourier slice, {every}, padded",
+        Method("fourier", "phases", f"exact phases, {every}, not padded", fourier_refocus),
+        Method("fourier", "slice, padded", f"Fourier slice, {every}, padded",
             partial(fourier_slice, edges="clamp")),
-        Way("fourier", "slice", f"Fourier slice, {every}, not padded", fourier_slice),
+        Method("fourier", "slice", f"Fourier slice, {every}, not padded", fourier_slice),
     ]  # fmt: skip
 
 
-def _with_fewer_views(views: int) -> Iterator[Way]:
+def _with_fewer_views(views: int) -> Iterator[Method]:
     """Take the central views; then views as far apart as leaves those at the rim."""
     for n in range(2 + views % 2, views, 2):
         title, store = f"linear, {n} x {n} central views", partial(_central, count=n)
-        yield Way("central", f"{n} x {n}", title, _in_space, store)
+        yield Method("central", f"{n} x {n}", title, _in_space, store)
     for step in (k for k in range(views - 1, 1, -1) if (views - 1) % k == 0):
         n = (views - 1) // step + 1
         title, store = f"linear, {n} x {n} views over the full aperture", partial(_every, step=step)
-        yield Way("spread", f"{n} x {n}", title, partial(_in_space, step=step), store)
+        yield Method("spread", f"{n} x {n}", title, partial(_in_space, step=step), store)
 
 
-def _stored_smaller(every: str, block: tuple[int, int]) -> Iterator[Way]:
+def _stored_smaller(every: str, block: tuple[int, int]) -> Iterator[Method]:
     for kind in (np.float16, np.uint16, np.uint8):
         name, store = np.dtype(kind).name, partial(_stored, kind=kind)
-        yield Way("storage", name, f"linear, {every}, stored as {name}", _in_space, store)
+        yield Method("storage", name, f"linear, {every}, stored as {name}", _in_space, store)
     if block[0] == block[1] > 1:
         name, store = binned(block), partial(downscale_local_mean, factors=(1, 1, *block))
         refocus = partial(_in_space, step=1 / block[0])
-        yield Way("storage", name, f"linear, {every}, stored {name}", refocus, store)
+        yield Method("storage", name, f"linear, {every}, stored {name}", refocus, store)
 
 
 def binned(block: tuple[int, int]) -> str:
@@ -141,7 +142,7 @@ def _stored(views: np.ndarray, kind: type) -> np.ndarray:
     return np.round(np.clip(views, 0, 1) * np.float32(np.iinfo(kind).max)).astype(kind)
 
 
-def network_ways(scenes: HeldOut) -> list[Way]:
+def network_methods(scenes: HeldOut) -> list[Method]:
     """Load the trained network, if there is one: from the light field, and from its input alone.
 
     It runs on the processor like all others, compiled as a whole.
@@ -162,9 +163,9 @@ def network_ways(scenes: HeldOut) -> list[Way]:
         return scenes.config.encode(LightField.trusted(views))
 
     return [
-        Way("network", NETWORK, f"{NETWORK}, shown {SHOWN[scenes.config.input.kind]}",
+        Method("network", NETWORK, f"{NETWORK}, shown {SHOWN[scenes.config.input.kind]}",
             lambda views, slopes: predict(encode(views), slopes)),
-        Way("network", ALONE, ALONE, predict, encode),
+        Method("network", ALONE, ALONE, predict, encode),
     ]  # fmt: skip
 
 
@@ -191,7 +192,7 @@ def measure_refocusing(
     -------
     list of HeldOut
     DataFrame
-        One row for each way to refocus.
+        One row a method.
     dict
         The record.
     """
@@ -199,9 +200,9 @@ def measure_refocusing(
     if configs is None:
         configs = [read_config(path) for path in CONFIGS]
     found = [find_scenes(config, Path(run) / config.kind) for config in configs]
-    studies = [(scenes, ways_for(scenes)) for scenes in found]
+    studies = [(scenes, methods_for(scenes)) for scenes in found]
     steps = (step for study in studies for step in _measure(*study))
-    total = sum(len(scenes.indices) * len(ways) for scenes, ways in studies)
+    total = sum(len(scenes.indices) * len(methods) for scenes, methods in studies)
     with set_workers(numba.get_num_threads()):
         for more in progress(steps, 0, total) if progress else steps:
             rows += more
@@ -221,10 +222,10 @@ def measure_refocusing(
     return found, table, record
 
 
-def ways_for(scenes: HeldOut) -> list[Way]:
-    """List all ways to refocus some scenes."""
+def methods_for(scenes: HeldOut) -> list[Method]:
+    """List all methods for some scenes."""
     config = scenes.config
-    return [*classic_ways(config.camera.views, config.block), *network_ways(scenes)]
+    return [*formula_methods(config.camera.views, config.block), *network_methods(scenes)]
 
 
 def _described(scenes: HeldOut) -> dict:
@@ -237,21 +238,21 @@ def _described(scenes: HeldOut) -> dict:
     }
 
 
-def _measure(scenes: HeldOut, ways: Sequence[Way]) -> Iterator[list[dict]]:
-    """Yield the scores of a sample's images, way by way."""
+def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]:
+    """Yield the scores of a sample's images, method by method."""
     slopes, size = np.array(scenes.slopes), scenes.config.image
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
         exact = area_average(fourier_refocus(views, slopes, "sinc", "clamp"), size)
-        for way in ways:
-            call = partial(_images, way, way.store(views), slopes, size)
+        for method in methods:
+            call = partial(_images, method, method.store(views), slopes, size)
             images, seconds = _timed(call, often=index == scenes.indices[0])
             yield [
                 {
                     "data_set": scenes.name,
-                    "family": way.family,
-                    "label": way.label,
-                    "title": way.title,
+                    "family": method.family,
+                    "label": method.label,
+                    "title": method.title,
                     "seconds": seconds,
                     "ssim": ssim(*pair),
                     "psnr_db": psnr(*pair),
@@ -270,8 +271,10 @@ def _timed(call: Callable[[], np.ndarray], often: bool) -> tuple[np.ndarray, flo
     return call(), time.perf_counter() - start
 
 
-def _images(way: Way, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    return area_average(way.refocus(stored, slopes), size)
+def _images(
+    method: Method, stored: np.ndarray, slopes: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    return area_average(method.refocus(stored, slopes), size)
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
@@ -285,21 +288,21 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One way and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
+        One method and data set a row: milliseconds; mean and lowest SSIM; PSNR of the mean squared
         error of all images (a mean in dB would be infinite where one image is exact), and the
         lowest of an image.
     """
     squared = rows.assign(mse=10 ** (-rows["psnr_db"] / 10))
-    ways = squared.groupby(["data_set", "family", "label", "title"], sort=False)
+    methods = squared.groupby(["data_set", "family", "label", "title"], sort=False)
     with np.errstate(divide="ignore"):
-        pooled = -10 * np.log10(ways["mse"].mean())
+        pooled = -10 * np.log10(methods["mse"].mean())
     table = pd.DataFrame(
         {
-            "milliseconds": 1e3 * ways["seconds"].min(),
-            "ssim": ways["ssim"].mean(),
+            "milliseconds": 1e3 * methods["seconds"].min(),
+            "ssim": methods["ssim"].mean(),
             "psnr_db": pooled,
-            "worst_ssim": ways["ssim"].min(),
-            "worst_psnr_db": ways["psnr_db"].min(),
+            "worst_ssim": methods["ssim"].min(),
+            "worst_psnr_db": methods["psnr_db"].min(),
         }
     )
     return table.reset_index()

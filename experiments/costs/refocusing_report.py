@@ -105,7 +105,7 @@ those over the full aperture are what a camera with few views has, and show ghos
 {sentences}
 - {_premise(found, table, cores)}
 
-## All ways
+## All methods
 
 {_markdown(table)}
 """
@@ -138,15 +138,15 @@ def _finding(scenes, table: pd.DataFrame) -> str:
         return f"{begin} {NETWORK} is missing."
     network = _row(table, scenes, "network", NETWORK)
     alone = _row(table, scenes, "network", ALONE)
-    ways = table[(table["data_set"] == scenes.name) & (table["family"] != "network")]
-    as_good = ways[ways["psnr_db"] >= network["psnr_db"]]
+    methods = table[(table["data_set"] == scenes.name) & (table["family"] != "network")]
+    as_good = methods[methods["psnr_db"] >= network["psnr_db"]]
     fastest = as_good.loc[as_good["milliseconds"].idxmin()]
     change = network["psnr_db"] - linear["psnr_db"]
     return (
         f"{begin} {NETWORK} takes {_ms(network)}, {_times(network, linear)}, and its images are "
         f"{abs(change):.1f} dB {'better' if change > 0 else 'worse'} ({network['psnr_db']:.1f} dB, "
         f"SSIM {network['ssim']:.4f} beside {linear['ssim']:.4f}). With its input given it takes "
-        f"{_ms(alone)}, {_times(alone, linear)}. The fastest way that is at least as good as the "
+        f"{_ms(alone)}, {_times(alone, linear)}. The fastest method that is at least as good as the "
         f"network: {fastest['title']}, {_ms(fastest)}, {fastest['psnr_db']:.1f} dB."
     )
 
@@ -154,12 +154,12 @@ def _finding(scenes, table: pd.DataFrame) -> str:
 def _premise(found, table: pd.DataFrame, cores: str) -> str:
     """Say how the paper's premise fares."""
     (height, width), block = found[0].config.image, found[0].config.block
-    asked = {
+    wanted = {
         "float32": ("interpolation", "linear"),
         "uint8": ("storage", "uint8"),
         f"{height} x {width} lenslets": ("storage", binned(block)),
     }
-    rates = {kind: _slowest_hz(table, *way) for kind, way in asked.items()}
+    rates = {kind: _slowest_hz(table, *method) for kind, method in wanted.items()}
     rates = {kind: hz for kind, hz in rates.items() if math.isfinite(hz)}
     network = _slowest_hz(table, "network", NETWORK)
     shown = ", ".join(f"{hz:.3g} of {kind}" for kind, hz in rates.items())
@@ -173,7 +173,7 @@ def _premise(found, table: pd.DataFrame, cores: str) -> str:
 
 
 def _slowest_hz(table: pd.DataFrame, family: str, label: str) -> float:
-    """Light fields a second where a way is slowest; NaN where it was not measured."""
+    """Light fields a second where a method is slowest; NaN where it was not measured."""
     rows = table[(table["family"] == family) & (table["label"] == label)]
     return 1e3 / rows["milliseconds"].max()
 
@@ -197,7 +197,7 @@ def _times(row, other) -> str:
 def _markdown(table: pd.DataFrame) -> str:
     columns = {
         "data_set": "data set",
-        "title": "way",
+        "title": "method",
         "milliseconds": "ms",
         "psnr_db": "PSNR (dB)",
         "worst_psnr_db": "worst",
@@ -240,7 +240,7 @@ def figure(found, table: pd.DataFrame):
         rows = table[table["data_set"] == scenes.name]
         heights = np.minimum(rows["psnr_db"], EXACT_DB), 1 - np.minimum(rows["ssim"], EXACT_SSIM)
         for axis, height in zip(column, heights, strict=True):
-            _draw_ways(axis, rows.assign(height=height))
+            _draw_methods(axis, rows.assign(height=height))
         camera = scenes.config.camera
         column[0].set_title(
             f"{scenes.name}: {camera.views} x {camera.views} views of {camera.lenslets[0]} x "
@@ -265,20 +265,20 @@ def figure(found, table: pd.DataFrame):
     return picture
 
 
-def _draw_ways(axis, rows: pd.DataFrame) -> None:
-    """Draw every way as a point with its label; fewer views are curves that end at all of them."""
+def _draw_methods(axis, rows: pd.DataFrame) -> None:
+    """Draw every method as a point with its label; fewer views are curves that end at all of them."""
     whole = rows[(rows["family"] == "interpolation") & (rows["label"] == "linear")]
     for name, (colour, marker, line, _) in FAMILIES.items():
         some = rows[(rows["family"] == name) & rows["milliseconds"].notna()]
         if line:
             ends = pd.concat([some, whole])
             axis.plot(ends["milliseconds"], ends["height"], line, color=colour, zorder=1)
-        for way in some.itertuples():
-            place, aside = (way.milliseconds, way.height), way.label == ALONE
+        for method in some.itertuples():
+            place, aside = (method.milliseconds, method.height), method.label == ALONE
             size, face = (15 if marker == "*" else 7), ("white" if aside else colour)
             axis.plot(*place, marker, color=colour, markersize=size, markerfacecolor=face)
             axis.annotate(
-                way.label.replace(" x ", "×"), place, (0, 0), textcoords="offset points",
+                method.label.replace(" x ", "×"), place, (0, 0), textcoords="offset points",
                 color=colour, fontsize=9, annotation_clip=False,
                 arrowprops={"arrowstyle": "-", "linewidth": 0.5, "color": colour, "shrinkB": 3},
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: error against seconds, for each way to integrate and each effect.
+"""What accuracy costs in time: error against seconds, for each method of integration and each effect.
 
 All runs take one thread of one machine, one after the other, compiled beforehand, so that ratios
 are fair. Errors are root-mean-square over the image relative to its brightest pixel, against an
@@ -22,7 +22,7 @@ from experiments.timing import race
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
-from lf_flame.datasets.store import read_config
+from lf_flame.datasets.config import read_config
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
@@ -49,12 +49,12 @@ TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
 
 CENTRAL_VIEWS = 5
-"""Views along an axis, out of the camera's own, on which the ways to integrate are compared."""
+"""Views along an axis, out of the camera's own, on which the methods of integration are compared."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """A scene on which the ways to integrate are compared.
+    """A scene on which the methods of integration are compared.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Method:
-    """A way to integrate.
+    """A method of integration.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ METHODS = {
     ),
     "exact": Method("exact integrator", _exact),
 }
-"""The ways to integrate. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge; n
+"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge; n
 midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
 those in which two layers have an edge, one of n along an axis."""
 
@@ -296,7 +296,7 @@ def measure_costs(
     progress : callable, optional
         Passes on an iterable of steps, given how many are done and how many there are.
     budget_s : float, optional
-        Time that the ways to integrate may take in all, which bounds their rays; references and
+        Time that the methods of integration may take in all, which bounds their rays; references and
         effects take a minute or two on top.
     studies : sequence of Study, optional
         Default: `study_scenes` of the data sets in CONFIGS.
@@ -307,7 +307,7 @@ def measure_costs(
     -------
     sequence of Study
     DataFrame
-        Error against seconds of each way to integrate.
+        Error against seconds of each method of integration.
     DataFrame
         What each effect costs, and what leaving it out does.
     dict

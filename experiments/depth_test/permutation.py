@@ -1,14 +1,14 @@
-"""The swap test: whether a network sees how far away things are, or knows it by heart.
+"""The depth permutation test: whether a network sees how far away things are, or has memorised it.
 
 In the training images of the paper every object stands at the depth of its own. A network that has
 only learnt which object is sharp in which plane looks perfect there, and goes wrong where the
 objects stand otherwise. Here they do (`lf_flame.datasets.depth_scenarios`), in scenes that no network was trained on.
 
 Shift-and-sum is right by construction; its images are the truth. What a network would draw that
-knows the depths by heart is the truth of the scene as it was before. Between both lies what a
+has memorised the depths is the truth of the scene as it was before. Between both lies what a
 network draws; where, is the share of their difference that it follows:
 
-    by heart = sum((drawn - truth) * (learnt - truth)) / sum((learnt - truth)^2),
+    share memorised = sum((drawn - truth) * (learnt - truth)) / sum((learnt - truth)^2),
 
 0 for a network that draws what is there, 1 for one that draws every object at its own depth. One
 that cannot tell, and was trained with objects at all depths, draws something between.
@@ -21,9 +21,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lf_flame.datasets.depth_scenarios import Case, draw_case, make_cases, scene_settings
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.depth_scenarios import (
+    DepthScenario,
+    draw_scenario,
+    make_scenarios,
+    scene_settings,
+)
 from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.store import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.scoring import score
@@ -34,8 +39,8 @@ from lf_flame.systems.resnet50 import ResNet50
 SAMPLES = 16
 
 COLUMNS = [
-    "case", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_lit_db", "ssim", "ssim_sd",
-    "by_heart",
+    "scenario", "system", "depth_mm", "psnr_db", "psnr_sd", "psnr_foreground_db", "ssim", "ssim_sd",
+    "share_memorised",
 ]  # fmt: skip
 
 
@@ -64,18 +69,18 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the systems made of one case.
+    """What the systems made of one scenario.
 
     Parameters
     ----------
-    case : Case
+    scenario : DepthScenario
     truth, learnt : ndarray of float32, shape (n, planes, h, w)
         Refocused by shift-and-sum: the scenes as they are, and with every object at its own depth.
     drawn : dict of str to ndarray of float32, shape (n, planes, h, w)
         By system.
     """
 
-    case: Case
+    scenario: DepthScenario
     truth: np.ndarray
     learnt: np.ndarray
     drawn: dict[str, np.ndarray]
@@ -99,17 +104,17 @@ def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], lis
         If a run is missing, or two were made for other scenes or cameras.
     """
     opened = [open_run(run) for run in runs]
-    _, first = opened[0]
+    first = opened[0]
     subjects = [_reference(first.config, InputEncoding(kind)) for kind in ("views", "grid")]
-    for run, (record, dataset) in zip(runs, opened, strict=True):
-        if scene_settings(dataset.config) != scene_settings(first.config):
+    for run, found in zip(runs, opened, strict=True):
+        if scene_settings(found.config) != scene_settings(first.config):
             raise InputError(
                 f"{run} was trained on other scenes than {runs[0]}, or for another camera; "
                 f"test them one by one."
             )
         name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
-        subjects.append(_network(name, run, record, dataset.config))
-    return first.config, first.attrs["slopes"], subjects
+        subjects.append(_network(name, run, found.record, found.config))
+    return first.config, first.slopes, subjects
 
 
 def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
@@ -126,10 +131,10 @@ def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subje
     return Subject(name, title, trained, about, ResNet50.of_run(run))
 
 
-def run_cases(
+def run_scenarios(
     config: DatasetConfig, slopes: Sequence[float], subjects: Sequence[Subject], samples: int
 ) -> Iterator[Outcome]:
-    """Render the scenes of each case and let all systems refocus them.
+    """Render the scenes of each scenario and let all systems refocus them.
 
     Yields
     ------
@@ -137,21 +142,21 @@ def run_cases(
     """
     systems = {"truth": ShiftAndSum()} | {one.name: one.system for one in subjects}
     learnt = None
-    for case in make_cases(config):
+    for scenario in make_scenarios(config):
         stacks = {name: [] for name in systems}
-        for light_field in draw_case(config, case, samples):
+        for light_field in draw_scenario(config, scenario, samples):
             for name, system in systems.items():
                 stacks[name].append(system.refocus(light_field, slopes, config.block))
         drawn = {name: np.stack(some) for name, some in stacks.items()}
         truth = drawn.pop("truth")
-        learnt = truth if learnt is None else learnt  # the first case is as trained
-        yield Outcome(case, truth, learnt, drawn)
+        learnt = truth if learnt is None else learnt  # the first scenario is as trained
+        yield Outcome(scenario, truth, learnt, drawn)
 
 
 def tabulate(outcomes: Iterable[Outcome], depths_mm: Sequence[float]) -> pd.DataFrame:
-    """Score every system on every case, plane by plane; columns as in `COLUMNS`.
+    """Score every system on every scenario, plane by plane; columns as in `COLUMNS`.
 
-    The rows of depth NaN hold the mean over the planes, and the share that a system knows by heart
+    The rows of depth NaN hold the mean over the planes, and the share that a system has memorised
     over all of them.
     """
     tables = []
@@ -160,18 +165,18 @@ def tabulate(outcomes: Iterable[Outcome], depths_mm: Sequence[float]) -> pd.Data
             scores = score(outcome.truth, images)
             means = scores.mean().to_frame().T
             planes = [
-                by_heart(*(x[:, k] for x in (images, outcome.truth, outcome.learnt)))
+                share_memorised(*(x[:, k] for x in (images, outcome.truth, outcome.learnt)))
                 for k in range(len(depths_mm))
             ]
-            whole = by_heart(images, outcome.truth, outcome.learnt)
-            scores = scores.assign(depth_mm=depths_mm, by_heart=planes)
-            means = means.assign(depth_mm=np.nan, by_heart=whole)
+            whole = share_memorised(images, outcome.truth, outcome.learnt)
+            scores = scores.assign(depth_mm=depths_mm, share_memorised=planes)
+            means = means.assign(depth_mm=np.nan, share_memorised=whole)
             rows = pd.concat([scores, means])
-            tables.append(rows.assign(case=outcome.case.name, system=name))
+            tables.append(rows.assign(scenario=outcome.scenario.name, system=name))
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
-def by_heart(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) -> float:
+def share_memorised(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) -> float:
     """Find the share of what is learnt that a system draws, see above; NaN: nothing differs."""
     way = (learnt - truth).astype(float)
     squares = np.sum(way**2)
@@ -180,7 +185,7 @@ def by_heart(drawn: np.ndarray, truth: np.ndarray, learnt: np.ndarray) -> float:
     return float(np.sum((drawn - truth) * way) / squares)
 
 
-def run_swap_test(
+def run_depth_test(
     runs: Sequence[Path],
     out: Path,
     samples: int = SAMPLES,
@@ -195,7 +200,7 @@ def run_swap_test(
     out : Path
         Folder for the report, see `experiments.depth_test.report.write_report`.
     samples : int, optional
-        Scenes for each case.
+        Scenes for each scenario.
     progress : callable, optional
         ``progress(outcomes, done, total)`` wraps the iterable of outcomes.
 
@@ -207,15 +212,17 @@ def run_swap_test(
     Raises
     ------
     InputError
-        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_cases`; or if there are no samples.
+        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_scenarios`; or if there are no samples.
     """
     from experiments.depth_test import report
 
     if samples < 1:
-        raise InputError(f"The swap test needs at least 1 scene for each case, got {samples}.")
+        raise InputError(
+            f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
+        )
     config, slopes, subjects = load_subjects(runs)
-    cases = len(make_cases(config))
-    outcomes = run_cases(config, slopes, subjects, samples)
-    outcomes = list(outcomes if progress is None else progress(outcomes, 0, cases))
+    scenarios = len(make_scenarios(config))
+    outcomes = run_scenarios(config, slopes, subjects, samples)
+    outcomes = list(outcomes if progress is None else progress(outcomes, 0, scenarios))
     table = tabulate(outcomes, config.depths_mm)
     return report.write_report(config, slopes, subjects, outcomes, table, out)

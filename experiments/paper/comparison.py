@@ -22,7 +22,7 @@ COLUMNS = [
     "run", "n_seeds", "depth_mm", "object", "ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd",
     "paper_ssim", "paper_psnr_db",
 ]  # fmt: skip
-ASKED = (
+REQUEST = (
     "seed", "preset", "split", "model", "recipe", "epochs", "backbone_weights", "scenes_sha256",
     "data_sha256",
 )  # fmt: skip
@@ -40,28 +40,28 @@ class Result:
         Name of the folder.
     scores : DataFrame
         Index ``depth_mm``, columns `SCORES`: means over the test split; NaN where it is missing.
-    asked : dict
-        `ASKED` of its record; empty where it is missing.
+    request : dict
+        `REQUEST` of its record; empty where it is missing.
     """
 
     run: str
     scores: pd.DataFrame
-    asked: dict
+    request: dict
 
     @property
     def seed(self) -> int | None:
         """Seed of the run."""
-        return self.asked.get("seed")
+        return self.request.get("seed")
 
     @property
     def weights(self) -> str:
         """Backbone weights; random ones without their seed, which is the run's."""
-        return re.sub(r" \(seed \d+\)", "", self.asked.get("backbone_weights", ""))
+        return re.sub(r" \(seed \d+\)", "", self.request.get("backbone_weights", ""))
 
     @property
     def recipe(self) -> dict:
-        """What was asked, but for the seed and the data set's last bits."""
-        return {**self.asked, "seed": None, "backbone_weights": self.weights, "data_sha256": None}
+        """What was asked for, but for the seed and the data set's last bits."""
+        return {**self.request, "seed": None, "backbone_weights": self.weights, "data_sha256": None}
 
 
 def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
@@ -79,7 +79,7 @@ def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -
     record = read_record(path.with_suffix(".json"))
     try:
         scores = pd.read_csv(path).set_index("depth_mm").loc[list(depths_mm), SCORES].astype(float)
-        return Result(run, scores, {name: record[name] for name in ASKED})
+        return Result(run, scores, {name: record[name] for name in REQUEST})
     except (KeyError, ValueError):
         raise InputError(
             f"{path}, or the record beside it, is damaged; make it anew by `lf-flame evaluate`."
@@ -119,7 +119,7 @@ def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
         blocks.append(
             block.assign(
                 run=pool[0].run,
-                n_seeds=sum(bool(result.asked) for result in pool),
+                n_seeds=sum(bool(result.request) for result in pool),
                 object=paper["object"],
                 paper_ssim=paper["ssim"],
                 paper_psnr_db=paper["psnr_db"],
@@ -154,17 +154,17 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
 
 
 def _describe(pool: list[Result]) -> str:
-    asked = pool[0].asked
-    if not asked:
+    request = pool[0].request
+    if not request:
         return "no finished run"
     seeds = f"seed {pool[0].seed}"
     if len(pool) > 1:
         listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))
         seeds = f"mean ± standard deviation over the seeds {listed}"
-    data = ", ".join(dict.fromkeys(result.asked["data_sha256"][:8] for result in pool))
+    data = ", ".join(dict.fromkeys(result.request["data_sha256"][:8] for result in pool))
     return (
-        f"{seeds}; preset {asked['preset']}, {asked['epochs']} epochs, batch "
-        f"{asked['recipe']['batch_size']}; data set {data}; "
+        f"{seeds}; preset {request['preset']}, {request['epochs']} epochs, batch "
+        f"{request['recipe']['batch_size']}; data set {data}; "
         f"backbone weights: {pool[0].weights}"
     )
 

@@ -10,7 +10,8 @@ from experiments.paper.paper_values import read_paper_values
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.config import to_json
-from lf_flame.datasets.store import DatasetConfig, search_slopes
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.sampling import search_slopes
 
 
 def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | None) -> str:

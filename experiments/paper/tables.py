@@ -10,7 +10,7 @@ from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
-from lf_flame._common.metrics import LIT, WINDOWS
+from lf_flame._common.metrics import FOREGROUND, WINDOWS
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
@@ -18,7 +18,7 @@ from lf_flame.learning.scoring import score
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",
-    "n_test", "psnr_lit_db", "psnr_lit_sd",
+    "n_test", "psnr_foreground_db", "psnr_foreground_sd",
 ]  # fmt: skip
 
 TABLES = ("table1", "table2")
@@ -77,7 +77,7 @@ def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd
     -------
     DataFrame
         One row a plane and baseline; columns ``baseline``, ``depth_mm``, ``ssim``, ``psnr_db``,
-        ``psnr_lit_db``.
+        ``psnr_foreground_db``.
     """
     targets = dataset.targets[test]
     mean = np.broadcast_to(dataset.targets[train].mean(axis=0), targets.shape)
@@ -89,19 +89,19 @@ def score_baselines(dataset: Dataset, train: np.ndarray, test: np.ndarray) -> pd
     for name, images in baselines:
         scores = score(targets, images)
         tables.append(scores.assign(baseline=name, depth_mm=dataset.config.depths_mm))
-    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_lit_db"]]
+    return pd.concat(tables)[["baseline", "depth_mm", "ssim", "psnr_db", "psnr_foreground_db"]]
 
 
 def baselines_markdown(baselines: pd.DataFrame) -> str:
-    """One row a baseline; SSIM / PSNR / PSNR over the lit pixels for each depth."""
-    numbers = baselines[["ssim", "psnr_db", "psnr_lit_db"]].itertuples(index=False)
+    """One row a baseline; SSIM / PSNR / PSNR over the foreground pixels for each depth."""
+    numbers = baselines[["ssim", "psnr_db", "psnr_foreground_db"]].itertuples(index=False)
     cells = baselines.assign(cell=["{:.3f} / {:.2f} / {:.2f}".format(*row) for row in numbers])
     shown = cells.pivot(index="baseline", columns="depth_mm", values="cell")
     shown = shown[baselines.depth_mm.unique()]
     shown.columns = [f"{depth:g} mm" for depth in shown.columns]
     lines = shown.to_markdown(disable_numparse=True, stralign="right")
     return (
-        f"Without a network, SSIM / PSNR / PSNR over the lit pixels (dB) on the same test split:"
+        f"Without a network, SSIM / PSNR / PSNR over the foreground pixels (dB) on the same test split:"
         f"\n\n{lines}\n"
     )
 
@@ -131,12 +131,14 @@ def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) ->
                 "PSNR (dB)": _with_spread(table.psnr_db, table.psnr_sd, 2),
                 "PSNR, paper": table.paper_psnr_db,
                 "difference ": (table.psnr_db - table.paper_psnr_db).map("{:+.2f}".format),
-                "PSNR, lit (dB)": _with_spread(table.psnr_lit_db, table.psnr_lit_sd, 2),
+                "PSNR, foreground (dB)": _with_spread(
+                    table.psnr_foreground_db, table.psnr_foreground_sd, 2
+                ),
             }
         )
         note = (
             f"Mean ± standard deviation over {table.n_test[0]} test samples; lit: over the pixels "
-            f"brighter than {LIT:.0%} of the peak in the truth. "
+            f"brighter than {FOREGROUND:.0%} of the peak in the truth. "
             f"Preset {run['preset']}: {run['epochs']} epochs (best: {run['best_epoch']}), batch "
             f"{run['recipe']['batch_size']}; backbone weights: {run['backbone_weights']}; "
             f"trained in {run['train_s']:.0f} s on {run['machine']}."

@@ -21,7 +21,7 @@ HEADROOM_DB = 15.0
 PAPER_TABLES = {"shapes": "table1", "flames": "table2"}
 """Table of the paper for each kind of data set."""
 
-MEASURES = ["ssim", "psnr_db", "psnr_lit_db", "bound_db"]
+MEASURES = ["ssim", "psnr_db", "psnr_foreground_db", "bound_db"]
 RUN = ["training_samples", "epochs", "best_epoch", "start_s", "train_s"]
 COLUMNS = ["variant", "series", "x", "depth_mm", "object", *RUN, *MEASURES]
 MEAN = "mean"
@@ -123,7 +123,7 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
     notes = [
         f"Means over the same {tests or 0} test light fields of each data set; at each depth: the "
         f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; lit: over the pixels that "
-        f"are lit in the truth.",
+        f"are foreground in the truth.",
         "Bound: the test images projected on the first 256 principal components of the training "
         "images (`experiments.recipes.pca_bound`), what a decoder of 256 pictures could reach if it were "
         "told the best numbers.",
@@ -154,7 +154,7 @@ def _markdown(study, rows: pd.DataFrame, paper: dict) -> str:
             ],
             "PSNR (dB)": _shown(means["psnr_db"], FORMATS["psnr_db"]),
             "at each depth": [_joined(planes.get(name, []), "{:.1f}") for name in means.index],
-            "lit": _shown(means["psnr_lit_db"], "{:.2f}"),
+            "foreground": _shown(means["psnr_foreground_db"], "{:.2f}"),
             "SSIM": _shown(means["ssim"], FORMATS["ssim"]),
             "bound (dB)": _shown(means["bound_db"], "{:.2f}"),
         }

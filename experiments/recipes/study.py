@@ -23,7 +23,9 @@ from tqdm import tqdm
 from experiments.recipes.pca_bound import principal_component_bound
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, read_record, read_toml, to_json
-from lf_flame.datasets.store import DatasetConfig, config_from_json, make_dataset, split_indices
+from lf_flame.datasets.config import DatasetConfig, config_from_json
+from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import make_dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.backbone import ImagenetUnavailable
 from lf_flame.learning.decoder import AVERAGES
@@ -175,7 +177,7 @@ class Trial:
         return name
 
     @property
-    def asked(self) -> dict:
+    def request(self) -> dict:
         """What is asked for, as JSON values."""
         return {"data": to_json(self.data), "training": to_json(self.training)}
 
@@ -189,7 +191,7 @@ class Trial:
         """Read the scores from the study's work folder; None where there are none of this trial."""
         path = runs / self.variant.folder / "score.json"
         found = read_record(path) if path.exists() else {}
-        return found if found.get("asked") == self.asked else None
+        return found if found.get("request", found.get("asked")) == self.request else None
 
 
 def read_study(path: str | Path) -> tuple[Study, list[Trial]]:
@@ -354,7 +356,7 @@ def run_trial(
     write_json(
         folder / "score.json",
         {
-            "asked": trial.asked,
+            "request": trial.request,
             "planes": _score_planes(trial, folder, run),
             "test_samples": len(trial.test),
             "training_samples": run["parts"]["train"],
@@ -374,7 +376,7 @@ def _score_planes(trial: Trial, folder: Path, run: dict) -> list[dict]:
     )
     scores = score(targets, predictions[np.isin(indices, trial.test)])
     objects = trial.data.template.objects
-    table = scores[["ssim", "psnr_db", "psnr_lit_db"]].assign(
+    table = scores[["ssim", "psnr_db", "psnr_foreground_db"]].assign(
         # The objects stand side by side and vary independently: a band for each.
         bound_db=principal_component_bound(train_targets, targets, AVERAGES, bands=len(objects)),
         depth_mm=trial.data.depths_mm,

@@ -1,6 +1,6 @@
-"""The contest: every refocusing system on the same light fields, by the same measures.
+"""The benchmark: every refocusing system on the same light fields, by the same measures.
 
-Right is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems refocus
+The reference is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems refocus
 from views in memory to images in memory, on all cores; each is timed in a process of its own, whose
 peak memory is what it takes.
 """
@@ -16,13 +16,13 @@ import pandas as pd
 
 from experiments.held_out import find_scenes
 from experiments.systems import report
-from experiments.systems.cost import price
+from experiments.systems.cost import measure_cost
 from experiments.systems.figures import figure, noise_figure
 from experiments.systems.test_sets import Scene, TestSet
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.depth_scenarios import scene_settings
-from lf_flame.datasets.store import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run, open_run
 from lf_flame.learning.scoring import score
@@ -36,12 +36,12 @@ from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, sq
 
 COLUMNS = [
     "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
-    "psnr_lit_db", "psnr_lit_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
+    "psnr_foreground_db", "psnr_foreground_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Contestant:
+class Entry:
     """A system that can be loaded, here or in another process.
 
     Attributes
@@ -61,7 +61,7 @@ class Contestant:
     only: str = ""
 
 
-def classical_contestants() -> list[Contestant]:
+def formula_entries() -> list[Entry]:
     """List the systems that need no training."""
     some = {
         "shift-and-sum, 3 x 3 views": square_of_views,
@@ -70,16 +70,13 @@ def classical_contestants() -> list[Contestant]:
         "shift-and-sum, 7 x 7 views": partial(square_of_views, side=7),
     }
     return [
-        Contestant("shift-and-sum, all views", ShiftAndSum, {}),
-        Contestant("Fourier slice, all views", FourierSlice, {}),
-        *(
-            Contestant(name, partial(ShiftAndSum, name, places), {})
-            for name, places in some.items()
-        ),
+        Entry("shift-and-sum, all views", ShiftAndSum, {}),
+        Entry("Fourier slice, all views", FourierSlice, {}),
+        *(Entry(name, partial(ShiftAndSum, name, places), {}) for name, places in some.items()),
     ]
 
 
-def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> list[Contestant]:
+def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
     """List the networks of a folder of runs; those that are not there will show as missing.
 
     Parameters
@@ -93,20 +90,18 @@ def trained_contestants(runs: Path, official_refocusnet: Path | None = None) -> 
     found = []
     for name, network in NETWORKS.items():
         load = partial(load_system, runs / name)
-        found.append(Contestant(network.title, load, _about(runs / name)))
+        found.append(Entry(network.title, load, _about(runs / name)))
     if official_refocusnet:
         load = partial(RefocusNet.of_weights, official_refocusnet)
-        found.append(Contestant(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
+        found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
     for kind in ("shapes", "flames"):
         load = partial(ResNet50.of_run, runs / kind)
         name = f"{ResNet50.name}, trained on {kind}"
-        found.append(Contestant(name, load, _about(runs / kind), only=kind))
+        found.append(Entry(name, load, _about(runs / kind), only=kind))
     return found
 
 
-def variant_contestant(
-    folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int
-) -> Contestant:
+def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int) -> Entry:
     """Enter another run of the paper's network, such as one that is shown other views.
 
     It shows as missing if there is no such run, or if it has seen light fields of the test sets.
@@ -122,15 +117,15 @@ def variant_contestant(
     """
     name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
     try:
-        record, dataset = open_run(folder)
+        run = open_run(folder)
         for config in configs:
             held_out = find_scenes(config, runs / config.kind, count)
-            if scene_settings(held_out.config) == scene_settings(dataset.config):
-                _refuse_seen(set(held_out.indices) - set(record["test_indices"]), folder)
+            if scene_settings(held_out.config) == scene_settings(run.config):
+                _refuse_seen(set(held_out.indices) - set(run.record["test_indices"]), folder)
     except InputError as error:
-        return Contestant(name, partial(_refuse, str(error)), {})
+        return Entry(name, partial(_refuse, str(error)), {})
     load = partial(ResNet50.of_run, folder)
-    return Contestant(name, load, _about(folder), only=dataset.config.kind)
+    return Entry(name, load, _about(folder), only=run.config.kind)
 
 
 def _refuse_seen(seen: set[int], folder: Path) -> None:
@@ -200,8 +195,8 @@ def _inner(stack: np.ndarray, border: int) -> np.ndarray:
     return stack[:, border:-border, border:-border] if border else stack
 
 
-def run_contest(
-    contestants: Sequence[Contestant],
+def run_benchmark(
+    entries: Sequence[Entry],
     test_sets: Sequence[TestSet],
     out: Path,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
@@ -210,7 +205,7 @@ def run_contest(
 
     Parameters
     ----------
-    contestants : sequence of Contestant
+    entries : sequence of Entry
     test_sets : sequence of TestSet
         The first scene of the first one is the frame that systems are timed on.
     out : Path
@@ -223,16 +218,16 @@ def run_contest(
     Path
         ``compare.md``.
     """
-    _refuse_same_names(contestants, test_sets)
+    _refuse_same_names(entries, test_sets)
     started = time.perf_counter()
     frame = next(test_sets[0].scenes())
-    results = _compete(contestants, test_sets, frame)
-    steps = len(contestants) + len(test_sets)
+    results = _compete(entries, test_sets, frame)
+    steps = len(entries) + len(test_sets)
     results = list(results if progress is None else progress(results, 0, steps))
     scores = pd.concat([x for x in results if isinstance(x, pd.DataFrame)], ignore_index=True)
-    prices = pd.DataFrame([x for x in results if isinstance(x, dict)])
+    costs = pd.DataFrame([x for x in results if isinstance(x, dict)])
     record = {
-        "systems": {one.name: one.about for one in contestants},
+        "systems": {one.name: one.about for one in entries},
         "test_sets": {one.name: one.origin for one in test_sets},
         "frame": {
             "planes": len(frame.slopes),
@@ -243,56 +238,56 @@ def run_contest(
         **provenance.environment(),
     }
     write_text(out / "compare.csv", scores.round(5).to_csv(index=False))
-    write_text(out / "systems.csv", prices.round(3).to_csv(index=False))
-    write_text(out / "compare.md", report.text(scores, prices, record))
+    write_text(out / "systems.csv", costs.round(3).to_csv(index=False))
+    write_text(out / "compare.md", report.text(scores, costs, record))
     clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
-    figures.save(figure(clean, prices), out / "compare.png")
+    figures.save(figure(clean, costs), out / "compare.png")
     if len(dark):
         figures.save(noise_figure(dark), out / "compare_noise.png")
     write_json(out / "compare.json", record)
     return out / "compare.md"
 
 
-def _refuse_same_names(contestants, test_sets: Sequence[TestSet]) -> None:
+def _refuse_same_names(entries, test_sets: Sequence[TestSet]) -> None:
     for kind, names in (
         ("test sets", [(one.name, one.truth, one.electrons) for one in test_sets]),
-        ("systems", [(one.name,) for one in contestants]),
+        ("systems", [(one.name,) for one in entries]),
     ):
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"Two {kind} are called {name[0]!r}; compare one at a time.")
 
 
-def _compete(contestants, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
+def _compete(entries, test_sets, frame: Scene) -> Iterator[pd.DataFrame | dict]:
     """Yield what each system takes, then the scores of all on each test set."""
     loaded = {}
-    for one in contestants:
+    for one in entries:
         loaded[one.name] = _loaded(one)
         yield _described(one, loaded[one.name], frame)
     for test_set in test_sets:
         systems = dict(loaded)
-        for one in contestants:
+        for one in entries:
             if not test_set.name.startswith(one.only):
                 systems[one.name] = InputError(f"it was trained on {one.only}.")
         yield score_systems(systems, test_set)
 
 
-def _loaded(contestant: Contestant) -> RefocusingSystem | InputError:
+def _loaded(entry: Entry) -> RefocusingSystem | InputError:
     try:
-        return contestant.load()
+        return entry.load()
     except InputError as error:
         return error
 
 
-def _described(contestant: Contestant, system, frame: Scene) -> dict:
-    row = {"system": contestant.name, "views": np.nan, "parameters": np.nan}
+def _described(entry: Entry, system, frame: Scene) -> dict:
+    row = {"system": entry.name, "views": np.nan, "parameters": np.nan}
     row |= {"training_s": np.nan, "milliseconds": np.nan, "memory_mb": np.nan}
     if isinstance(system, InputError):
         return row
-    row |= {"parameters": system.parameters, "training_s": contestant.about.get("seconds", np.nan)}
+    row |= {"parameters": system.parameters, "training_s": entry.about.get("seconds", np.nan)}
     try:
         row["views"] = len(set(system.chosen(*frame.views.shape[:2])))
         system.refocus(frame.views, frame.slopes, frame.block)
     except InputError:
         return row
-    return row | asdict(price(contestant.load, frame.views, frame.slopes, frame.block))
+    return row | asdict(measure_cost(entry.load, frame.views, frame.slopes, frame.block))

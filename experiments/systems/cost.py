@@ -23,7 +23,7 @@ SECONDS = 1.0
 
 
 @dataclass(frozen=True)
-class Price:
+class Cost:
     """What a system takes.
 
     Attributes
@@ -40,12 +40,12 @@ class Price:
     memory_mb: float
 
 
-def price(
+def measure_cost(
     load: Callable[[], RefocusingSystem],
     views: np.ndarray,
     slopes: np.ndarray,
     block: tuple[int, int],
-) -> Price:
+) -> Cost:
     """Time a system on a frame, in a process of its own that does nothing else.
 
     Parameters
@@ -60,7 +60,7 @@ def price(
         try:
             return pool.submit(_measure, load, views, slopes, block).result()
         except BrokenProcessPool:  # killed, as for want of memory
-            return Price(float("nan"), float("nan"))
+            return Cost(float("nan"), float("nan"))
 
 
 def _shut_standard_error() -> None:
@@ -69,7 +69,7 @@ def _shut_standard_error() -> None:
         os.dup2(nowhere.fileno(), 2)
 
 
-def _measure(load, views, slopes, block) -> Price:
+def _measure(load, views, slopes, block) -> Cost:
     forget_peak_memory()
     system = load()
     system.refocus(views, slopes, block)  # compiles
@@ -78,4 +78,4 @@ def _measure(load, views, slopes, block) -> Price:
         started = time.perf_counter()
         system.refocus(views, slopes, block)
         seconds.append(time.perf_counter() - started)
-    return Price(1e3 * min(seconds), (peak_memory() - views.nbytes) / 1e6)
+    return Cost(1e3 * min(seconds), (peak_memory() - views.nbytes) / 1e6)

@@ -1,4 +1,4 @@
-"""Pictures of the contest (`experiments.systems.benchmark`)."""
+"""Pictures of the benchmark (`experiments.systems.benchmark`)."""
 
 import matplotlib
 import numpy as np
@@ -14,14 +14,14 @@ SHOWN_DB = (15.0, 70.0)
 COLUMNS = 4
 
 
-def figure(scores: pd.DataFrame, prices: pd.DataFrame):
+def figure(scores: pd.DataFrame, costs: pd.DataFrame):
     """Draw accuracy against time: one panel a test set, one mark a system.
 
     Parameters
     ----------
     scores : DataFrame
         Columns as in `experiments.systems.benchmark.COLUMNS`; without noise.
-    prices : DataFrame
+    costs : DataFrame
         See `experiments.systems.report.text`.
 
     Returns
@@ -35,7 +35,7 @@ def figure(scores: pd.DataFrame, prices: pd.DataFrame):
         squeeze=False, layout="constrained",
     )  # fmt: skip
     axes = axes.ravel()
-    numbered = prices.assign(number=range(len(prices))).set_index("system")
+    numbered = costs.assign(number=range(len(costs))).set_index("system")
     shown = numbered.dropna(subset="milliseconds")
     for axis, test_set in zip(axes, sets, strict=False):
         means = scores[scores.test_set == test_set].groupby("system")["psnr_db"].mean()

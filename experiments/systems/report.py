@@ -1,4 +1,4 @@
-"""The text of the contest (`experiments.systems.benchmark`)."""
+"""The text of the benchmark (`experiments.systems.benchmark`)."""
 
 import numpy as np
 import pandas as pd
@@ -11,14 +11,14 @@ CLAIMED_SSIM = 0.925
 """Of RefNet against the Fourier slice, as the paper reports it of Hedayati et al."""
 
 
-def text(scores: pd.DataFrame, prices: pd.DataFrame, record: dict) -> str:
+def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
     """Put what came out into Markdown.
 
     Parameters
     ----------
     scores : DataFrame
         Columns as in `experiments.systems.benchmark.COLUMNS`.
-    prices : DataFrame
+    costs : DataFrame
         One row a system: system, views, parameters, training_s, milliseconds, memory_mb.
     record : dict
         As it is written.
@@ -29,16 +29,16 @@ def text(scores: pd.DataFrame, prices: pd.DataFrame, record: dict) -> str:
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
 {record["wall_s"]:.0f} s.
 
-Right is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and light
+The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and light
 fields; every plane is in compare.csv. Views are those that a system looks at; training in seconds,
-with drawing the lessons (the ResNet-50's data set is drawn beforehand and not counted);
+with drawing the training samples (the ResNet-50's data set is drawn beforehand and not counted);
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
 cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares;
 what is exact, or beyond the axis, stands at its edge as a triangle.
 
-{_prices(prices)}
+{_costs_table(costs)}
 
 ## PSNR (dB)
 
@@ -85,7 +85,7 @@ def _sixteen(scores: pd.DataFrame) -> str:
     names = seen.test_set.str.removesuffix(SIXTEEN) + ", " + seen.truth
     return f"""## SSIM at RefNet's sixteen slopes
 
-Slope 1 - alpha, alpha from 0.125 to 2; right is shift-and-sum or the Fourier slice of all views.
+Slope 1 - alpha, alpha from 0.125 to 2; the reference is shift-and-sum or the Fourier slice of all views.
 The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on other
 data.
 
@@ -101,8 +101,8 @@ def _noise(scores: pd.DataFrame) -> str:
         return ""
     parts = [
         "## In less light, PSNR (dB)",
-        "Shot noise of as many electrons as a pixel at full scale holds; right is what all views "
-        "show without noise. Only the system that says so has learnt from noisy lessons.",
+        "Shot noise of as many electrons as a pixel at full scale holds; the reference is what all views "
+        "show without noise. Only the system that says so has learnt from noisy samples.",
     ]
     for name in seen.test_set.unique():
         rows = scores[scores.test_set == name]
@@ -117,11 +117,11 @@ def _light(electrons: float) -> str:
     return f"{electrons:g} electron" + "s" * (electrons != 1)
 
 
-def _prices(prices: pd.DataFrame) -> str:
-    shown = prices.copy()
+def _costs_table(costs: pd.DataFrame) -> str:
+    shown = costs.copy()
     for name, form in {"training_s": "{:.0f}", "milliseconds": "{:.1f}", "memory_mb": "{:.0f}",
                        "views": "{:.0f}", "parameters": "{:,.0f}"}.items():  # fmt: skip
-        shown[name] = ["" if pd.isna(x) else form.format(x) for x in prices[name]]
+        shown[name] = ["" if pd.isna(x) else form.format(x) for x in costs[name]]
     shown.columns = ["system", "views", "parameters", "training (s)", "ms a frame", "memory (MB)"]
     sides = ("left", *["right"] * (len(shown.columns) - 1))
     return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)

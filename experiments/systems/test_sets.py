@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from experiments.held_out import find_scenes
-from lf_flame.datasets.depth_scenarios import draw_case, make_cases, scene_settings
-from lf_flame.datasets.store import DatasetConfig, render_sample
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.depth_scenarios import draw_scenario, make_scenarios, scene_settings
+from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
 from lf_flame.formats.images import white_level
 from lf_flame.lightfield import LightField
 from lf_flame.optics.sensor import Sensor, expose
 from lf_flame.refocus._arguments import as_slopes
-from lf_flame.systems.formulas import TRUTHS, average
+from lf_flame.systems.formulas import REFERENCES, average
 from lf_flame.systems.refnet import ALPHAS, SLOPES
 
 SIXTEEN = ", RefNet's slopes"
@@ -54,10 +55,10 @@ class Scene:
     border: int = 0
     clean: np.ndarray | None = None
 
-    def truth(self, right: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, without noise, by one of the `TRUTHS`."""
+    def truth(self, reference: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, without noise, by one of the `REFERENCES`."""
         views = self.views if self.clean is None else self.clean
-        return average(TRUTHS[right](views, self.slopes), self.block)
+        return average(REFERENCES[reference](views, self.slopes), self.block)
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class TestSet:
     electrons : float
         That a pixel at full scale holds; infinite: no noise.
     truth : str
-        What is right: a key of `lf_flame.systems.formulas.TRUTHS`.
+        The reference: a key of `lf_flame.systems.formulas.REFERENCES`.
     origin : str
         Where the scenes come from, for the record.
     """
@@ -88,7 +89,7 @@ class TestSet:
     truth: str = "shift-and-sum"
     origin: str = ""
 
-    def in_the_dark(self, electrons: float, seed: int) -> "TestSet":
+    def in_low_light(self, electrons: float, seed: int) -> "TestSet":
         """Take the same scenes in less light: with shot noise, as in a short exposure.
 
         Parameters
@@ -141,21 +142,27 @@ def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
     indices = ", ".join(str(index) for index in held_out.indices)
     origin = f"samples {indices} ({split})"
     sets = [TestSet(config.kind, planes, own, origin=origin)]
-    whole = [case for case in make_cases(config) if len(case.present) == len(config.depths_mm)]
-    for case in whole[1:]:  # the first is as trained
+    whole = [
+        scenario
+        for scenario in make_scenarios(config)
+        if len(scenario.present) == len(config.depths_mm)
+    ]
+    for scenario in whole[1:]:  # the first is as trained
         # Of those that keep the depths, the planes stay; else they move with the objects.
         depths = (
-            case.depths_mm if set(case.depths_mm) != set(config.depths_mm) else config.depths_mm
+            scenario.depths_mm
+            if set(scenario.depths_mm) != set(config.depths_mm)
+            else config.depths_mm
         )
         at = np.array([config.camera.depth_to_slope(z) for z in depths])
-        placed = partial(_placed_scenes, config, case, at, count)
-        name, planes = f"{config.kind}, {case.name}", [f"{z:g} mm" for z in depths]
+        placed = partial(_placed_scenes, config, scenario, at, count)
+        name, planes = f"{config.kind}, {scenario.name}", [f"{z:g} mm" for z in depths]
         sets.append(TestSet(name, planes, placed, origin=f"drawn by seed {config.seed}"))
     # RefNet's own slopes, where right is what all views give by either way.
     planes = [f"alpha {alpha:g}" for alpha in ALPHAS]
     scenes = partial(_own_scenes, config, SLOPES * config.block[0], held_out.indices)
     sixteen = TestSet(f"{config.kind}{SIXTEEN}", planes, scenes, origin=origin)
-    return [*sets, *(replace(sixteen, truth=truth) for truth in TRUTHS)]
+    return [*sets, *(replace(sixteen, truth=truth) for truth in REFERENCES)]
 
 
 def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
@@ -163,8 +170,8 @@ def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
         yield Scene(render_sample(config, index)[0].views, slopes, config.block)
 
 
-def _placed_scenes(config, case, slopes, count) -> Iterator[Scene]:
-    for light_field in draw_case(config, case, count):
+def _placed_scenes(config, scenario, slopes, count) -> Iterator[Scene]:
+    for light_field in draw_scenario(config, scenario, count):
         yield Scene(light_field.views, slopes, config.block)
 
 

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-LIT = 0.01
-"""Truth above which a pixel is lit, of the peak 1. Two thirds of the pixels are background, black
+FOREGROUND = 0.01
+"""Truth above which a pixel is foreground, of the peak 1. Two thirds of the pixels are background, black
 in the truth and easily so in a prediction: taken in, they dilute the error of the objects, and PSNR
 comes out 4 to 6 dB higher, the more so the smaller the object."""
 
@@ -43,7 +43,7 @@ def psnr(truth: np.ndarray, image: np.ndarray) -> float:
         return peak_signal_noise_ratio(truth, image, data_range=1.0)
 
 
-def psnr_lit(truth: np.ndarray, image: np.ndarray) -> float:
-    """`psnr` whose mean squared error runs over the lit pixels alone; NaN where none is lit."""
-    lit = truth > LIT
+def psnr_foreground(truth: np.ndarray, image: np.ndarray) -> float:
+    """`psnr` whose mean squared error runs over the foreground pixels alone; NaN where none is foreground."""
+    lit = truth > FOREGROUND
     return psnr(truth[lit], image[lit]) if lit.any() else np.nan

@@ -8,7 +8,10 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("lf_flame", "numpy", "numba", "scikit-image", "zarr", "keras", "tensorflow", "jax")
+PACKAGES = (
+    "lf_flame", "numpy", "numba", "scikit-image", "zarr", "keras", "tensorflow", "tensorflow-cpu",
+    "jax",
+)  # fmt: skip
 
 
 def environment() -> dict:
@@ -18,7 +21,7 @@ def environment() -> dict:
     -------
     dict
         JSON values; `git_revision` is None outside a git checkout, with "+" behind it where
-        tracked files other than results differ from the revision.
+        tracked programs or settings differ from the revision.
     """
     return {
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -52,8 +55,9 @@ def _git_revision() -> str | None:
         ).stdout.strip()
 
     try:
-        # Results are what is being made anew, not what they are made by.
-        paths = (":/", ":(top,exclude)experiments/results")
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # or the checkout is another's
+        # Programs and settings make results; results and texts do not.
+        paths = (":(top,glob)**/*.py", ":(top,glob)**/*.toml")
         changed = git("status", "--porcelain", "--untracked-files=no", "--", *paths)
         return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.CalledProcessError):

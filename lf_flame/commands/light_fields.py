@@ -1,29 +1,31 @@
-"""The commands of `lf-flame` that read a light field from anywhere: refocus, convert and so on.
+"""The commands that read a light field from anywhere: refocus, refocus-regions and convert.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
+import cloup
 
 from lf_flame._common.keras_loading import load_keras
+from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
-
-FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
-FOLDER = click.Path(file_okay=False, path_type=Path)
 
 SLOPE_CONVENTIONS = (
     "motion", "hci", "lftoolbox", "liff", "plenopticam", "plenopticam-refined", "plenpy", "fdl"
 )  # fmt: skip
-"""Names in `lf_flame.optics.slope_conventions`, which would take long to import for ``--help`` alone."""
+"""Names in `lf_flame.optics.slope_conventions`, whose import would take long for ``--help``."""
 
-READING = (
-    click.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
-    click.option("--order", help="What the names of views count, as row,col (default: found)."),
-    click.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
-    click.option("--pitch", type=float, help="Micro-image pitch in pixels, of a raw image."),
-    click.option(
+READING = cloup.option_group(
+    "How the light field is read",
+    cloup.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
+    cloup.option("--order", help="What the names of views count, as row,col (default: found)."),
+    cloup.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
+    cloup.option("--pitch", type=float, help="Micro-image pitch in pixels, of a raw image."),
+    cloup.option(
         "--layout",
         type=click.Choice(["rectangular", "hexagonal"]),
         help="Lenslets of a raw image (default: as the white image shows).",
@@ -31,37 +33,38 @@ READING = (
 )
 """Options that say how a light field is to be read."""
 
-REFOCUSING = (
-    click.option(
+SLOPES = cloup.option_group(
+    "Where to focus",
+    cloup.option(
         "--slope", "slopes", multiple=True, type=float, help="Slope to refocus at; may be repeated."
     ),
-    click.option(
+    cloup.option(
         "--slope-of",
         type=click.Choice(SLOPE_CONVENTIONS, case_sensitive=False),
         default="motion",
         show_default=True,
         help="Whose number --slope is; all that is printed and written is ours, motion.",
     ),
-    click.option(
+    cloup.option(
         "--depth-mm",
         "depths",
         multiple=True,
         type=float,
         help="Depth to refocus at; may be repeated; needs --camera.",
     ),
-    click.option(
+    cloup.option(
         "--search",
         is_flag=True,
         help="Refocus at the sharpest slope; what is done if none is asked.",
     ),
-    click.option(
+    cloup.option(
         "--sweep",
         nargs=2,
         type=float,
         metavar="FROM TO",
         help="Movie from one slope to another and back, 41 steps.",
     ),
-    click.option(
+    cloup.option(
         "--map",
         "slope_map",
         nargs=2,
@@ -69,31 +72,32 @@ REFOCUSING = (
         metavar="FROM TO",
         help="Slope of each pixel, and all in focus; the slopes should reach beyond the scene's.",
     ),
-    click.option(
+    cloup.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
     ),
 )
 """Options that say at which slopes to refocus."""
 
-APPEARANCE = (
-    click.option(
+APPEARANCE = cloup.option_group(
+    "How the images are made",
+    cloup.option(
         "--interpolation",
         type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
         default="linear",
         show_default=True,
     ),
-    click.option(
+    cloup.option(
         "--method",
         type=click.Choice(["auto", "space", "fourier", "slice"]),
         default="auto",
         show_default=True,
         help="The picture is the same; auto is the fastest.",
     ),
-    click.option("--aperture", type=float, help="Diameter of a round aperture; 1 is the full one."),
-    click.option("--ring", type=float, help="Diameter of the middle that is covered."),
-    click.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
-    click.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
-    click.option(
+    cloup.option("--aperture", type=float, help="Diameter of a round aperture; 1 is the full one."),
+    cloup.option("--ring", type=float, help="Diameter of the middle that is covered."),
+    cloup.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
+    cloup.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
+    cloup.option(
         "--network",
         type=click.Path(exists=True, path_type=Path),
         help="Refocus with this run of train-system, from its few views, or with RefocusNet by its "
@@ -101,19 +105,6 @@ APPEARANCE = (
     ),
 )
 """Options that say how refocused images are made."""
-
-READ_AS = ("views", "order", "white", "pitch", "layout")
-"""Names of the options that say how a light field is to be read."""
-
-
-def _with_options(*groups):
-    def decorate(command):
-        for option in reversed([option for group in groups for option in group]):
-            command = option(command)
-        return command
-
-    return decorate
-
 
 def _refuse_options(what: str, **options) -> None:
     for name, value in options.items():
@@ -131,34 +122,107 @@ def _open_network(path: Path | None):
     return load_system(path)
 
 
-def _read_light_field(source: Path, views, order, white, pitch, layout):
-    """Read a light field of any kind, and tell what was found."""
-    from tqdm import tqdm
+@dataclass(frozen=True)
+class Reading:
+    """How a light field is to be read; the options of the group of that name."""
 
-    from lf_flame import formats
+    views: int | None = None
+    order: str | None = None
+    white: Path | None = None
+    pitch: float | None = None
+    layout: str | None = None
 
-    if white is not None or pitch is not None:
-        _refuse_options(f"the raw image {source}", order=order)
-        light_field, grid = formats.read_raw(source, white, pitch, layout, views)
-        click.echo(f"{source}: {grid.describe()}", err=True)
-    elif source.is_dir():
-        _refuse_options(f"the folder {source}", views=views, layout=layout)
-        folder = formats.scan_view_folder(source, order)
-        click.echo(folder.describe(), err=True)
-        light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
-    else:
-        _refuse_options(f"{source} without --white or --pitch", layout=layout)
-        light_field = formats.read_light_field(source, views, order)
-    v, u, t, s = light_field.views.shape[:4]
-    click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
-    return light_field
+    def read(self, source: Path):
+        """Read a light field of any kind, and tell what was found."""
+        from tqdm import tqdm
+
+        from lf_flame import formats
+
+        if self.white is not None or self.pitch is not None:
+            _refuse_options(f"the raw image {source}", order=self.order)
+            light_field, grid = formats.read_raw(
+                source, self.white, self.pitch, self.layout, self.views
+            )
+            click.echo(f"{source}: {grid.describe()}", err=True)
+        elif source.is_dir():
+            _refuse_options(f"the folder {source}", views=self.views, layout=self.layout)
+            folder = formats.scan_view_folder(source, self.order)
+            click.echo(folder.describe(), err=True)
+            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+        else:
+            _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
+            light_field = formats.read_light_field(source, self.views, self.order)
+        v, u, t, s = light_field.views.shape[:4]
+        click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        return light_field
 
 
-@click.command()
-@click.argument("source", type=click.Path(path_type=Path))
-@_with_options(REFOCUSING, APPEARANCE, READING)
+@dataclass(frozen=True)
+class Focus:
+    """Where to focus; the options of the group of that name."""
+
+    slopes: tuple[float, ...] = ()
+    slope_of: str = "motion"
+    depths: tuple[float, ...] = ()
+    search: bool = False
+    sweep: tuple[float, float] | None = None
+    slope_map: tuple[float, float] | None = None
+
+    @property
+    def searches(self) -> bool:
+        """Whether the sharpest slope is to be found: if asked for, or if nothing else is."""
+        return self.search or not (self.slopes or self.depths or self.sweep or self.slope_map)
+
+    def asked_slopes(self, views: int, lens) -> list[float]:
+        """Slopes of shift-and-sum for the numbers and depths that were given."""
+        from lf_flame.optics.slope_conventions import to_slope
+
+        slopes = [to_slope(slope, self.slope_of, views) for slope in self.slopes]
+        return slopes + [lens.depth_to_slope(depth) for depth in self.depths]
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How images are made; the options of the group of that name."""
+
+    interpolation: str = "linear"
+    method: str = "auto"
+    aperture: float | None = None
+    ring: float | None = None
+    f_number: float | None = None
+    movie: str = "gif"
+    network: Path | None = None
+
+    def refuse_for_network(self, slope_map) -> None:
+        """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
+        plain = Appearance()
+        changed = {
+            name: getattr(self, name)
+            for name in ("interpolation", "method", "aperture", "ring", "f_number")
+            if getattr(self, name) != getattr(plain, name)
+        }
+        _refuse_options("a network", **changed, map=slope_map)
+
+    def options(self, views: tuple[int, int], lens) -> dict:
+        """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
+        from lf_flame.commands.refocus_job import aperture_weights
+
+        weights = aperture_weights(views, self.aperture, self.ring, self.f_number, lens)
+        return {"interpolation": self.interpolation, "method": self.method, "weights": weights}
+
+
+def _pick(kind, options: dict):
+    """Make an options record of those of a command's options that belong to it."""
+    return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
+
+
+@cloup.command()
+@click.argument("source", type=PATH)
+@SLOPES
+@APPEARANCE
+@READING
 @click.option("--out", type=FOLDER, help="Folder for the pictures; default refocused/SOURCE.")
-def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, out, **options):
+def refocus(source, camera, out, **options):
     """Refocus a light field from anywhere; find its sharpest slope; sweep through its focus.
 
     SOURCE is a folder with one image per view (HCI, Stanford, row_col.png ...), an array
@@ -173,47 +237,51 @@ def refocus(source, slopes, slope_of, depths, search, sweep, slope_map, camera, 
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
-    from tqdm import tqdm
-
-    from lf_flame.commands.refocus_output import Refocusing, aperture_weights
+    from lf_flame.commands.refocus_job import RefocusJob, check_job
+    from lf_flame.commands.refocus_output import PictureFolder
     from lf_flame.formats.movie import check_movie
-    from lf_flame.optics.slope_conventions import to_slope
     from lf_flame.scenes.scene_files import read_camera
 
+    focus, look, reading = (_pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = read_camera(camera) if camera else None
-    if lens is None and (depths or options["f_number"] is not None):
+    if lens is None and (focus.depths or look.f_number is not None):
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
-    movie = f"sweep.{options['movie']}"
-    check_movie(movie)
-    if options["network"]:
-        _refuse_network_options({**options, "map": slope_map})
-    out = _folder_for(source, out)
-    network = _open_network(options["network"])
-    light_field = _read_light_field(source, **{name: options[name] for name in READ_AS})
+    check_movie(f"sweep.{look.movie}")
+    if look.network:
+        look.refuse_for_network(focus.slope_map)
+    folder = PictureFolder(_folder_for(source, out), source)
+    network = _open_network(look.network)
+    light_field = reading.read(source)
     views = light_field.views.shape[:2]
-    aperture = (options[name] for name in ("aperture", "ring", "f_number"))
-    how = {name: options[name] for name in ("interpolation", "method")}
-    how["weights"] = aperture_weights(views, *aperture, lens)
-    asked = [to_slope(slope, slope_of, views[1]) for slope in slopes]
-    asked += [lens.depth_to_slope(depth) for depth in depths]
-    asked_for = {"source": str(source), "depths_mm": depths}
+    slopes = focus.asked_slopes(views[1], lens)
+    job = RefocusJob(light_field, look.options(views, lens), network)
+    check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
+    folder.facts["depths_mm"] = focus.depths
     if network:
-        asked_for["network"] = network.name
-    job = Refocusing(light_field, out, how, network, asked_for)
-    job.check(asked, sweep or (), slope_map or ())
-    if search or not (asked or sweep or slope_map):
-        found = job.search()
+        folder.facts["network"] = network.name
+    _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
+    click.echo(f"{', '.join(folder.written)} are in {folder.folder}")
+
+
+def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) -> None:
+    """Make all that was asked for, and the record."""
+    from tqdm import tqdm
+
+    from lf_flame.commands import refocus_output as output
+
+    if focus.searches:
+        found = output.write_search(job, folder)
         click.echo(f"sharpest at slope {found.slope:+.3f}, confidence {found.confidence:.2f}")
-        asked.append(found.slope)
-    if asked:
-        job.refocus_at(asked)
-    if sweep:
-        job.sweep(*sweep, movie, lambda steps: tqdm(steps, "sweeping", unit="stack"))
-    if slope_map:
-        share = job.map_slopes(*slope_map)
+        slopes = [*slopes, found.slope]
+    if slopes:
+        output.write_refocused(job, slopes, folder)
+    if focus.sweep:
+        bar = partial(tqdm, desc="sweeping", unit="stack")
+        output.write_sweep(job, focus.sweep, movie, folder, bar)
+    if focus.slope_map:
+        share = output.write_slope_map(job, focus.slope_map, folder)
         click.echo(f"slope map: {share:.0%} of the pixels are certain")
-    job.write_record()
-    click.echo(f"{', '.join(job.written)} are in {out}")
+    folder.write_record(job)
 
 
 def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
@@ -225,17 +293,8 @@ def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
     return out
 
 
-def _refuse_network_options(options: dict) -> None:
-    """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
-    defaults = {"interpolation": "linear", "method": "auto"}
-    of_formulas = {name: options[name] for name in ("aperture", "ring", "f_number", "map")}
-    for name, default in defaults.items():
-        of_formulas[name] = None if options[name] == default else options[name]
-    _refuse_options("a network", **of_formulas)
-
-
-@click.command("refocus-regions")
-@click.argument("source", type=click.Path(path_type=Path))
+@cloup.command("refocus-regions")
+@click.argument("source", type=PATH)
 @click.option(
     "--region",
     "regions",
@@ -262,7 +321,7 @@ def _refuse_network_options(options: dict) -> None:
     type=click.Path(exists=True, path_type=Path),
     help="Run of `train-system volumetric`, which removes the ghosts that the cross leaves.",
 )
-@_with_options(READING)
+@READING
 @click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE-regions.")
 def refocus_regions(source, regions, slopes, background, cross, network, out, **options) -> None:
     """Bring regions of a light field into focus, each at its own slope; blur the rest.
@@ -277,22 +336,23 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
       lf-flame refocus-regions buddha --region 100 180 60 140 --slopes -1 2 --network RUN
     """  # noqa: D301 - click reads the backspace
     load_keras()
-    from lf_flame.commands.refocus_output import Refocusing
+    from lf_flame.commands.refocus_job import RefocusJob, check_job
+    from lf_flame.commands.refocus_output import PictureFolder, write_regions
     from lf_flame.systems.sparse_unet import SparseUNet, refocus_regions
 
-    out, unet = _folder_for(source, out, "-regions"), _open_network(network)
+    folder = PictureFolder(_folder_for(source, out, "-regions"), source)
+    unet = _open_network(network)
     if unet is not None and not isinstance(unet, SparseUNet):
         raise InputError(f"{network} holds {unet.name}, not the network of `volumetric`.")
     dense = not (cross or unet)
-    asked_for = {
-        "source": str(source),
+    folder.facts |= {
         "slopes_searched": slopes,
         "background": slopes[0] if background is None else background,
         "views_used": "all" if dense else "a cross of 17",
         "network": unet.name if unet else None,
     }
-    job = Refocusing(_read_light_field(source, **options), out, record=asked_for)
-    job.check([*slopes, *([] if background is None else [background])])
+    job = RefocusJob(Reading(**options).read(source))
+    check_job(job, [*slopes, *([] if background is None else [background])])
     image, surface, found = refocus_regions(
         job.views_to_white, regions, slopes, background, dense, unet
     )
@@ -301,15 +361,15 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
         click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
     measure = "certain" if dense else "ms_ssim"
     found = [{"slope": slope, measure: trust} for slope, trust in found]
-    job.write_regions(image, surface, regions, found)
-    job.write_record()
-    click.echo(f"{', '.join(job.written)} are in {out}")
+    write_regions(job, image, surface, regions, found, folder)
+    folder.write_record(job)
+    click.echo(f"{', '.join(folder.written)} are in {folder.folder}")
 
 
-@click.command()
-@click.argument("source", type=click.Path(path_type=Path))
-@click.argument("target", type=click.Path(path_type=Path))
-@_with_options(READING)
+@cloup.command()
+@click.argument("source", type=PATH)
+@click.argument("target", type=PATH)
+@READING
 @click.option("--bits", type=click.Choice(["8", "16"]), default="16", show_default=True)
 def convert(source: Path, target: Path, bits: str, **options) -> None:
     """Write a light field from anywhere in another form.
@@ -323,5 +383,5 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
     """  # noqa: D301 - click reads the backspace
     from lf_flame.formats import write_light_field
 
-    write_light_field(_read_light_field(source, **options), target, int(bits))
+    write_light_field(Reading(**options).read(source), target, int(bits))
     click.echo(f"{target} is written")

@@ -3,17 +3,18 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
-import logging
+from dataclasses import replace
 from pathlib import Path
 
 import click
+import cloup
 
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.light_fields import FOLDER
+from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
 
 
-@click.command()
+@cloup.command()
 @click.argument("run", type=FOLDER)
 @click.option(
     "--out",
@@ -40,11 +41,11 @@ def export(run: Path, out: Path) -> None:
     click.echo(f"{out} ({size:.0f} MB) and {out.with_suffix('.json')} are written")
 
 
-@click.command()
-@click.argument("images", type=click.Path(path_type=Path), nargs=-1, required=True)
+@cloup.command()
+@click.argument("images", type=PATH, nargs=-1, required=True)
 @click.option(
     "--model",
-    type=click.Path(path_type=Path),
+    type=PATH,
     required=True,
     help="Run folder, or a .keras file that `lf-flame export` wrote.",
 )
@@ -52,7 +53,7 @@ def export(run: Path, out: Path) -> None:
 def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     """Let a trained network refocus IMAGES.
 
-    The network has learnt by heart which object stands at which depth, from the pictures of one
+    The network has memorised which object stands at which depth, from the pictures of one
     camera and one kind of scene: the image that it sees holds no parallax. Of any other scene it
     makes something up, which looks like what it has learnt. To refocus a light field as it is,
     use `lf-flame refocus`.
@@ -86,50 +87,6 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
         click.echo(f"{prediction.seen.source}: refocused in {prediction.ms:.0f} ms, in {folder}")
 
 
-@click.command()
-@click.argument("networks", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--out", type=FOLDER, required=True, help="Results folder.")
-@click.option("--repeats", default=30, show_default=True, help="Rounds that count; 3 or more.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the random raw image.",
-)
-def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> None:
-    """Time trained NETWORKS on one picture; run it on a machine that does nothing else.
-
-    A NETWORK is a run folder, or a .keras file that `lf-flame export` wrote. The clock runs from a
-    raw lenslet image in memory, of the size of the network's camera, to the refocused images:
-    stage by stage (resize, backbone, decoder) and in one go, at batch 1.
-
-    Each network is timed in float32, bfloat16 and float16, and with its dense layers in int8 (Keras
-    has no convolutions in int8), compiled by each compiler that the backend has. Fewer bits cost
-    accuracy: beside each time stands how far the images are from float32's (PSNR in dB, higher is
-    closer), and from the truth where a run folder names its test split. What this machine cannot do
-    shows as missing, with the reason. Fewer bits need not be faster: that takes a processor, and a
-    library, with arithmetic for them.
-
-    The floor is the time to read weights and raw image once, at the bandwidth measured meanwhile.
-
-    OUT gets latency.csv, .md, .png and .json, the record.
-
-    \b
-      lf-flame latency runs/quick/flames --out latency
-      lf-flame latency flames.keras runs/quick/shapes --out latency --repeats 100
-    """  # noqa: D301 - click reads the backspace
-    load_keras()
-    # TensorFlow finds it odd that network after network is compiled.
-    logging.getLogger("tensorflow").setLevel(logging.ERROR)
-    from experiments.costs import latency_report
-    from experiments.costs.latency import measure_latency
-    from lf_flame._common.progress import step_bar
-
-    path = latency_report.write_report(out, *measure_latency(networks, repeats, seed, step_bar))
-    click.echo(path.read_text(encoding="utf-8"))
-
-
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
     """Give each image a folder of its own, named like it."""
     folders = []
@@ -143,3 +100,26 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
             raise InputError(f"The pictures cannot go into the light field's own folder, {image}.")
         folders.append(folder)
     return folders
+
+
+@cloup.command()
+@click.argument("config", type=FILE)
+@click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
+@click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
+@click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
+@click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
+@click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
+@click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
+@click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
+def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs) -> None:
+    """Train the network that CONFIG describes; goes on where a run was cut off."""
+    load_keras()
+    from lf_flame.learning.training import read_training_config, train
+
+    options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
+    settings = read_training_config(config, **options)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    if epochs is not None:
+        settings = settings.with_epochs(preset, epochs)
+    train(settings, preset, data, out)

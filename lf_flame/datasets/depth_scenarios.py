@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lf_flame._common.config import to_json
-from lf_flame.datasets.store import DatasetConfig, render_drawn
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.sampling import render_drawn
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.scenes.scene import Scene
@@ -21,7 +22,7 @@ FIRST_SAMPLE = 1_000_000
 
 
 @dataclass(frozen=True)
-class Case:
+class DepthScenario:
     """A way of placing the objects of a data set.
 
     Parameters
@@ -43,7 +44,7 @@ class Case:
         return Scene([placed.layers[k] for k in self.present])
 
 
-def make_cases(config: DatasetConfig) -> list[Case]:
+def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
     """List the ways of placing the objects of a data set; the first is its own.
 
     Raises
@@ -59,29 +60,33 @@ def make_cases(config: DatasetConfig) -> list[Case]:
         )
     everyone = tuple(range(len(own)))
     half = float(np.diff(np.unique(own)).min()) / 2
-    cases = [
-        Case("as trained", tuple(own), everyone),
-        Case("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
-        Case("order reversed", tuple(own[::-1]), everyone),
-        Case(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
-        Case(f"{names[0]} alone", tuple(own), (0,)),
+    scenarios = [
+        DepthScenario("as trained", tuple(own), everyone),
+        DepthScenario("first and last exchanged", (own[-1], *own[1:-1], own[0]), everyone),
+        DepthScenario("order reversed", tuple(own[::-1]), everyone),
+        DepthScenario(f"all {half:g} mm nearer", tuple(z - half for z in own), everyone),
+        DepthScenario(f"{names[0]} alone", tuple(own), (0,)),
     ]
     # Of two or three objects, exchanging the ends is reversing the order.
-    return list({(case.depths_mm, case.present): case for case in cases[::-1]}.values())[::-1]
+    return list(
+        {(scenario.depths_mm, scenario.present): scenario for scenario in scenarios[::-1]}.values()
+    )[::-1]
 
 
-def draw_case(config: DatasetConfig, case: Case, samples: int) -> Iterator[LightField]:
-    """Draw light fields whose objects are placed so, of the same scenes for every case.
+def draw_scenario(
+    config: DatasetConfig, scenario: DepthScenario, samples: int
+) -> Iterator[LightField]:
+    """Draw light fields whose objects are placed so, of the same scenes for every scenario.
 
     Yields
     ------
     LightField
     """
     mean, _ = config.template.draw(None)
-    plan = plan_effects(case.place(mean, config), config.camera, effects=config.effects)
+    plan = plan_effects(scenario.place(mean, config), config.camera, effects=config.effects)
     for index in range(FIRST_SAMPLE, FIRST_SAMPLE + samples):
         scene, _ = config.template.draw(np.random.default_rng([config.seed, index]))
-        yield render_drawn(case.place(scene, config), config, plan, index)
+        yield render_drawn(scenario.place(scene, config), config, plan, index)
 
 
 def scene_settings(config: DatasetConfig) -> dict:

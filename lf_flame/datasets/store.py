@@ -14,207 +14,18 @@ import multiprocessing
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
-from lf_flame._common.arrays import area_average
-from lf_flame._common.config import build, read_toml, to_json
-from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.templates import TEMPLATES, Template
+from lf_flame._common.config import to_json
+from lf_flame.datasets.config import DatasetConfig, config_from_json
+from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
-from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.plan import EffectPlan, plan_effects
-from lf_flame.simulation.rendering import render_plan
-
-
-@dataclass(frozen=True)
-class DatasetConfig:
-    """What a data set is made of; read from data_gen/*.toml by `read_config`.
-
-    Parameters
-    ----------
-    kind : {"shapes", "flames"}
-    seed : int
-        Sample i is drawn from ``numpy.random.default_rng([seed, i])``.
-    image : (int, int)
-        Height and width of the targets; the lenslets are a whole multiple of it.
-    samples : dict
-        Number of light fields for each preset.
-    camera : PlenopticCamera
-    template : ShapeTemplate or FlameTemplate
-    effects : dict of str to bool, optional
-        Effects to force on or off.
-    input : InputEncoding, optional
-        What the network is shown. Default: what the paper's is.
-    shuffled_depths : bool, optional
-        Let the objects of each sample stand at the template's depths in an order drawn at random,
-        as large in the central view as at their own depths. The effect plan stays that of the
-        objects at their own depths.
-    """
-
-    kind: Literal["shapes", "flames"]
-    seed: int
-    image: tuple[int, int]
-    samples: dict[str, int]
-    camera: PlenopticCamera
-    template: Template
-    effects: dict[str, bool] = field(default_factory=dict)
-    input: InputEncoding = InputEncoding()
-    shuffled_depths: bool = False
-
-    __pydantic_config__ = {"extra": "forbid"}
-
-    def __post_init__(self):
-        lenslets = self.camera.lenslets
-        for size in (self.image, self.input.image or self.image):
-            if min(size) < 1 or any(n % m for n, m in zip(lenslets, size, strict=True)):
-                raise InputError(
-                    f"image must divide the camera's lenslets {lenslets} into whole numbers, "
-                    f"got {size}."
-                )
-        if self.camera.views < self.input.views_per_side:
-            raise InputError(
-                f"input {self.input.kind!r} shows {self.input.views_per_side} views along an axis, "
-                f"the camera has {self.camera.views}."
-            )
-        if self.seed < 0 or min(self.samples.values(), default=0) < 1:
-            raise InputError(
-                f"seed must be 0 or above and samples at least 1 for each preset, "
-                f"got seed={self.seed}, samples={self.samples}."
-            )
-
-    def sample_count(self, preset: str) -> int:
-        """Light fields of a preset."""
-        if preset not in self.samples:
-            raise InputError(f"preset must be one of {', '.join(self.samples)}, got {preset!r}.")
-        return self.samples[preset]
-
-    @cached_property
-    def plan(self) -> EffectPlan:
-        """Effect plan of the mean scene, by which all samples are simulated alike."""
-        scene, _ = self.draw(None)
-        return plan_effects(scene, self.camera, effects=self.effects)
-
-    @property
-    def block(self) -> tuple[int, int]:
-        """Lenslets that are averaged into one pixel, along (t, s)."""
-        return tuple(n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
-
-    @property
-    def depths_mm(self) -> list[float]:
-        """Depths of the objects, in the order of the targets."""
-        return [o.depth_mm for o in self.template.objects]
-
-    def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
-        """Draw a scene; without a generator, the mean scene, all objects at their own depths.
-
-        Returns
-        -------
-        Scene
-        dict
-            What was drawn: see the template; with shuffled depths ``depth_mm``, (objects,), too.
-        """
-        scene, parameters = self.template.draw(rng)
-        if not self.shuffled_depths:
-            return scene, parameters
-        depths = np.array(self.depths_mm)
-        if rng is not None:
-            depths = rng.permutation(depths)
-            scene = scene.at_depths(depths, self.camera)
-        return scene, {**parameters, "depth_mm": depths}
-
-    def encode(self, light_field: LightField) -> np.ndarray:
-        """Show a light field to the network: float32 from 0 to 1, (height, width, channels)."""
-        return self.input.encode(light_field, self.image)
-
-
-def read_config(path: str | Path) -> DatasetConfig:
-    """Read a data-set configuration from a TOML file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds an unknown, missing or impossible value.
-    """
-    values = read_toml(path)
-    return config_from_json(values, path)
-
-
-def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
-    """Rebuild a configuration from the JSON values that are stored with a data set."""
-    template = TEMPLATES.get(values.get("kind"))
-    if template is not None and "template" in values:
-        # Built first, by its kind, so that a mistake in it is told in the words of that kind.
-        built = build(template, values["template"], f"{source}: template")
-        values = {**values, "template": built}
-    return build(DatasetConfig, values, source)
-
-
-def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
-    """Find, on the mean scene, the slope that makes each object sharpest.
-
-    Each search sees only the part of the image around its object.
-
-    Returns
-    -------
-    list of SlopeSearch
-        In the order of the template's objects.
-    """
-    scene, _ = config.draw(None)
-    light_field = render_plan(scene, config.camera, config.plan, seed=config.seed)
-    regions = [_region(layer, config.camera) for layer in scene.layers]
-    return [find_sharpest_slope(light_field, region=region) for region in regions]
-
-
-def _region(layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
-    """Lenslets that a layer covers in the central view, and a few around them."""
-    scale = camera.field_mm(layer.depth_mm)[0] / camera.lenslets[0]  # mm per lenslet
-    region = []
-    for axis in (0, 1):
-        middle = (camera.lenslets[axis] - 1) / 2
-        edges = layer.cell_edges_mm(axis)[[0, -1]] / scale + middle
-        low, high = np.clip((edges[0] - 6, edges[1] + 6), 0, camera.lenslets[axis])
-        region += [int(low), int(np.ceil(high))]
-    return tuple(region)
-
-
-def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:
-    """Draw, render and refocus one sample.
-
-    Returns
-    -------
-    dict
-        ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1], and
-        ``parameters``.
-    """
-    light_field, parameters = render_sample(config, index)
-    return {
-        "input": config.encode(light_field),
-        "target": area_average(shift_and_sum(light_field, slopes), config.image),
-        "parameters": parameters,
-    }
-
-
-def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
-    """Draw and render the light field of one sample; returns it with the scene's parameters."""
-    scene, parameters = config.draw(np.random.default_rng([config.seed, index]))
-    return render_drawn(scene, config, config.plan, index), parameters
-
-
-def render_drawn(scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int) -> LightField:
-    """Render the scene of a sample."""
-    seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
-    return render_plan(scene, config.camera, plan, seed=seed)
 
 
 def make_dataset(
@@ -375,22 +186,6 @@ def _digest(group: zarr.Group) -> str:
     return digest.hexdigest()
 
 
-def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict[str, np.ndarray]:
-    """Split n samples at random into "train", "validation" and "test".
-
-    Raises
-    ------
-    InputError
-        If a part would be empty.
-    """
-    order = np.random.default_rng(seed).permutation(n)
-    first, second = round(n * shares[0]), round(n * (shares[0] + shares[1]))
-    parts = np.split(order, [first, second])
-    if min(len(part) for part in parts) == 0:
-        raise InputError(f"{n} samples are too few to split by {shares}: a part would be empty.")
-    return dict(zip(("train", "validation", "test"), map(np.sort, parts), strict=True))
-
-
 class Dataset:
     """A finished data set on disk.
 
@@ -410,7 +205,7 @@ class Dataset:
         if not (self.path / "zarr.json").exists():
             part = self.path.with_name(self.path.name + ".part")
             hint = " (it was begun, but is not finished)" if part.exists() else ""
-            raise InputError(f"There is no data set at {path}{hint}; make it with `make dataset`.")
+            raise InputError(f"There is no data set at {path}{hint}; make it with `lf-flame dataset`.")
         try:
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs = dict(self._group.attrs)

@@ -1,7 +1,8 @@
 """The paper's two kinds of scene, four shapes or four flames on four layers, drawn at random.
 
 A template holds the objects and the ranges over which they vary; `draw` gives one scene and the
-numbers that were drawn, from a generator alone. Both templates are read from data_gen/*.toml.
+numbers that were drawn, from a generator alone. Both templates are part of a data set's
+configuration.
 """
 
 from dataclasses import dataclass

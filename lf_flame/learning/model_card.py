@@ -115,21 +115,24 @@ def read_card(path: str | Path) -> NetworkCard:
 
 
 def _card_of_run(folder: Path) -> NetworkCard:
-    run, dataset = open_run(folder)
-    shape = dataset.config.input.shape(dataset.config.image)
-    named = {key: run.pop(key) for key in ("title", "preset", "backbone_weights")}
-    del run["test_indices"], run["model"]["backbone_weights"]  # these were only asked for
+    run = open_run(folder)
+    config, record = run.config, dict(run.record)
+    shape = config.input.shape(config.image)
+    named = {key: record.pop(key) for key in ("title", "preset", "backbone_weights")}
+    model = {k: v for k, v in record["model"].items() if k != "backbone_weights"}  # asked for
+    left_out = ("test_indices", "dataset", "data", "model")
+    training = {k: v for k, v in record.items() if k not in left_out} | {"model": model}
     return NetworkCard(
         **named,
-        image=dataset.config.image,
-        depths_mm=dataset.config.depths_mm,
-        slopes=dataset.attrs["slopes"],
-        objects=dataset.attrs["objects"],
-        camera=dataset.config.camera,
+        image=config.image,
+        depths_mm=config.depths_mm,
+        slopes=run.slopes,
+        objects=run.objects,
+        camera=config.camera,
         sha256=_sha256(_model_file(folder)),
-        training=run,
-        input=dataset.config.input,
-        usage=USAGE.format(*shape, SHOWN[dataset.config.input.kind]),
+        training=training,
+        input=config.input,
+        usage=USAGE.format(*shape, SHOWN[config.input.kind]),
     )
 
 

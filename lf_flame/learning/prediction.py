@@ -1,6 +1,7 @@
 """A prediction: the refocused images that a trained network makes of one picture."""
 
 import hashlib
+import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -140,7 +141,7 @@ class Prediction:
             write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, 1.0))
         figures.save(_prediction_figure(self, card), out / "prediction.png")
         record = {
-            "source": str(self.seen.source),
+            "source": os.path.relpath(self.seen.source, out),  # from this record's folder
             "notes": self.seen.notes,
             "input_sha256": hashlib.sha256(self.seen.image).hexdigest(),
             "ms": round(self.ms, 3),

@@ -1,17 +1,76 @@
-"""Finished training runs: their records, and their networks on the test split."""
+"""Finished training runs: their records, and their networks on the test split.
 
+A run stands alone: its record says of the data set what its network needs to be used, so that the
+data set may lie elsewhere, or be gone. Only scores on the test split need the data set itself.
+"""
+
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common.config import read_record
 from lf_flame._common.keras_loading import load_model
-from lf_flame.datasets.store import Dataset, split_indices
+from lf_flame.datasets.config import DatasetConfig, config_from_json
+from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 
 
+@dataclass(frozen=True, eq=False)
+class TrainedRun:
+    """A finished run of the paper's network, and what it was trained on.
+
+    Attributes
+    ----------
+    folder : Path
+    record : dict
+    config : DatasetConfig
+        Of the data set.
+    slopes : list of float
+        Of the planes, in lenslets per view step.
+    objects : list of str
+        What stood at the depths of the planes.
+    """
+
+    folder: Path
+    record: dict
+    config: DatasetConfig
+    slopes: list[float]
+    objects: list[str]
+
+    @property
+    def data(self) -> Path:
+        """Where the data set was when the network was trained."""
+        stated = Path(self.record["data"])  # in older records from the working folder
+        beside = self.folder / stated
+        return beside if beside.exists() or not stated.exists() else stated
+
+    def open_dataset(self) -> Dataset:
+        """Open the data set.
+
+        Raises
+        ------
+        InputError
+            If it is no longer there, or no longer the same.
+        """
+        dataset = Dataset(self.data)
+        if dataset.attrs["sha256"] != self.record["data_sha256"]:
+            raise InputError(
+                f"{self.data} is not the data set that {self.folder} was trained on; "
+                f"train it again."
+            )
+        return dataset
+
+
+def describe_dataset(dataset: Dataset) -> dict:
+    """Keep, for a run's record, what its network needs to be used: JSON values."""
+    names = ("config", "slopes", "objects")
+    return {name: dataset.attrs[name] for name in names}
+
+
 def load_run(folder: str | Path) -> dict:
-    """Read the record of a finished run.
+    """Read the record of a finished run, of whatever network.
 
     Raises
     ------
@@ -24,24 +83,26 @@ def load_run(folder: str | Path) -> dict:
     return read_record(folder / "run.json")
 
 
-def open_run(folder: str | Path) -> tuple[dict, Dataset]:
-    """Read the record of a finished run, and open the data set that it was trained on.
+def open_run(folder: str | Path) -> TrainedRun:
+    """Read a finished run of the paper's network.
 
     Raises
     ------
     InputError
-        If the run is missing or not finished, is of something else, or the data set is no longer
-        the same.
+        If the run is missing or not finished, is of something else, or its record is damaged; or,
+        of a run whose record does not say what it was trained on, if its data set is gone.
     """
-    run = load_run(folder)
-    if "data" not in run:
+    folder, record = Path(folder), load_run(folder)
+    if "data" not in record:
         raise InputError(f"{folder} holds no run of the paper's network.")
-    dataset = Dataset(run["data"])
-    if dataset.attrs["sha256"] != run["data_sha256"]:
-        raise InputError(
-            f"{run['data']} is not the data set that {folder} was trained on; train it again."
-        )
-    return run, dataset
+    known = record.get("dataset")
+    if known is None:  # a run from before records said so
+        known = describe_dataset(Dataset(TrainedRun(folder, record, None, [], []).data))
+    try:
+        config = config_from_json(known["config"], folder / "run.json")
+        return TrainedRun(folder, record, config, list(known["slopes"]), list(known["objects"]))
+    except (KeyError, TypeError, AttributeError):
+        raise InputError(f"{folder / 'run.json'} is damaged; train the network again.") from None
 
 
 def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
@@ -54,9 +115,9 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
         Indices of the test samples.
     ndarray of float32, shape (n, planes, h, w)
     """
-    run, dataset = open_run(folder)
-    indices = np.array(run["test_indices"])
-    model = load_model(Path(folder) / "model.keras")
+    run = open_run(folder)
+    dataset, indices = run.open_dataset(), np.array(run.record["test_indices"])
+    model = load_model(run.folder / "model.keras")
     stack = model.predict(dataset.inputs[indices], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
 

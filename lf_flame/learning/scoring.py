@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from lf_flame._common.metrics import psnr, psnr_lit, ssim
+from lf_flame._common.metrics import psnr, psnr_foreground, ssim
 
 
 def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
@@ -17,9 +17,9 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     -------
     DataFrame
         One row a plane: mean and standard deviation (over the samples, n - 1) of SSIM, of PSNR,
-        and of PSNR over the lit pixels, where samples without any are left out.
+        and of PSNR over the foreground pixels, where samples without any are left out.
     """
-    measures = {"ssim": ssim, "psnr_db": psnr, "psnr_lit_db": psnr_lit}
+    measures = {"ssim": ssim, "psnr_db": psnr, "psnr_foreground_db": psnr_foreground}
     rows = []
     for truths, images in zip(
         np.swapaxes(targets, 0, 1), np.swapaxes(predictions, 0, 1), strict=True

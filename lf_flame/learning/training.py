@@ -4,6 +4,7 @@ The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the histo
 that comes before training: reading, the backbone's features, the warm start.
 """
 
+import os
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 from lf_flame._common.config import build, read_toml
-from lf_flame.datasets.store import Dataset, split_indices
+from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.backbone import ImagenetUnavailable, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
@@ -85,7 +87,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """A training experiment; read from experiments/*.toml.
+    """A training experiment; `read_training_config` reads it from a TOML file.
 
     Parameters
     ----------
@@ -226,12 +228,12 @@ def train(
             f"network is shown, and views side by side have none: bands must be 1 with a grid."
         )
     model, weights = build_model(config, recipe, dataset)
-    asked = {
+    request = {
         "title": config.title,
         "preset": preset,
         "seed": config.seed,
         "split": list(config.split),
-        "model": asdict(config.model),
+        "model": _without_folder(asdict(config.model)),
         "recipe": asdict(recipe),
         "backbone_weights": weights,
         "data_sha256": dataset.attrs["sha256"],
@@ -250,14 +252,20 @@ def train(
         assign(decoder_variables(decoder), best)
         return model
 
-    about = {
+    metadata = {
         "backbone_depth": config.model.backbone_depth,
         "parts": {name: len(indices) for name, indices in parts.items()},
         "test_indices": parts["test"].tolist(),
-        "data": str(data),
+        "data": os.path.relpath(data, out),  # from the run's folder
+        "dataset": describe_dataset(dataset),
     }
-    job = Job(asked, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, about)
+    job = Job(request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata)
     return carry_out(job, Path(out), started, show)
+
+
+def _without_folder(model: dict) -> dict:
+    """Name a weights file without its folder: its hash, in "backbone_weights", tells which it is."""
+    return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
 
 
 def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, new: bool):

@@ -37,7 +37,7 @@ class Job:
 
     Attributes
     ----------
-    asked : dict
+    request : dict
         Everything that decides how the run turns out, as JSON values; one of them, "recipe", holds
         `epochs` and `schedule`.
     epochs, seed : int
@@ -48,17 +48,17 @@ class Job:
         Takes whether the run is at its start, gives the trainer (`lf_flame.learning.trainers`).
     finish : callable
         Takes the best weights, gives the network with them.
-    about : dict
-        What the record says beside `asked`.
+    metadata : dict
+        What the record says beside `request`.
     """
 
-    asked: dict
+    request: dict
     epochs: int
     seed: int
     checkpoint_s: float
     start: Callable
     finish: Callable
-    about: dict
+    metadata: dict
 
 
 def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
@@ -86,11 +86,11 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     """
     model = out / "model.keras"
     out.mkdir(parents=True, exist_ok=True)
-    if _is_done(out, job.asked):
+    if _is_done(out, job.request):
         tqdm.write(f"{out} holds this run, finished.")
         model.touch()  # make compares it with the configuration file
         return model
-    _claim_folder(out, job.asked)
+    _claim_folder(out, job.request)
     run = load_checkpoint(out)
     if run.history:
         tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
@@ -101,11 +101,11 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
         _fit(run, trainer, job, out, show, started)
     network = job.finish(run.best)
     record = {
-        **job.asked,
+        **job.request,
         "epochs": job.epochs,
         "best_epoch": run.best_row["epoch"],
         "best_validation_loss": run.best_row["val_loss"],
-        **job.about,
+        **job.metadata,
         "keras_backend": keras.backend.backend(),
         "start_s": run.history[0]["seconds"],
         "train_s": round(sum(row["seconds"] for row in run.history[1:]), 2),
@@ -124,38 +124,47 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
         variable.assign(value)
 
 
-def _is_done(out: Path, asked: dict) -> bool:
+def _is_done(out: Path, request: dict) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
-    found = read_record(out / "run.json")
-    return all(found.get(key) == asked[key] for key in asked)
+    found = _without_folders(read_record(out / "run.json"))
+    return all(found.get(key) == request[key] for key in request)
 
 
-def _claim_folder(out: Path, asked: dict) -> None:
+def _claim_folder(out: Path, request: dict) -> None:
     """Write what is asked for into a new run folder; refuse one that holds something else.
 
     A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
     """
     path = out / "config.json"
     if not path.exists():
-        write_json(path, asked)
+        write_json(path, request)
         return
-    found = read_record(path)
-    if _goes_on(found.get("recipe", {}), asked["recipe"]):
-        found["recipe"]["epochs"] = asked["recipe"]["epochs"]
-        if found == asked:
-            write_json(path, asked)
-    changed = [key for key in asked if found.get(key) != asked[key]]
+    found = _without_folders(read_record(path))
+    if _goes_on(found.get("recipe", {}), request["recipe"]):
+        found["recipe"]["epochs"] = request["recipe"]["epochs"]
+        if found == request:
+            write_json(path, request)
+    changed = [key for key in request if found.get(key) != request[key]]
     if changed:
         key = changed[0]
         raise InputError(
-            f"{out} holds a run with another {key} ({found.get(key)}, now {asked[key]}); "
-            f"remove the folder or choose another (RUN=name)."
+            f"{out} holds a run with another {key} ({found.get(key)}, now {request[key]}); "
+            f"remove the folder or choose another."
         )
 
 
-def _goes_on(found: dict, asked: dict) -> bool:
-    return asked["schedule"] == "constant" and found.get("epochs", math.inf) < asked["epochs"]
+def _without_folders(record: dict) -> dict:
+    """Let records of older runs, which name a weights file with its folder, compare with new ones."""
+    model = record.get("model")
+    if not isinstance(model, dict) or "backbone_weights" not in model:
+        return record
+    name = Path(str(model["backbone_weights"])).name
+    return {**record, "model": {**model, "backbone_weights": name}}
+
+
+def _goes_on(found: dict, request: dict) -> bool:
+    return request["schedule"] == "constant" and found.get("epochs", math.inf) < request["epochs"]
 
 
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:

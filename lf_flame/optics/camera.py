@@ -47,7 +47,7 @@ class PlenopticCamera:
     focus_distance_mm : float
         Distance from the focal plane in object space to the main lens, above the focal length.
         The microlens array stands at the image distance that the thin-lens equation gives for it
-        (deviation 1 in experiments/DEVIATIONS.md).
+        (deviation 1).
     lenslet_focal_mm : float
         Focal length of a lenslet, which is its distance from the sensor too; above 0.
     lenslet_pitch_mm : float
@@ -304,4 +304,4 @@ PAPER_CAMERA = PlenopticCamera(
     views=15,  # not stated; follows from the slopes (deviation 2)
     lenslets=(270, 540),  # not stated; 3 x 3 lenslets to a pixel of 90 x 180 (deviation 4)
 )
-"""The camera of the paper, as far as the paper states it (experiments/DEVIATIONS.md)."""
+"""The camera of the paper, as far as the paper states it (deviations 1 to 4)."""

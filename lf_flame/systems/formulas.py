@@ -47,10 +47,10 @@ class FourierSlice(RefocusingSystem):
         return every_view(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        return average(TRUTHS["Fourier slice"](views, slopes), block)
+        return average(REFERENCES["Fourier slice"](views, slopes), block)
 
 
-TRUTHS = {
+REFERENCES = {
     "shift-and-sum": shift_and_sum,
     "Fourier slice": partial(fourier_slice, edges="clamp"),
 }

@@ -21,7 +21,7 @@ class Network:
         Takes a seed, builds the Keras model.
     loss : str or callable
     truth : str
-        What it learns to draw: a key of `lf_flame.systems.formulas.TRUTHS`.
+        What it learns to draw: a key of `lf_flame.systems.formulas.REFERENCES`.
     note : str
         What sets it apart from others of its kind.
     """
@@ -44,8 +44,8 @@ class Network:
 
 NETWORKS = {
     "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
-    "aperturenet-dark": Network(
-        ApertureNet, build_aperturenet, "mean_squared_error", note="trained in little light"
+    "aperturenet-low-light": Network(
+        ApertureNet, build_aperturenet, "mean_squared_error", note="trained in low light"
     ),
     "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
     "refnet": Network(RefNet, build_refnet, refnet_loss),
@@ -54,3 +54,7 @@ NETWORKS = {
     ),
     "volumetric": Network(SparseUNet, build_unet, unet_loss),
 }
+
+
+OLD_NAMES = {"aperturenet-dark": "aperturenet-low-light"}
+"""What the records of older runs call them."""

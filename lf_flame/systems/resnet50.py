@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.keras_loading import load_model
-from lf_flame.datasets.store import DatasetConfig
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
@@ -39,9 +39,8 @@ class ResNet50(NetworkSystem):
     @classmethod
     def of_run(cls, folder: str | Path) -> "ResNet50":
         """Load a finished run."""
-        _, dataset = open_run(folder)
-        model = load_model(Path(folder) / "model.keras")
-        return cls(model, dataset.config, dataset.attrs["slopes"])
+        run = open_run(folder)
+        return cls(load_model(run.folder / "model.keras"), run.config, run.slopes)
 
     def chosen(self, rows: int, columns: int) -> Places:
         """Choose all views of its own camera, or those that its encoding shows."""

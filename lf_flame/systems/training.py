@@ -1,4 +1,4 @@
-"""Training refocusing networks: every one from the same lessons, by the same program.
+"""Training refocusing networks: every one from the same training samples, by the same program.
 
 Batches are patches cut out at random, sooner where there is something to see; the run folder is
 that of `lf_flame.learning.training_run`.
@@ -21,11 +21,11 @@ from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refocusnet import RefocusNet
-from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.training_scenes import Lessons, teach
+from lf_flame.systems.registry import NETWORKS, OLD_NAMES
+from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 FIRST_HELD_OUT = 1_000_000
-"""Index of the first lesson to validate with."""
+"""Index of the first sample to validate with."""
 
 EVALUATION_BATCH = 16
 
@@ -48,8 +48,8 @@ class SystemRecipe:
         Of the optimiser; with "cosine" its first value, falling to zero.
     schedule : {"constant", "cosine"}
     optimizer : {"adam", "rmsprop"}
-    dark : float
-        Share of the lessons that are seen in little light, with shot noise.
+    low_light : float
+        Share of the training samples that are seen in low light, with shot noise.
     """
 
     epochs: int
@@ -58,7 +58,7 @@ class SystemRecipe:
     learning_rate: float = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
     optimizer: Literal["adam", "rmsprop"] = "adam"
-    dark: float = 0.0
+    low_light: float = 0.0
 
     __pydantic_config__ = {"extra": "forbid"}
 
@@ -70,23 +70,23 @@ class SystemRecipe:
             )
         if self.patch < SMALLEST_PATCH:
             raise InputError(f"patch must be {SMALLEST_PATCH} or more, got {self.patch}.")
-        if not 0 <= self.dark <= 1:
-            raise InputError(f"dark must be a share from 0 to 1, got {self.dark}.")
+        if not 0 <= self.low_light <= 1:
+            raise InputError(f"low_light must be a share from 0 to 1, got {self.low_light}.")
 
 
 @dataclass(frozen=True)
-class Course:
-    """How many lessons a preset has.
+class SampleCounts:
+    """How many training samples a preset has.
 
     Parameters
     ----------
-    lessons, held_out : int
+    training_samples, held_out : int
         Light fields to train on, and to validate with.
     epochs : int, optional
         Instead of a system's own.
     """
 
-    lessons: int
+    training_samples: int
     held_out: int
     epochs: int | None = None
 
@@ -94,31 +94,31 @@ class Course:
 
     def __post_init__(self):
         epochs = 1 if self.epochs is None else self.epochs
-        if min(self.lessons, self.held_out, epochs) < 1:
+        if min(self.training_samples, self.held_out, epochs) < 1:
             raise InputError(
-                f"lessons, held_out and epochs must be at least 1, got {self.lessons}, "
+                f"training_samples, held_out and epochs must be at least 1, got {self.training_samples}, "
                 f"{self.held_out}, {epochs}."
             )
 
 
 @dataclass(frozen=True)
 class SystemsConfig:
-    """Refocusing systems that are trained alike; read from experiments/systems.toml.
+    """Refocusing systems that are trained alike; `read_systems_config` reads it from a TOML file.
 
     Parameters
     ----------
     seed : int
-        Of lessons, initial weights and patches.
-    lessons : Lessons
-    presets : dict of Course
+        Of training samples, initial weights and patches.
+    training_samples : TrainingSamples
+    presets : dict of SampleCounts
     systems : dict of SystemRecipe
     checkpoint_s : float, optional
         Seconds between checkpoints; 0 writes one after every epoch.
     """
 
     seed: int
-    lessons: Lessons
-    presets: dict[str, Course]
+    training_samples: TrainingSamples
+    presets: dict[str, SampleCounts]
     systems: dict[str, SystemRecipe]
     checkpoint_s: float = 30.0
 
@@ -145,8 +145,11 @@ class SystemsConfig:
 
 
 def read_systems_config(path: str | Path) -> SystemsConfig:
-    """Read a configuration of systems from a TOML file."""
-    return build(SystemsConfig, read_toml(path), path)
+    """Read a configuration of systems from a TOML file, whose data sets' files lie relative to it."""
+    config = build(SystemsConfig, read_toml(path), path)
+    samples = config.training_samples
+    beside = [str(Path(path).parent / file) for file in samples.data]
+    return replace(config, training_samples=replace(samples, data=beside))
 
 
 def train_system(
@@ -178,14 +181,16 @@ def train_system(
         being a number.
     """
     started, recipe = time.perf_counter(), config.recipe(name, preset)
-    course = config.presets[preset]
-    asked = {
+    counts = config.presets[preset]
+    request = {
         "system": name,
         "preset": preset,
         "seed": config.seed,
-        "lessons": to_json(config.lessons),
-        "lesson_configs": [to_json(one) for one in config.lessons.configs],
-        "course": {"lessons": course.lessons, "held_out": course.held_out},
+        "training_samples": {
+            name: value for name, value in to_json(config.training_samples).items() if name != "data"
+        },
+        "sample_configs": [to_json(one) for one in config.training_samples.configs],
+        "counts": {"training_samples": counts.training_samples, "held_out": counts.held_out},
         "recipe": asdict(recipe),
     }
     network = NETWORKS[name]
@@ -193,7 +198,7 @@ def train_system(
 
     def start(new: bool) -> PatchTrainer:
         return PatchTrainer(
-            system, network.loss, recipe, _teach(config, name, preset, system, show)
+            system, network.loss, recipe, _draw_arrays(config, name, preset, system, show)
         )
 
     def finish(best: list[np.ndarray]) -> keras.Model:
@@ -201,21 +206,23 @@ def train_system(
         assign(_variables(model), best)
         return model
 
-    about = {"title": system.name, "parameters": system.parameters}
-    job = Job(asked, recipe.epochs, config.seed, config.checkpoint_s, start, finish, about)
+    metadata = {"title": system.name, "parameters": system.parameters}
+    job = Job(request, recipe.epochs, config.seed, config.checkpoint_s, start, finish, metadata)
     return carry_out(job, Path(out), started, show)
 
 
-def _teach(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
-    course, recipe = config.presets[preset], config.recipe(name, preset)
+def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bool) -> dict:
+    counts, recipe = config.presets[preset], config.recipe(name, preset)
     indices = {
-        "train": range(course.lessons),
-        "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + course.held_out),
+        "train": range(counts.training_samples),
+        "validation": range(FIRST_HELD_OUT, FIRST_HELD_OUT + counts.held_out),
     }
     truth, arrays = NETWORKS[name].truth, {}
     for part, some in indices.items():
-        some = tqdm(some, f"lessons, {part}", unit="light field", disable=not show)
-        arrays[part] = teach(config.lessons, system, config.seed, some, truth, recipe.dark)
+        some = tqdm(some, f"training samples, {part}", unit="light field", disable=not show)
+        arrays[part] = draw_arrays(
+            config.training_samples, system, config.seed, some, truth, recipe.low_light
+        )
     return arrays
 
 
@@ -327,8 +334,9 @@ def load_system(path: str | Path) -> NetworkSystem:
             f"A network is a run folder, or RefocusNet's weights (.npz), got the file {folder}."
         )
     record = load_run(folder)
-    if record.get("system") not in NETWORKS:
+    name = OLD_NAMES.get(record.get("system"), record.get("system"))
+    if name not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
     model = load_model(folder / "model.keras")
-    network = NETWORKS[record["system"]]
+    network = NETWORKS[name]
     return network.system(model, network.title)

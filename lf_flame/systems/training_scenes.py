@@ -1,7 +1,7 @@
-"""Lessons: light fields to learn refocusing from, each seen at several slopes.
+"""Training samples: light fields to learn refocusing from, each seen at several slopes.
 
 Most of them show the paper's scenes with every object at a depth drawn anew, so that
-nothing can be learnt by heart; the rest are dead leaves, which look like photographs. What a system
+nothing can be memorised; the rest are dead leaves, which look like photographs. What a system
 should draw is what all views give, by shift-and-sum or by the Fourier slice.
 """
 
@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame.datasets.store import DatasetConfig, read_config
+from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.optics.sensor import Sensor, expose
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.simulation.rendering import render_plan
-from lf_flame.systems.formulas import TRUTHS, average
+from lf_flame.systems.formulas import REFERENCES, average
 
 BEYOND_MM = 3.0
 """How far beyond the depths of a template its objects may stand."""
@@ -26,7 +26,7 @@ SEED_OF_SCENES = 7
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
+class TrainingSample:
     """A light field, and slopes at which to look at it.
 
     Attributes
@@ -45,19 +45,19 @@ class Lesson:
     block: tuple[int, int]
     seen: np.ndarray
 
-    def truth(self, slopes: np.ndarray, right: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, without noise: float32, shape (n, h, w); see `TRUTHS`."""
-        return average(TRUTHS[right](self.views, slopes), self.block)
+    def truth(self, slopes: np.ndarray, reference: str = "shift-and-sum") -> np.ndarray:
+        """Refocus with all views, without noise: float32, shape (n, h, w); see `REFERENCES`."""
+        return average(REFERENCES[reference](self.views, slopes), self.block)
 
 
 @dataclass(frozen=True)
-class Lessons:
-    """Where lessons come from.
+class TrainingSamples:
+    """Where training samples come from.
 
     Parameters
     ----------
     data : list of str
-        Data-set configurations whose scenes are shown in turn.
+        Files of data-set configurations whose scenes are shown in turn.
     leaves : float
         Share of the light fields that are dead leaves.
     leaf_views : int
@@ -67,7 +67,7 @@ class Lessons:
         between.
     look : DeadLeaves
     electrons : (float, float)
-        That a pixel at full scale holds in little light; drawn evenly in its logarithm.
+        That a pixel at full scale holds in low light; drawn evenly in its logarithm.
     """
 
     data: list[str]
@@ -82,7 +82,7 @@ class Lessons:
     def __post_init__(self):
         if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
             raise InputError(
-                f"Lessons need a data set, a share of leaves from 0 to 1, and slopes and views of "
+                f"Training samples need a data set, a share of leaves from 0 to 1, and slopes and views of "
                 f"1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
             )
         if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
@@ -94,11 +94,13 @@ class Lessons:
         configs = [read_config(Path(path)) for path in self.data]
         sizes = {config.image for config in configs}
         if len(sizes) > 1:
-            raise InputError(f"Lessons need images of one size, {self.data} have {sorted(sizes)}.")
+            raise InputError(
+                f"Training samples need images of one size, {self.data} have {sorted(sizes)}."
+            )
         return configs
 
-    def draw(self, seed: int, index: int, dark: float = 0.0) -> Lesson:
-        """Draw a lesson that depends on these numbers alone; a share of them is in little light."""
+    def draw(self, seed: int, index: int, low_light: float = 0.0) -> TrainingSample:
+        """Draw a sample that depends on these numbers alone; a share of them is in low light."""
         rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
         if rng.uniform() < self.leaves:
             views, slopes, block = self._draw_leaves(rng)
@@ -106,10 +108,10 @@ class Lessons:
             config = self.configs[rng.integers(len(self.configs))]
             views, slopes, block = self._draw_scene(config, rng)
         seen = views
-        if rng.uniform() < dark:
+        if rng.uniform() < low_light:
             light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
             seen = expose(views, light, {"shot_noise"}, rng)
-        return Lesson(views, slopes, block, seen)
+        return TrainingSample(views, slopes, block, seen)
 
     def _draw_leaves(self, rng: np.random.Generator):
         image = self.configs[0].image
@@ -131,20 +133,27 @@ class Lessons:
         return light_field.views, np.concatenate([chosen, between]), config.block
 
 
-def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", dark: float = 0.0):
+def draw_arrays(
+    training_samples: TrainingSamples,
+    system,
+    seed: int,
+    indices,
+    reference="shift-and-sum",
+    low_light: float = 0.0,
+):
     """Make what a network is shown, and what it should draw.
 
     Parameters
     ----------
-    lessons : Lessons
+    training_samples : TrainingSamples
     system : lf_flame.systems.base.NetworkSystem
     seed : int
     indices : sequence of int
-        Of the lessons.
-    right : str, optional
-        What all views give: a key of `lf_flame.systems.formulas.TRUTHS`.
-    dark : float, optional
-        Share of the light fields that are seen in little light, with shot noise.
+        Of the training samples.
+    reference : str, optional
+        What all views give: a key of `lf_flame.systems.formulas.REFERENCES`.
+    low_light : float, optional
+        Share of the light fields that are seen in low light, with shot noise.
 
     Returns
     -------
@@ -153,11 +162,11 @@ def teach(lessons: Lessons, system, seed: int, indices, right="shift-and-sum", d
     """
     arrays = None
     for k, index in enumerate(indices):
-        lesson = lessons.draw(seed, index, dark)
-        slopes = system.slopes_to_learn(lesson.slopes, lesson.block)
+        sample = training_samples.draw(seed, index, low_light)
+        slopes = system.slopes_to_learn(sample.slopes, sample.block)
         images = (
-            system.show(lesson.seen, slopes, lesson.block),
-            system.truth(lesson.truth(slopes, right)),
+            system.show(sample.seen, slopes, sample.block),
+            system.truth(sample.truth(slopes, reference)),
         )
         if arrays is None:  # at once for all: these are gigabytes
             arrays = tuple(np.empty((len(indices), *x.shape), np.float32) for x in images)

@@ -9,16 +9,10 @@ from skimage.transform import resize
 
 from lf_flame import InputError, render
 from lf_flame._common.config import build
+from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.store import (
-    Dataset,
-    DatasetConfig,
-    make_dataset,
-    read_config,
-    render_sample,
-    search_slopes,
-    simulate_sample,
-)
+from lf_flame.datasets.sampling import render_sample, search_slopes, simulate_sample
+from lf_flame.datasets.store import Dataset, make_dataset
 from lf_flame.refocus import shift_and_sum
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"

@@ -67,7 +67,7 @@ def test_help_teaches_every_command():
         "export",
         "predict",
         "study",
-        "swap-test",
+        "depth-test",
         "latency",
     ):
         assert command in shown
@@ -159,7 +159,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lf_flame.commands.camera_report.camera_report", interrupt)
+    monkeypatch.setattr("lf_flame.commands.camera_table.camera_report", interrupt)
     monkeypatch.setattr(sys, "argv", ["lf-flame", "camera"])
     with pytest.raises(SystemExit) as caught:
         cli.main()
@@ -272,11 +272,11 @@ def test_from_data_set_to_table(tmp_path):
     table = pd.read_csv(tmp_path / "results" / "table2.csv")
     assert list(table.columns) == [
         "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd",
-        "paper_ssim", "paper_psnr_db", "n_test", "psnr_lit_db", "psnr_lit_sd",
+        "paper_ssim", "paper_psnr_db", "n_test", "psnr_foreground_db", "psnr_foreground_sd",
     ]  # fmt: skip
     assert list(table.depth_mm) == [20, 10, 0, -10]
     assert table.psnr_db.between(3, 60).all()
-    assert (table.psnr_lit_db != table.psnr_db).all()
+    assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
     shown = run("tables", "results", cwd=tmp_path).stdout
     assert "random (seed 2), conv4" in shown

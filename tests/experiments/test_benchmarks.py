@@ -1,4 +1,4 @@
-"""The benchmarks of refocusing and training run, and say how far the opponents' outputs are off."""
+"""The benchmarks of refocusing and training run, and say how far the baselines' outputs are off."""
 
 import csv
 import json
@@ -44,7 +44,7 @@ def run(name, out):
 def rows(tmp_path_factory):
     out = tmp_path_factory.mktemp("benchmarks")
     rows, record = run("refocusing", out)
-    assert record["opponents"] == {}
+    assert record["baselines"] == {}
     assert "missing" in (out / "refocusing.md").read_text()
     return rows
 
@@ -57,26 +57,26 @@ def steps(tmp_path_factory):
 
 def test_opponents_here_are_timed_and_refocus_as_we_do(rows):
     for name in ("NumPy, separable", "NumPy, separable, matrix product", "SciPy ndimage.shift"):
-        found = [row for row in rows if row["opponent"] == name]
+        found = [row for row in rows if row["baseline"] == name]
         assert len({row["what"] for row in found}) >= 4
         for row in found:
-            assert float(row["opponent ms"]) > 0
-            ratio = float(row["opponent ms"]) / float(row["ours ms"])
+            assert float(row["baseline ms"]) > 0
+            ratio = float(row["baseline ms"]) / float(row["ours ms"])
             assert float(row["ratio"]) == pytest.approx(ratio)
             assert 0 <= float(row["largest difference"]) <= 1e-6
 
 
 def test_another_interpolant_is_seen_in_the_differences(rows):
     for name in ("our fourier_refocus", "SciPy ndimage.shift, order 3"):
-        differences = [float(row["largest difference"]) for row in rows if row["opponent"] == name]
+        differences = [float(row["largest difference"]) for row in rows if row["baseline"] == name]
         assert differences
         assert min(differences) > 1e-3
 
 
 def test_an_opponent_that_is_not_installed_is_shown_as_such(rows):
     missing = [row for row in rows if row["remarks"].startswith("not installed")]
-    assert {row["opponent"] for row in missing} == {"plenpy", "PlenoptiCam", "plenoptomos"}
-    assert all(row["opponent ms"] == row["ratio"] == "" for row in missing)
+    assert {row["baseline"] for row in missing} == {"plenpy", "PlenoptiCam", "plenoptomos"}
+    assert all(row["baseline ms"] == row["ratio"] == "" for row in missing)
 
 
 def test_every_target_has_a_row(rows):

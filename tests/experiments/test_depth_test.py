@@ -1,4 +1,4 @@
-"""The swap test: its scenes, its measure, and what it says of networks."""
+"""The depth permutation test: its scenes, its measure, and what it says of networks."""
 
 import json
 from dataclasses import replace
@@ -9,14 +9,16 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from experiments.depth_test.permutation import by_heart, run_swap_test
-from experiments.systems.benchmark import variant_contestant
+from experiments.depth_test.permutation import run_depth_test, share_memorised
+from experiments.systems.benchmark import variant_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
 from lf_flame.commands import cli
-from lf_flame.datasets.depth_scenarios import make_cases
+from lf_flame.datasets.config import config_from_json, read_config
+from lf_flame.datasets.depth_scenarios import make_scenarios
 from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.store import config_from_json, make_dataset, read_config, render_sample
+from lf_flame.datasets.sampling import render_sample
+from lf_flame.datasets.store import make_dataset
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.systems.resnet50 import ResNet50
@@ -79,7 +81,7 @@ def runs(config, tmp_path_factory):
 
 def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(runs):
     for folder in runs:
-        system, (_, dataset) = ResNet50.of_run(folder), open_run(folder)
+        system, dataset = ResNet50.of_run(folder), open_run(folder).open_dataset()
         views = render_sample(dataset.config, 3)[0].views
         stack = system.refocus(views, system.slopes, dataset.config.block)
         expected = system.model.predict(dataset.inputs[3:4], verbose=0)[0, ..., 0]
@@ -93,42 +95,42 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
     runs, config, tmp_path
 ):
     (tmp_path / "shapes").symlink_to(runs[0])
-    found = [variant_contestant(run, [config], tmp_path, 2) for run in runs]
+    found = [variant_entry(run, [config], tmp_path, 2) for run in runs]
     assert [one.name for one in found] == [
         "ResNet-50 (the paper's), raw", "ResNet-50 (the paper's), views"
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
     assert len(found[1].load().chosen(5, 5)) == 3
     with pytest.raises(InputError, match="has seen light fields .* such as 22"):
-        variant_contestant(runs[0], [config], tmp_path / "none", 2).load()
+        variant_entry(runs[0], [config], tmp_path / "none", 2).load()
     with pytest.raises(InputError, match="no finished run"):
-        variant_contestant(tmp_path / "none", [config], tmp_path, 2).load()
+        variant_entry(tmp_path / "none", [config], tmp_path, 2).load()
 
 
 def test_objects_look_the_same_from_the_middle_wherever_they_stand(config):
     scene, _ = config.template.draw(None)
     before = render(scene, config.camera).views
-    for case in make_cases(config)[1:3]:
-        placed = case.place(scene, config)
-        assert [layer.depth_mm for layer in placed.layers] == list(case.depths_mm)
+    for scenario in make_scenarios(config)[1:3]:
+        placed = scenario.place(scene, config)
+        assert [layer.depth_mm for layer in placed.layers] == list(scenario.depths_mm)
         after = render(placed, config.camera).views
         middle, corner = (np.abs(after[k, k] - before[k, k]).mean() for k in (2, 0))
         assert middle < 0.3 * corner  # defocus within a view is all that differs in the middle
 
 
 def test_the_cases_exchange_move_and_leave_out(config):
-    own, turned, moved, alone = make_cases(config)
+    own, turned, moved, alone = make_scenarios(config)
     assert own.depths_mm == (40.0, -40.0)
     assert turned.depths_mm == (-40.0, 40.0)
     assert moved.depths_mm == (0.0, -80.0)
     assert alone.present == (0,)
-    four = make_cases(read_config(Path(__file__).parents[2] / "data_gen" / "flames.toml"))
-    assert [case.depths_mm for case in four[:3]] == [
+    four = make_scenarios(read_config(Path(__file__).parents[2] / "data_gen" / "flames.toml"))
+    assert [scenario.depths_mm for scenario in four[:3]] == [
         (20.0, 10.0, 0.0, -10.0),
         (-10.0, 10.0, 0.0, 20.0),
         (-10.0, 0.0, 10.0, 20.0),
     ]
-    assert [case.name for case in four[3:]] == ["all 5 mm nearer", "flame 1 alone"]
+    assert [scenario.name for scenario in four[3:]] == ["all 5 mm nearer", "flame 1 alone"]
 
 
 def test_one_object_cannot_change_places(config):
@@ -136,35 +138,35 @@ def test_one_object_cannot_change_places(config):
     with pytest.raises(
         InputError, match="two depths at least can change places; those of shapes stand at 40 mm"
     ):
-        make_cases(one)
+        make_scenarios(one)
 
 
 def test_by_heart_lies_between_what_is_there_and_what_was_learnt(rng):
     truth, learnt, noise = rng.uniform(size=(3, 2, 2, 8, 8))
-    assert by_heart(truth, truth, learnt) == 0
-    assert by_heart(learnt, truth, learnt) == pytest.approx(1)
-    assert by_heart(0.75 * truth + 0.25 * learnt, truth, learnt) == pytest.approx(0.25)
-    assert np.isnan(by_heart(noise, truth, truth))
+    assert share_memorised(truth, truth, learnt) == 0
+    assert share_memorised(learnt, truth, learnt) == pytest.approx(1)
+    assert share_memorised(0.75 * truth + 0.25 * learnt, truth, learnt) == pytest.approx(0.25)
+    assert np.isnan(share_memorised(noise, truth, truth))
 
 
 def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
     result = CliRunner().invoke(
-        cli.commands, ["swap-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
+        cli.commands, ["depth-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
     )
     assert result.exit_code == 0, result.output
-    table = pd.read_csv(tmp_path / "swap_test.csv")
-    means = table[table.depth_mm.isna()].set_index(["case", "system"])
+    table = pd.read_csv(tmp_path / "depth_test.csv")
+    means = table[table.depth_mm.isna()].set_index(["scenario", "system"])
     raw = means.xs("raw", level="system")
     assert raw.psnr_db["as trained"] > raw.psnr_db["first and last exchanged"] + 5
-    assert raw.by_heart["first and last exchanged"] > 0.7
-    assert raw.by_heart[["as trained"]].isna().all()
+    assert raw.share_memorised["first and last exchanged"] > 0.7
+    assert raw.share_memorised[["as trained"]].isna().all()
     views = means.xs("shift-and-sum of 9 views", level="system")
-    assert views.by_heart.dropna().abs().max() < 0.2
+    assert views.share_memorised.dropna().abs().max() < 0.2
     assert (views.psnr_db > 25).all()
-    record = json.loads((tmp_path / "swap_test.json").read_text())
+    record = json.loads((tmp_path / "depth_test.json").read_text())
     assert set(record["runs"]) == {"raw", "views"}
     assert record["samples"] == 3
-    pictures = sorted(path.name for path in tmp_path.glob("swap_test_*.png"))
+    pictures = sorted(path.name for path in tmp_path.glob("depth_test_*.png"))
     assert [name.partition("_test_")[2][0] for name in pictures] == list("0123")
     assert "first and last exchanged" in result.output
 
@@ -175,14 +177,14 @@ def test_networks_of_other_scenes_are_not_compared(config, runs, tmp_path):
     training = build(TrainingConfig, TRAINING, "here")
     train(training, "smoke", tmp_path / "other.zarr", tmp_path / "other", show=False)
     with pytest.raises(InputError, match="trained on other scenes"):
-        run_swap_test([runs[0], tmp_path / "other"], tmp_path / "out", 1)
+        run_depth_test([runs[0], tmp_path / "other"], tmp_path / "out", 1)
 
 
 def test_what_cannot_be_tested_is_one_sentence(runs, tmp_path):
-    with pytest.raises(InputError, match="at least 1 scene for each case, got 0"):
-        run_swap_test(runs, tmp_path / "out", 0)
+    with pytest.raises(InputError, match="at least 1 scene for each scenario, got 0"):
+        run_depth_test(runs, tmp_path / "out", 0)
     with pytest.raises(InputError, match="no finished run"):
-        run_swap_test([tmp_path], tmp_path / "out", 1)
+        run_depth_test([tmp_path], tmp_path / "out", 1)
     assert not (tmp_path / "out").exists()
 
 

@@ -15,7 +15,8 @@ from lf_flame._common.arrays import area_average
 from lf_flame._common.config import build
 from lf_flame._common.metrics import psnr
 from lf_flame.commands import cli
-from lf_flame.datasets.store import config_from_json, make_dataset
+from lf_flame.datasets.config import config_from_json
+from lf_flame.datasets.store import make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.simulation import _kernels
@@ -117,11 +118,11 @@ def test_stages_and_whole_are_what_the_network_predicts(run_folder, subject):
     expected = load_network(run_folder, read_card(run_folder)).predict(
         image[None, ..., None], verbose=0
     )
-    way = next(latency.build_ways(subject, PLAIN))
-    for stack in way.go(subject.raw, SIZE):
+    variant = next(latency.build_variants(subject, PLAIN))
+    for stack in variant.go(subject.raw, SIZE):
         np.testing.assert_allclose(stack, expected, atol=1e-6)
-    assert list(way.seconds[0]) == ["resize", "backbone", "decoder", "whole"]
-    assert min(way.seconds[0].values()) > 0
+    assert list(variant.seconds[0]) == ["resize", "backbone", "decoder", "whole"]
+    assert min(variant.seconds[0].values()) > 0
 
 
 def test_compilers_agree(subject, rng):
@@ -208,9 +209,9 @@ def test_what_cannot_be_had_is_missing_with_the_reason(results):
 
 
 def test_images_that_are_not_finite_are_missing(subject, monkeypatch):
-    monkeypatch.setattr(latency.Way, "predict", lambda way, inputs: np.full(3, np.nan))
-    way = next(latency.build_ways(subject, PLAIN))
-    assert way.missing == "FloatingPointError: its images are not finite"
+    monkeypatch.setattr(latency.Variant, "predict", lambda variant, inputs: np.full(3, np.nan))
+    variant = next(latency.build_variants(subject, PLAIN))
+    assert variant.missing == "FloatingPointError: its images are not finite"
 
 
 def test_records_are_complete(run_folder, results):

@@ -11,7 +11,8 @@ from experiments.recipes.report import COLUMNS, find_crossing
 from experiments.recipes.study import read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame.commands.cli import commands
-from lf_flame.datasets.store import Dataset, split_indices
+from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import Dataset
 from lf_flame.learning.backbone import ImagenetUnavailable
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
@@ -286,7 +287,7 @@ def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
             run_trial(trial, folder / "runs", folder / "data", imagenet=Path("weights.npz"))
     assert asked == ["weights.npz", "random"]
     # What is asked for stays, so that what is done with a file is done without naming it again.
-    assert trials[0].asked["training"]["model"]["backbone_weights"] == "imagenet"
+    assert trials[0].request["training"]["model"]["backbone_weights"] == "imagenet"
 
 
 def test_an_unknown_variant_is_named(folder):
@@ -303,7 +304,7 @@ def test_every_study_can_be_built(path, monkeypatch):
     assert len(trials) == len(study.variants)
     tests = {tuple(trial.test) for trial in trials}
     assert len(tests) == 1
-    asked = [json.dumps(trial.asked) for trial in trials]
+    asked = [json.dumps(trial.request) for trial in trials]
     assert len(set(asked)) == len(asked)  # no variant is another under a new name
 
 

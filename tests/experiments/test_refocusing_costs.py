@@ -13,15 +13,17 @@ from experiments.costs import refocusing, refocusing_report, rendering
 from experiments.costs.refocusing import (
     ALONE,
     NETWORK,
-    classic_ways,
+    formula_methods,
     measure_refocusing,
-    network_ways,
+    network_methods,
     summarise,
 )
 from experiments.held_out import find_scenes
 from lf_flame._common.config import build
 from lf_flame.commands import cli
-from lf_flame.datasets.store import Dataset, config_from_json, make_dataset, render_sample
+from lf_flame.datasets.config import config_from_json
+from lf_flame.datasets.sampling import render_sample
+from lf_flame.datasets.store import Dataset, make_dataset
 from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.lightfield import LightField
@@ -196,7 +198,7 @@ def test_scenes_are_those_of_the_test_split_as_the_network_saw_them(config, run)
     dataset, indices, predictions = predict_test_split(run / "shapes")
     assert found.indices == tuple(indices[: refocusing.SAMPLES])
     assert found.slopes == tuple(dataset.attrs["slopes"])
-    whole, alone = network_ways(found)
+    whole, alone = network_methods(found)
     for index, prediction in zip(found.indices, predictions, strict=False):
         views = render_sample(found.config, index)[0].views
         seen = found.config.encode(LightField(views))
@@ -216,24 +218,28 @@ def test_without_a_run_the_slopes_are_those_that_data_sets_find(config, run):
 
 @pytest.mark.parametrize("views", [4, 5, 7])
 def test_whole_shifts_are_exact_and_fewer_views_keep_their_places(views, rng):
-    """A point on every view moves as its slope says: only ways that know its views find it."""
+    """A point on every view moves as its slope says: only methods that know its views find it."""
     light_field = np.zeros((views, views, 24, 40), np.float32)
     for v in range(views):
         for u in range(views):
             light_field[v, u, 12 + 2 * v - views, 20 + 2 * u - views] = 1
     slopes = np.array([2.0])
     exact = fourier_refocus(light_field, slopes, "sinc", "clamp")
-    ways = classic_ways(views, (1, 1))
-    assert {way.family for way in ways} == set(LABELS)
-    for way in ways:
-        images = way.refocus(way.store(light_field), slopes)
+    methods = formula_methods(views, (1, 1))
+    assert {method.family for method in methods} == set(LABELS)
+    for method in methods:
+        images = method.refocus(method.store(light_field), slopes)
         if views % 2:  # else half a lenslet aside, which is interpolated
-            np.testing.assert_allclose(images, exact, atol=1e-3, err_msg=way.title)
+            np.testing.assert_allclose(images, exact, atol=1e-3, err_msg=method.title)
         assert images.sum() == pytest.approx(1, abs=2e-3)
 
 
 def test_few_views_count_those_of_the_camera():
-    labels = [way.label for way in classic_ways(15, (3, 3)) if way.family in ("central", "spread")]
+    labels = [
+        method.label
+        for method in formula_methods(15, (3, 3))
+        if method.family in ("central", "spread")
+    ]
     central = [f"{n} x {n}" for n in (3, 5, 7, 9, 11, 13)]
     assert labels == [*central, "2 x 2", "3 x 3", "8 x 8"]
 

@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.systems import benchmark, figures, test_sets
-from experiments.systems.cost import price
+from experiments.systems.cost import measure_cost
 from lf_flame import InputError, LightField
 from lf_flame.commands.cli import commands
-from lf_flame.datasets.store import read_config
+from lf_flame.datasets.config import read_config
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
@@ -73,9 +73,9 @@ def test_shift_and_sum_of_all_views_is_right(sets):
 
 
 def test_scores_are_those_of_a_known_error(sets):
-    """Where the truth is black nothing can be darker, so 0.01 counts where something is lit."""
+    """Where the truth is black nothing can be darker, so 0.01 counts where something is foreground."""
     table = benchmark.score_systems({"dim": Dim()}, sets[0])
-    np.testing.assert_allclose(table.psnr_lit_db, 40, atol=0.5)
+    np.testing.assert_allclose(table.psnr_foreground_db, 40, atol=0.5)
 
 
 def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
@@ -127,7 +127,7 @@ def test_a_photograph_too_small_to_be_scored_is_refused():
 
 def test_less_light_is_shot_noise_of_the_same_scenes(sets):
     """Its variance is the mean over the electrons; the truth stays that of the clean views."""
-    dark = sets[0].in_the_dark(100, seed=4)
+    dark = sets[0].in_low_light(100, seed=4)
     for scene, clean, again in zip(dark.scenes(), sets[0].scenes(), dark.scenes(), strict=True):
         error = scene.views - clean.views
         assert abs(error.mean()) < 1e-4
@@ -142,7 +142,7 @@ def test_less_light_is_shot_noise_of_the_same_scenes(sets):
 def test_a_price_is_measured_in_a_process_of_its_own(sets):
     scene = next(sets[0].scenes())
     large = np.ones(100_000_000)  # what this process holds does not count
-    found = price(ShiftAndSum, scene.views, scene.slopes, scene.block)
+    found = measure_cost(ShiftAndSum, scene.views, scene.slopes, scene.block)
     assert found.milliseconds > 0
     assert 10 < found.memory_mb < 400 < large.nbytes / 1e6  # no network was loaded
 
@@ -166,10 +166,10 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     variant = scores[scores.system == "ResNet-50 (the paper's), refocusnet"]
     assert variant.why_missing.str.endswith("holds no run of the paper's network.").all()
     assert len(variant)
-    prices = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
-    assert prices.milliseconds["RefocusNet"] > 0
-    assert prices.training_s["RefocusNet"] > 0
-    assert prices.views["RefocusNet"] == 4
+    costs = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
+    assert costs.milliseconds["RefocusNet"] > 0
+    assert costs.training_s["RefocusNet"] > 0
+    assert costs.views["RefocusNet"] == 4
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
         "systems.csv",
@@ -180,8 +180,8 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
 
 
 def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets, tmp_path):
-    entered = [benchmark.Contestant(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
-    benchmark.run_contest(entered, sets[:1], tmp_path)
+    entered = [benchmark.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
+    benchmark.run_benchmark(entered, sets[:1], tmp_path)
     table = pd.read_csv(tmp_path / "compare.csv").set_index("system")
     assert table.why_missing["shapes"] == "it was trained on shapes."
     assert table.loc["flames", "psnr_db"].eq(np.inf).all()
@@ -191,10 +191,10 @@ def test_a_system_has_the_same_colour_in_both_pictures(sets):
     """Also where one before it could not be timed, and none of it is in the picture."""
     names = ["missing", "all", "dim"]
     systems = {"missing": InputError("gone"), "all": ShiftAndSum(), "dim": Dim()}
-    scores = benchmark.score_systems(systems, sets[0].in_the_dark(10, seed=1))
-    prices = pd.DataFrame({"system": names, "parameters": [np.nan, 0, 0]})
-    prices["milliseconds"] = [np.nan, 2.0, 3.0]
-    noise, times = figures.noise_figure(scores), figures.figure(scores, prices)
+    scores = benchmark.score_systems(systems, sets[0].in_low_light(10, seed=1))
+    costs = pd.DataFrame({"system": names, "parameters": [np.nan, 0, 0]})
+    costs["milliseconds"] = [np.nan, 2.0, 3.0]
+    noise, times = figures.noise_figure(scores), figures.figure(scores, costs)
     (curves,) = noise.axes
     marks = times.axes[0].lines
     assert [line.get_color() for line in curves.lines] == [line.get_color() for line in marks]

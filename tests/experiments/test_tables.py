@@ -17,7 +17,7 @@ from experiments.paper.tables import (
     write_table,
 )
 from lf_flame import InputError
-from lf_flame._common.metrics import psnr, psnr_lit, ssim
+from lf_flame._common.metrics import psnr, psnr_foreground, ssim
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.scoring import score
 
@@ -49,10 +49,10 @@ def test_psnr_over_lit_pixels_does_not_see_the_background(rng):
     truth = rng.uniform(0.02, 1, size=(20, 30))
     image = truth + rng.normal(scale=0.05, size=truth.shape)
     wide, wide_image = (np.pad(x, ((20, 20), (30, 30))) for x in (truth, image))
-    assert psnr_lit(wide, wide_image) == pytest.approx(psnr(truth, image))
+    assert psnr_foreground(wide, wide_image) == pytest.approx(psnr(truth, image))
     assert psnr(wide, wide_image) == pytest.approx(psnr(truth, image) + 10 * np.log10(9))
-    assert psnr_lit(wide, np.where(wide > 0, wide, 0.5)) == np.inf
-    assert np.isnan(psnr_lit(np.full((5, 5), 0.01), truth[:5, :5]))
+    assert psnr_foreground(wide, np.where(wide > 0, wide, 0.5)) == np.inf
+    assert np.isnan(psnr_foreground(np.full((5, 5), 0.01), truth[:5, :5]))
 
 
 def test_planes_without_lit_pixels_are_left_out_of_the_mean(rng):
@@ -61,10 +61,10 @@ def test_planes_without_lit_pixels_are_left_out_of_the_mean(rng):
     targets[1, 0] = 0
     targets[:, 1] = 0
     table = score(targets, predictions)
-    lit = [psnr_lit(targets[k, 0], predictions[k, 0]) for k in (0, 2, 3)]
-    assert table.psnr_lit_db[0] == pytest.approx(np.mean(lit))
-    assert table.psnr_lit_sd[0] == pytest.approx(np.std(lit, ddof=1))
-    assert table[["psnr_lit_db", "psnr_lit_sd"]].isna().to_numpy()[1].all()
+    bright = [psnr_foreground(targets[k, 0], predictions[k, 0]) for k in (0, 2, 3)]
+    assert table.psnr_foreground_db[0] == pytest.approx(np.mean(bright))
+    assert table.psnr_foreground_sd[0] == pytest.approx(np.std(bright, ddof=1))
+    assert table[["psnr_foreground_db", "psnr_foreground_sd"]].isna().to_numpy()[1].all()
     assert list(table.n_test) == [4, 4]
 
 
@@ -96,7 +96,7 @@ def test_table_puts_the_paper_beside_ours(rng):
     assert list(table.object) == ["rectangle", "triangle", "circle", "square"]
     text = table_markdown(table, paper, RUN)
     assert f"{table.psnr_db[0] - 45.05:+.2f}" in text
-    assert f"{table.psnr_lit_db[3]:.2f} ± {table.psnr_lit_sd[3]:.2f}" in text
+    assert f"{table.psnr_foreground_db[3]:.2f} ± {table.psnr_foreground_sd[3]:.2f}" in text
     assert "random (seed 1), conv5" in text
 
 
@@ -117,7 +117,7 @@ def test_records_of_equal_images_are_json(rng, tmp_path):
     record = json.loads((tmp_path / "table1.json").read_text(), parse_constant=refuse)
     assert record["table"][0]["psnr_db"] is None
     assert record["table"][1]["psnr_db"] == scores.psnr_db[1]
-    assert record["baselines"][0]["psnr_lit_db"] is None
+    assert record["baselines"][0]["psnr_foreground_db"] is None
     kept = pd.read_csv(tmp_path / "table1.csv")
     assert list(kept.columns) == COLUMNS
     assert list(np.isinf(kept.psnr_db)) == [True, False, False, False]

@@ -13,7 +13,7 @@ from skimage.io import imread
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame._common.arrays import centred
-from lf_flame.datasets.store import read_config
+from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
     find_sharpest_slope,
     find_sharpest_slopes,

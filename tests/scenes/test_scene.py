@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from lf_flame import InputError, Layer, Scene
-from lf_flame.datasets.store import read_config
+from lf_flame.datasets.config import read_config
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"

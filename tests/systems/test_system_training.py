@@ -22,7 +22,7 @@ from lf_flame.systems.training import (
     read_systems_config,
     train_system,
 )
-from lf_flame.systems.training_scenes import Lessons, teach
+from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +30,12 @@ def config(coarse_data):
     values = {
         "seed": 3,
         "checkpoint_s": 0,
-        "lessons": {"data": [str(path) for path in coarse_data], "slopes": 3},
-        "presets": {"smoke": {"lessons": 4, "held_out": 2, "epochs": 2}},
+        "training_samples": {"data": [str(path) for path in coarse_data], "slopes": 3},
+        "presets": {"smoke": {"training_samples": 4, "held_out": 2, "epochs": 2}},
         "systems": {
             "aperturenet": {"epochs": 50, "patch": 20},
             "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
-            "aperturenet-dark": {"epochs": 50, "patch": 20, "dark": 1.0},
+            "aperturenet-low-light": {"epochs": 50, "patch": 20, "low_light": 1.0},
             "refnet": {"epochs": 50, "patch": 24},
             "refnet-fourier": {"epochs": 50, "patch": 24},
             "volumetric": {"epochs": 50, "patch": 24, "optimizer": "rmsprop"},
@@ -44,70 +44,73 @@ def config(coarse_data):
     return build(SystemsConfig, values, "test")
 
 
-def test_lessons_depend_on_seed_and_index_alone(config):
-    first, again, other = (config.lessons.draw(1, k) for k in (5, 5, 6))
+def test_samples_depend_on_seed_and_index_alone(config):
+    first, again, other = (config.training_samples.draw(1, k) for k in (5, 5, 6))
     np.testing.assert_array_equal(first.views, again.views)
     np.testing.assert_array_equal(first.slopes, again.slopes)
     assert first.views.shape != other.views.shape or np.any(first.views != other.views)
 
 
-def test_lessons_show_leaves_and_scenes_at_new_depths(config):
-    drawn = [config.lessons.draw(1, k) for k in range(30)]
-    kinds = {lesson.block for lesson in drawn}
+def test_samples_show_leaves_and_scenes_at_new_depths(config):
+    drawn = [config.training_samples.draw(1, k) for k in range(30)]
+    kinds = {sample.block for sample in drawn}
     assert kinds == {(1, 1), (2, 2)}
-    slopes = np.concatenate([lesson.slopes / lesson.block[0] for lesson in drawn])
+    slopes = np.concatenate([sample.slopes / sample.block[0] for sample in drawn])
     assert slopes.min() < -0.1
     assert slopes.max() > 0.1
 
 
-def test_every_object_is_in_focus_in_some_lesson(config):
+def test_every_object_is_in_focus_in_some_sample(config):
     """Half of a scene's slopes are those of its objects, each object as often as the others."""
-    data = config.lessons.configs[0]
+    data = config.training_samples.configs[0]
     own = {round(float(data.camera.depth_to_slope(z)), 6): z for z in data.depths_mm}
-    scenes = Lessons(config.lessons.data[:1], leaves=0, slopes=4)
+    scenes = TrainingSamples(config.training_samples.data[:1], leaves=0, slopes=4)
     seen = [round(x, 6) for k in range(40) for x in scenes.draw(2, k).slopes[:2]]
     counts = [seen.count(slope) for slope in own]
-    assert min(counts) >= 2  # about every other lesson keeps the depths of the data set
+    assert min(counts) >= 2  # about every other sample keeps the depths of the data set
 
 
 def test_something_is_sharp_at_the_first_half_of_a_scenes_slopes(config):
     """There the image changes most from pixel to pixel, against slopes between."""
-    scenes = Lessons(config.lessons.data, leaves=0, slopes=8)
+    scenes = TrainingSamples(config.training_samples.data, leaves=0, slopes=8)
     for k in range(4):
-        lesson = scenes.draw(2, k)
-        changes = np.square(np.diff(lesson.truth(lesson.slopes))).sum(axis=(1, 2))
+        sample = scenes.draw(2, k)
+        changes = np.square(np.diff(sample.truth(sample.slopes))).sum(axis=(1, 2))
         assert changes[:4].mean() > changes[4:].mean()
 
 
 def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
     for name, network in NETWORKS.items():
         system = network.build(0)
-        shown, truth = teach(config.lessons, system, 1, range(2))
+        shown, truth = draw_arrays(config.training_samples, system, 1, range(2))
         assert shown.shape[:3] == truth.shape[:3] == (2 if name.startswith("refnet") else 6, 24, 48)
         assert shown.dtype == truth.dtype == np.float32
         assert system.model.predict_on_batch(shown[:1, :24, :24]).shape[3] == truth.shape[3]
 
 
-def test_lessons_in_little_light_are_noisy_and_their_truth_is_not(config):
+def test_samples_in_low_light_are_noisy_and_their_truth_is_not(config):
     """Shot noise: over many pixels its variance is the mean over the electrons."""
-    lessons = replace(config.lessons, electrons=(20.0, 20.0))
-    clean, dark = (lessons.draw(1, 5, share) for share in (0.0, 1.0))
+    training_samples = replace(config.training_samples, electrons=(20.0, 20.0))
+    clean, dark = (training_samples.draw(1, 5, share) for share in (0.0, 1.0))
     np.testing.assert_array_equal(dark.views, clean.views)
     np.testing.assert_array_equal(clean.seen, clean.views)
     assert np.var(dark.seen - dark.views) == pytest.approx(dark.views.mean() / 20, rel=0.02)
     np.testing.assert_array_equal(dark.truth(dark.slopes), clean.truth(clean.slopes))
-    assert sum(np.any(x.seen != x.views) for x in (lessons.draw(1, k, 0.5) for k in range(9))) > 1
+    assert (
+        sum(np.any(x.seen != x.views) for x in (training_samples.draw(1, k, 0.5) for k in range(9)))
+        > 1
+    )
 
 
 def test_what_is_right_may_be_the_fourier_slice(config):
-    lesson = config.lessons.draw(1, 0)
-    a, b = (lesson.truth(lesson.slopes, right) for right in ("shift-and-sum", "Fourier slice"))
+    sample = config.training_samples.draw(1, 0)
+    a, b = (sample.truth(sample.slopes, right) for right in ("shift-and-sum", "Fourier slice"))
     assert 1e-4 < np.abs(a - b).mean() < 0.05
 
 
 def test_refnet_learns_its_own_slopes(config):
-    lesson = config.lessons.draw(1, 0)
-    slopes = NETWORKS["refnet"].build(0).slopes_to_learn(lesson.slopes, (3, 3))
+    sample = config.training_samples.draw(1, 0)
+    slopes = NETWORKS["refnet"].build(0).slopes_to_learn(sample.slopes, (3, 3))
     np.testing.assert_allclose(slopes, 3 * SLOPES)
 
 
@@ -123,8 +126,8 @@ def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
     views = DeadLeaves().draw((9, 9), (50, 60), np.random.default_rng(1)).views
     assert system.refocus(views, 0.2).shape == (1, 50, 60)
     # The best weights of the run are those in the file.
-    arrays = teach(
-        config.lessons, system, config.seed, range(1_000_000, 1_000_002), NETWORKS[name].truth,
+    arrays = draw_arrays(
+        config.training_samples, system, config.seed, range(1_000_000, 1_000_002), NETWORKS[name].truth,
         config.recipe(name, "smoke").dark,
     )  # fmt: skip
     images = np.clip(system.predict(arrays[0]), 0, 1)
@@ -150,9 +153,9 @@ def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monke
 
 
 def test_a_network_learns(config):
-    """From one lesson, by the trainer, RefocusNet's error falls to a tenth."""
+    """From one sample, by the trainer, RefocusNet's error falls to a tenth."""
     system = NETWORKS["refocusnet"].build(1)
-    pair = teach(config.lessons, system, 1, range(1))
+    pair = draw_arrays(config.training_samples, system, 1, range(1))
     recipe = SystemRecipe(epochs=30, patch=24, batch_size=4, schedule="constant")
     trainer = PatchTrainer(
         system, "mean_squared_error", recipe, {"train": pair, "validation": pair}
@@ -232,4 +235,4 @@ def test_a_folder_without_a_system_is_refused(tmp_path):
 def test_the_experiment_names_every_network():
     config = read_systems_config("experiments/systems.toml")
     assert set(config.systems) == set(NETWORKS)
-    assert config.lessons.configs[0].image == (90, 180)
+    assert config.training_samples.configs[0].image == (90, 180)

@@ -1,4 +1,4 @@
-"""Refocus with plenpy and PlenoptiCam, in the environment of `opponents.txt`, for `refocusing.py`.
+"""Refocus with plenpy and PlenoptiCam, in the environment of `baselines.txt`, for `refocusing.py`.
 
 One JSON object a line: on standard input {"tool", "views", "slopes", "out"} to get ready, refocus
 once and save the images, then {"tool"} to time a call. The first line out holds the versions.

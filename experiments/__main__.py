@@ -1,0 +1,36 @@
+"""The program of the experiments: ``python -m experiments COMMAND``, from a checkout."""
+
+import cloup
+
+from experiments.costs.commands import costs, latency
+from experiments.depth_test.commands import depth_test
+from experiments.paper.commands import evaluate, slopes, tables
+from experiments.recipes.commands import study
+from experiments.systems.commands import compare
+from lf_flame.commands import program
+from lf_flame.commands.options import HELP
+
+DESCRIPTION = """The paper's tables, and the studies of this project.
+
+\b
+The Make targets call these commands; `make help` lists them:
+  make tables        both tables of the paper, from nothing
+  make costs         what accuracy costs in time
+  make compare       refocusing systems side by side
+"""
+
+SECTIONS = [
+    cloup.Section("The paper", [slopes, evaluate, tables]),
+    cloup.Section("What accuracy costs in time", [costs, latency]),
+    cloup.Section("What networks learn", [study, depth_test]),
+    cloup.Section("Systems side by side", [compare]),
+]
+
+
+@cloup.group(help=DESCRIPTION, context_settings=HELP, sections=SECTIONS, align_sections=True)
+def commands() -> None:
+    """Gather the commands."""
+
+
+if __name__ == "__main__":
+    program.run(commands, "python -m experiments")

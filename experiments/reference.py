@@ -1,0 +1,37 @@
+"""A user's report with the project's reference result underneath, so that both can be compared."""
+
+import re
+from pathlib import Path
+
+from experiments.places import REFERENCE
+from lf_flame._common.atomic_files import write_text
+
+HEADING = "## The reference result"
+
+
+def set_beside(report: Path, name: str) -> str:
+    """Put the committed report under a user's own, and give the text of both.
+
+    Parameters
+    ----------
+    report : Path
+        A report in Markdown that was just written; a reference from before is replaced.
+    name : str
+        The committed report's path below ``experiments/results``. Where there is none, or where
+        `report` is that file, the report stays as it is.
+
+    Returns
+    -------
+    str
+        What `report` then holds.
+    """
+    text = report.read_text(encoding="utf-8").partition(f"\n{HEADING}")[0]
+    reference = REFERENCE / name
+    if not reference.is_file() or reference.resolve() == report.resolve():
+        return text
+    committed = reference.read_text(encoding="utf-8")
+    committed = re.sub(r"^!\[.*\n?", "", committed, flags=re.M)  # pictures lie elsewhere
+    committed = re.sub(r"^(#+) ", r"##\1 ", committed, flags=re.M)
+    text = f"{text}\n{HEADING}\n\nAs committed in `experiments/results/{name}`.\n\n{committed}"
+    write_text(report, text)
+    return text

@@ -1,0 +1,98 @@
+"""The command that sets refocusing systems side by side: compare."""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from experiments.places import DATA_SETS
+from experiments.reference import set_beside
+from lf_flame._common.keras_loading import load_keras
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, quiet_tensorflow
+from lf_flame.errors import InputError
+
+
+@cloup.command()
+@click.argument("runs", type=RUN)
+@click.option("--out", type=FOLDER, default=Path("results/compare"), show_default=True)
+@click.option(
+    "--data",
+    type=FILE,
+    multiple=True,
+    default=DATA_SETS,
+    show_default="the paper's shapes and flames",
+    help="Data set whose scenes are refocused; may be repeated.",
+)
+@click.option("--light-fields", default=8, show_default=True, help="Of each test set.")
+@click.option(
+    "--photograph",
+    "photographs",
+    type=(PATH, str),
+    multiple=True,
+    metavar="LIGHT_FIELD SLOPES",
+    help="Light field of a camera, and slopes such as -1,0,1; may be repeated.",
+)
+@click.option(
+    "--electrons",
+    type=click.FloatRange(min=0, min_open=True),
+    multiple=True,
+    default=[1, 10, 100, 1000],
+    show_default=True,
+    help="Also in less light: electrons of a pixel at full scale; may be repeated.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of that noise.")
+@click.option("--refocusnet-weights", type=FILE, help="The authors' trained weights (.npz).")
+@click.option(
+    "--variant",
+    "variants",
+    type=RUN,
+    multiple=True,
+    help="Another run of the paper's network, as `make encodings` leaves some; may be repeated.",
+)
+def compare(
+    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants
+) -> None:
+    """Set refocusing systems side by side: accuracy, views, time and memory.
+
+    RUNS holds the trained networks, one folder each, as `make train-refocusnet` and the like, and
+    `make tables`, leave them. What is missing shows as missing.
+
+    Test sets are light fields that no network was trained on: the test splits of the ResNet-50s in
+    RUNS (where there is none, the last light fields of a data set), the same scenes with their
+    objects at other depths, and photographs. The reference is shift-and-sum of all views. Run it
+    on a machine that does nothing else.
+
+    \b
+      python -m experiments compare runs/quick --out results/compare
+      python -m experiments compare runs/quick --out results/compare --electrons 0.3 --electrons 3
+      python -m experiments compare runs/quick --out results/compare --photograph FOLDER_OF_VIEWS -1,0,1
+    """  # noqa: D301 - click reads the backspace
+    if light_fields < 1:
+        raise InputError(f"light-fields must be 1 or more, got {light_fields}.")
+    load_keras()
+    quiet_tensorflow()
+    from experiments.systems import benchmark
+    from experiments.systems.test_sets import paper_sets, photograph_set
+    from lf_flame._common.progress import step_bar
+    from lf_flame.datasets.config import read_config
+    from lf_flame.formats import read_light_field
+
+    configs = [read_config(path) for path in data]
+    by_data = [paper_sets(config, runs / config.kind, light_fields) for config in configs]
+    test_sets = [test_set for sets in by_data for test_set in sets]
+    test_sets += [sets[0].in_low_light(light, seed) for light in electrons for sets in by_data]
+    for path, slopes in photographs:
+        light_field = read_light_field(path)
+        test_sets.append(photograph_set(path.name, light_field, _as_numbers(slopes)))
+    entries = benchmark.formula_entries()
+    entries += benchmark.trained_entries(runs, refocusnet_weights)
+    entries += [benchmark.variant_entry(path, configs, runs, light_fields) for path in variants]
+    path = benchmark.run_benchmark(entries, test_sets, out, step_bar)
+    click.echo(set_beside(path, "compare/compare.md"))
+
+
+def _as_numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"Slopes are numbers with commas between, got {text!r}.") from None

@@ -1,0 +1,43 @@
+"""The command that makes data sets.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.errors import InputError
+
+
+@cloup.command()
+@click.argument("config", type=FILE)
+@click.option("--preset", default="quick", show_default=True, help="A key of [samples] in CONFIG.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
+@click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
+def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
+    """Simulate the data set that CONFIG describes; goes on where a run was cut off."""
+    from lf_flame._common.progress import progress_bar
+    from lf_flame._common.provenance import cpu_count
+    from lf_flame.datasets.config import read_config
+    from lf_flame.datasets.store import Dataset, make_dataset
+
+    if workers < 0:
+        raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
+    settings = read_config(config)
+    samples = settings.sample_count(preset)
+    if out.exists():
+        found = Dataset(out)
+        if found.config != settings or len(found) != samples:
+            raise InputError(
+                f"{out} holds a data set of another configuration or size; remove it or choose "
+                f"another folder."
+            )
+        (out / "zarr.json").touch()  # make compares it with the configuration file
+        click.echo(f"{out} is complete: {samples} samples.")
+        return
+    click.echo(f"{samples} light fields into {out}; first, the slopes of sharpest focus", err=True)
+    make_dataset(settings, samples, out, workers or cpu_count(), progress_bar)
+    (out / "zarr.json").touch()

@@ -1,0 +1,118 @@
+"""The commands that simulate: camera, plan and simulate.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
+"""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.errors import InputError
+
+
+@cloup.command()
+@click.argument("config", type=FILE, required=False)
+@click.option("--depth-mm", "depths", multiple=True, type=float, help="Depth; may be repeated.")
+def camera(config: Path | None, depths: tuple[float, ...]) -> None:
+    """Print what follows from a camera: image distance, aperture, field, slopes.
+
+    CONFIG is any TOML file with a [camera] table; without it, the paper's camera.
+    """
+    from lf_flame.commands.camera_table import camera_report
+    from lf_flame.optics.camera import PAPER_CAMERA
+    from lf_flame.scenes.scene_files import read_camera
+
+    chosen = read_camera(config) if config else PAPER_CAMERA
+    click.echo(camera_report(chosen, depths or (20.0, 10.0, 0.0, -10.0)))
+
+
+def _effect_options(command):
+    """Add the options that decide what is simulated."""
+    options = (
+        click.option(
+            "--tolerance",
+            default=1e-3,
+            show_default=True,
+            help="Error to accept, relative to the brightest pixel.",
+        ),
+        click.option("--on", multiple=True, metavar="EFFECT", help="Force an effect on."),
+        click.option("--off", multiple=True, metavar="EFFECT", help="Force an effect off."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
+    """Read a scene file; what the command line forces comes before what the file forces."""
+    from lf_flame.scenes.scene_files import read_scene
+
+    both = set(on) & set(off)
+    if both:
+        raise InputError(f"{', '.join(sorted(both))} cannot be forced both on and off.")
+    layers, camera, effects = read_scene(scene)
+    return layers, camera, effects | dict.fromkeys(on, True) | dict.fromkeys(off, False)
+
+
+@cloup.command()
+@click.argument("scene", type=FILE)
+@_effect_options
+def plan(scene: Path, tolerance: float, on: tuple[str, ...], off: tuple[str, ...]) -> None:
+    """Print which physical effects a SCENE file calls for, and why, without rendering it.
+
+    For each effect: by how much at most the image would change if it were left out, the decision
+    at this tolerance, the criterion with its numbers, and roughly the time that it adds.
+    """
+    from lf_flame.simulation.plan import plan_effects
+
+    layers, camera, effects = _read_scene(scene, on, off)
+    click.echo(plan_effects(layers, camera, tolerance, effects))
+
+
+@cloup.command()
+@click.argument("scene", type=FILE)
+@click.option("--out", type=FOLDER, help="Folder for the files; default simulated/SCENE.")
+@_effect_options
+@click.option("--seed", default=0, show_default=True, help="Seed of the sensor's noise.")
+@click.option(
+    "--integrator",
+    type=click.Choice(["auto", "exact", "rays"]),
+    default="auto",
+    show_default=True,
+    help="Closed-form integrals or backward rays; auto takes the cheapest that will do.",
+)
+def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator: str) -> None:
+    """Render a SCENE file: raw image, views, and the stack refocused at each layer's depth.
+
+    Only the effects that the scene calls for are simulated; `lf-flame plan SCENE` shows which.
+    A scene file is TOML: a camera, and layers with a shape or an image file.
+
+    \b
+      [camera]
+      main_lens_focal_mm = 150.0
+      focus_distance_mm = 326.0
+      lenslet_focal_mm = 0.4
+      lenslet_pitch_mm = 0.112
+      views = 9
+      lenslets = [60, 60]
+      [[layers]]
+      shape = "circle"
+      depth_mm = 5.0
+      size_mm = [3.0, 3.0]
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.commands.simulation_output import simulate
+
+    out = out or Path("simulated") / scene.stem
+    layers, camera, effects = _read_scene(scene, on, off)
+    options = {"tolerance": tolerance, "effects": effects, "seed": seed, "integrator": integrator}
+    record = simulate(layers, camera, out, **options)
+    kept = [effect["name"] for effect in record["plan"]["effects"] if effect["kept"]]
+    click.echo(f"simulated: {', '.join(kept) or 'no effect'} ({record['plan']['integrator']})")
+    for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):
+        click.echo(f"refocused at depth {depth:+g} mm, slope {slope:+.3f}")
+    click.echo(
+        f"raw.tif, raw.png, views.png, refocused.tif, refocused_*.png, light_field.npz, "
+        f"plan.txt and simulation.json are in {out}"
+    )

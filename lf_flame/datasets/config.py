@@ -1,0 +1,140 @@
+"""What a data set is made of, read from a TOML file."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from lf_flame._common.config import build, read_toml
+from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.templates import TEMPLATES, Template
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.plan import EffectPlan, plan_effects
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """What a data set is made of; `read_config` reads it from a TOML file.
+
+    Parameters
+    ----------
+    kind : {"shapes", "flames"}
+    seed : int
+        Sample i is drawn from ``numpy.random.default_rng([seed, i])``.
+    image : (int, int)
+        Height and width of the targets; the lenslets are a whole multiple of it.
+    samples : dict
+        Number of light fields for each preset.
+    camera : PlenopticCamera
+    template : ShapeTemplate or FlameTemplate
+    effects : dict of str to bool, optional
+        Effects to force on or off.
+    input : InputEncoding, optional
+        What the network is shown. Default: what the paper's is.
+    shuffled_depths : bool, optional
+        Let the objects of each sample stand at the template's depths in an order drawn at random,
+        as large in the central view as at their own depths. The effect plan stays that of the
+        objects at their own depths.
+    """
+
+    kind: Literal["shapes", "flames"]
+    seed: int
+    image: tuple[int, int]
+    samples: dict[str, int]
+    camera: PlenopticCamera
+    template: Template
+    effects: dict[str, bool] = field(default_factory=dict)
+    input: InputEncoding = InputEncoding()
+    shuffled_depths: bool = False
+
+    __pydantic_config__ = {"extra": "forbid"}
+
+    def __post_init__(self):
+        lenslets = self.camera.lenslets
+        for size in (self.image, self.input.image or self.image):
+            if min(size) < 1 or any(n % m for n, m in zip(lenslets, size, strict=True)):
+                raise InputError(
+                    f"image must divide the camera's lenslets {lenslets} into whole numbers, "
+                    f"got {size}."
+                )
+        if self.camera.views < self.input.views_per_side:
+            raise InputError(
+                f"input {self.input.kind!r} shows {self.input.views_per_side} views along an axis, "
+                f"the camera has {self.camera.views}."
+            )
+        if self.seed < 0 or min(self.samples.values(), default=0) < 1:
+            raise InputError(
+                f"seed must be 0 or above and samples at least 1 for each preset, "
+                f"got seed={self.seed}, samples={self.samples}."
+            )
+
+    def sample_count(self, preset: str) -> int:
+        """Light fields of a preset."""
+        if preset not in self.samples:
+            raise InputError(f"preset must be one of {', '.join(self.samples)}, got {preset!r}.")
+        return self.samples[preset]
+
+    @cached_property
+    def plan(self) -> EffectPlan:
+        """Effect plan of the mean scene, by which all samples are simulated alike."""
+        scene, _ = self.draw(None)
+        return plan_effects(scene, self.camera, effects=self.effects)
+
+    @property
+    def block(self) -> tuple[int, int]:
+        """Lenslets that are averaged into one pixel, along (t, s)."""
+        return tuple(n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
+
+    @property
+    def depths_mm(self) -> list[float]:
+        """Depths of the objects, in the order of the targets."""
+        return [o.depth_mm for o in self.template.objects]
+
+    def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
+        """Draw a scene; without a generator, the mean scene, all objects at their own depths.
+
+        Returns
+        -------
+        Scene
+        dict
+            What was drawn: see the template; with shuffled depths ``depth_mm``, (objects,), too.
+        """
+        scene, parameters = self.template.draw(rng)
+        if not self.shuffled_depths:
+            return scene, parameters
+        depths = np.array(self.depths_mm)
+        if rng is not None:
+            depths = rng.permutation(depths)
+            scene = scene.at_depths(depths, self.camera)
+        return scene, {**parameters, "depth_mm": depths}
+
+    def encode(self, light_field: LightField) -> np.ndarray:
+        """Show a light field to the network: float32 from 0 to 1, (height, width, channels)."""
+        return self.input.encode(light_field, self.image)
+
+
+def read_config(path: str | Path) -> DatasetConfig:
+    """Read a data-set configuration from a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds an unknown, missing or impossible value.
+    """
+    values = read_toml(path)
+    return config_from_json(values, path)
+
+
+def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
+    """Rebuild a configuration from the JSON values that are stored with a data set."""
+    template = TEMPLATES.get(values.get("kind"))
+    if template is not None and "template" in values:
+        # Built first, by its kind, so that a mistake in it is told in the words of that kind.
+        built = build(template, values["template"], f"{source}: template")
+        values = {**values, "template": built}
+    return build(DatasetConfig, values, source)
