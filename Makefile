@@ -1,4 +1,4 @@
-# lf_flame: every target is a thin call of the program `lf-flame` (see `lf-flame --help`).
+# lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
 #   PRESET            smoke (CI), quick (default, some minutes), paper (the paper's sizes); see README
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
@@ -14,26 +14,30 @@ RUN ?= $(PRESET)$(if $(SEED),-seed$(SEED))
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 0
+# Processes that run tests side by side.
+TEST_JOBS ?= -n auto
 
 BIN := $(VENV)/bin
 LF := $(BIN)/lf-flame
+EXPERIMENT := $(BIN)/python -m experiments
 DATA := data/$(PRESET)
 RUNS := runs/$(RUN)
-RESULTS := experiments/results/$(RUN)
-# Set beside RESULTS by `make tables`, where they exist.
-OTHERS := $(filter-out $(RESULTS),$(wildcard $(addprefix experiments/results/,quick paper paper-seed*)))
+# A user's results are his own: git ignores data/, runs/ and results/.
+RESULTS := results/$(RUN)
+# Reference results are committed, and set beside a user's; no target here writes them.
+REFERENCE := $(wildcard $(addprefix experiments/results/,quick paper paper-seed*))
 TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
             $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 INSTALLED := $(VENV)/installed
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
-OPPONENTS := .venv-opponents
+BASELINES := .venv-baselines
 
 # Every target uses all cores.
 .NOTPARALLEL:
-.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks opponents
+.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
-.PHONY: latency variation ablations pretraining encodings learning-costs test test-jit-off lint clean
+.PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -56,7 +60,7 @@ $(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(INSTALLED)
 slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
 	@cat $(RESULTS)/slopes.md
 $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
-	$(LF) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
+	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
 
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
@@ -65,69 +69,75 @@ $(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json $(if $(EPOCHS
 FORCE:
 
 tables: $(RESULTS)/table1.csv $(RESULTS)/table2.csv $(RESULTS)/slopes.csv  ## make Tables I and II and Figures 7 and 8
-	@$(LF) tables $(RESULTS) $(OTHERS) --out $(RESULTS)/tables.md
+	@$(EXPERIMENT) tables $(RESULTS) $(REFERENCE) --out $(RESULTS)/tables.md
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml
-	$(LF) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
+	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml
-	$(LF) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
+	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
-# Refocusing systems learn from the same lessons, with objects at new depths in every light field.
-train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark)  ## train ours: nine aligned views, in light and in little light
+# Refocusing systems learn from the same training samples, with objects at new depths in every light field.
+train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light)  ## train ours: nine aligned views, in full and in low light
 train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
 train-refnet: $(patsubst %,$(RUNS)/%/model.keras,refnet refnet-fourier)  ## train RefNet, in our reading, on shift-and-sum and on the Fourier slice
 train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
-SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-dark refocusnet refnet refnet-fourier volumetric)
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
-	$(LF) train-system $* --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
-COMPARE := experiments/results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
+	$(LF) train-system $* --config experiments/systems.toml --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
+COMPARE := results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
 # what `make encodings` has trained is there to be compared, but for what is as the paper's.
 VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$(wildcard runs/studies/encodings_flames/*/model.keras)))
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
-	$(LF) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
+	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
-	$(LF) costs --out experiments/results/costs
+	$(EXPERIMENT) costs --run $(RUNS) --out results/costs
 
 latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
-	$(LF) latency $(RUNS)/shapes $(RUNS)/flames --out experiments/results/costs
+	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames --out results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.
-STUDY = $(LF) study experiments/studies/$*.toml --work runs/studies \
+STUDY = $(EXPERIMENT) study experiments/recipes/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
-	$(LF) swap-test $$(dirname runs/studies/encodings_flames/*/model.keras) --out experiments/results/swap_test
-learning-costs: STUDY_OUT = experiments/results/costs
+	$(EXPERIMENT) depth-test $$(dirname runs/studies/encodings_flames/*/model.keras) --out results/depth_test
+learning-costs: STUDY_OUT = results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
-STUDY_OUT = experiments/results/studies
+STUDY_OUT = results/studies
 %.study: | $(INSTALLED)
 	$(STUDY) --out $(STUDY_OUT)
 
-benchmarks: | $(INSTALLED)  ## measure speed against opponents, on an idle machine (see opponents)
-	$(BIN)/python experiments/benchmarks/speed.py --out experiments/results/benchmarks
-	$(BIN)/python experiments/benchmarks/refocusing.py --out experiments/results/benchmarks \
-	  $(if $(wildcard $(OPPONENTS)/installed),--opponents $(OPPONENTS)/bin/python)
-	$(BIN)/python experiments/benchmarks/training.py --out experiments/results/benchmarks
+benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machine (see baselines)
+	$(BIN)/python -m experiments.benchmarks.speed --out results/benchmarks
+	$(BIN)/python -m experiments.benchmarks.refocusing --out results/benchmarks \
+	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
+	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
 
-opponents: $(OPPONENTS)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
-$(OPPONENTS)/installed: experiments/benchmarks/opponents.txt
-	$(PYTHON) -m venv $(OPPONENTS)
-	$(OPPONENTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+baselines: $(BASELINES)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
+$(BASELINES)/installed: experiments/benchmarks/baselines.txt
+	$(PYTHON) -m venv $(BASELINES)
+	$(BASELINES)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
-test: | $(INSTALLED)  ## run the tests
-	$(BIN)/python -m pytest
+test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (below 4 minutes)
+	$(BIN)/python -m pytest -m 'not slow' $(TEST_JOBS)
+
+test-all: | $(INSTALLED)  ## run all tests, as CI does
+	$(BIN)/python -m pytest $(TEST_JOBS)
 
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/test_kernels.py tests/test_refocus.py -m 'not jit'
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/simulation/test_kernels.py tests/refocus/test_shift.py -m 'not jit'
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
+types: | $(INSTALLED)  ## check types with mypy
+	$(BIN)/mypy
+
 clean:  ## remove caches; data sets, runs and results stay
-	rm -rf build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

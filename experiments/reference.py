@@ -9,6 +9,11 @@ from lf_flame._common.atomic_files import write_text
 HEADING = "## The reference result"
 
 
+def is_reference(folder: Path) -> bool:
+    """Tell whether a results folder is one of the committed ones."""
+    return folder.resolve().is_relative_to(REFERENCE.resolve())
+
+
 def set_beside(report: Path, name: str) -> str:
     """Put the committed report under a user's own, and give the text of both.
 

@@ -11,6 +11,7 @@ import pandas as pd
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import TABLES, read_tables
+from experiments.reference import is_reference
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import read_record
@@ -28,6 +29,10 @@ REQUEST = (
 )  # fmt: skip
 """What was asked of a run: runs that agree in all but the seed are pooled. The same scenes may
 differ in their last bits from machine to machine, and so in the hash of their data."""
+
+
+REFERENCE_NOTE = " (reference)"
+"""Behind the names of committed results."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,13 @@ class Result:
     @property
     def recipe(self) -> dict:
         """What was asked for, but for the seed and the data set's last bits."""
-        return {**self.request, "seed": None, "backbone_weights": self.weights, "data_sha256": None}
+        return {
+            **self.request,
+            "seed": None,
+            "backbone_weights": self.weights,
+            "data_sha256": None,
+            "reference": self.run.endswith(REFERENCE_NOTE),  # a user's own runs stay apart
+        }
 
 
 def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -> Result:
@@ -255,7 +266,10 @@ def _when(row: pd.Series) -> str:
 
 
 def _short_names(folders: Sequence[Path]) -> list[str]:
-    names = [folder.resolve().name for folder in folders]
+    names = [
+        folder.resolve().name + (REFERENCE_NOTE if is_reference(folder) else "")
+        for folder in folders
+    ]
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
 
 

@@ -106,6 +106,7 @@ APPEARANCE = cloup.option_group(
 )
 """Options that say how refocused images are made."""
 
+
 def _refuse_options(what: str, **options) -> None:
     for name, value in options.items():
         if value is not None:

@@ -205,7 +205,9 @@ class Dataset:
         if not (self.path / "zarr.json").exists():
             part = self.path.with_name(self.path.name + ".part")
             hint = " (it was begun, but is not finished)" if part.exists() else ""
-            raise InputError(f"There is no data set at {path}{hint}; make it with `lf-flame dataset`.")
+            raise InputError(
+                f"There is no data set at {path}{hint}; make it with `lf-flame dataset`."
+            )
         try:
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs = dict(self._group.attrs)

@@ -187,7 +187,9 @@ def train_system(
         "preset": preset,
         "seed": config.seed,
         "training_samples": {
-            name: value for name, value in to_json(config.training_samples).items() if name != "data"
+            name: value
+            for name, value in to_json(config.training_samples).items()
+            if name != "data"
         },
         "sample_configs": [to_json(one) for one in config.training_samples.configs],
         "counts": {"training_samples": counts.training_samples, "held_out": counts.held_out},

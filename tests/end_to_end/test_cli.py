@@ -12,9 +12,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from skimage.io import imread, imsave
 
-from lf_flame.commands import cli
+from experiments import __main__
+from lf_flame import InputError
+from lf_flame.commands import cli, moved
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,13 +36,17 @@ size_mm = [1.5, 1.5]
 """
 
 
-def run(*args, cwd=ROOT):
+def run(*args, cwd=ROOT, program="lf_flame"):
     return subprocess.run(
-        [sys.executable, "-m", "lf_flame", *map(str, args)],
+        [sys.executable, "-m", program, *map(str, args)],
         cwd=cwd,
         capture_output=True,
         text=True,
     )
+
+
+def experiment(*args, cwd=ROOT):
+    return run(*args, cwd=cwd, program="experiments")
 
 
 def assert_one_sentence(result, *parts):
@@ -51,27 +58,37 @@ def assert_one_sentence(result, *parts):
 
 
 def test_help_teaches_every_command():
-    shown = run("--help").stdout
-    for command in (
-        "camera",
-        "plan",
-        "simulate",
-        "refocus",
-        "convert",
-        "slopes",
-        "costs",
-        "dataset",
-        "train",
-        "evaluate",
-        "tables",
-        "export",
-        "predict",
-        "study",
-        "depth-test",
-        "latency",
-    ):
-        assert command in shown
-        assert len(run(command, "--help").stdout) > 200
+    for program, gathered in (("lf_flame", cli.commands), ("experiments", __main__.commands)):
+        shown = run("--help", program=program).stdout
+        names = {name for name, command in gathered.commands.items() if not command.hidden}
+        assert len(names) >= 8
+        for name in names:
+            assert re.search(rf"^  {name} ", shown, re.MULTILINE), name
+            assert len(CliRunner().invoke(gathered, [name, "--help"]).output) > 200
+    headings = re.findall(r"^(\w.*):$", run("--help").stdout, re.MULTILINE)
+    assert headings[1:] == ["Simulation", "Light fields", "Data sets", "The paper's network",
+                            "Refocusing systems"]  # fmt: skip
+
+
+def test_a_long_list_of_options_comes_in_groups():
+    shown = CliRunner().invoke(cli.commands, ["refocus", "--help"]).output
+    order = ["Where to focus:", "--slope ", "How the images are made:", "--interpolation",
+             "How the light field is read:", "--white"]  # fmt: skip
+    places = [shown.index(part) for part in order]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize(("old", "new"), moved.MOVED.items())
+def test_commands_that_moved_name_their_new_place(old, new):
+    assert new in __main__.commands.commands
+    result = CliRunner().invoke(cli.commands, [old, "somewhere", "--out", "x", "-h"])
+    assert isinstance(result.exception, InputError)
+    assert f"`lf-flame {old}`" in str(result.exception)
+    assert f"`python -m experiments {new}`" in str(result.exception)
+
+
+def test_a_moved_command_is_one_sentence():
+    assert_one_sentence(run("swap-test", "runs", "--samples", "3"), "experiments depth-test")
 
 
 def test_camera_prints_the_derived_numbers():
@@ -164,7 +181,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main()
     assert caught.value.code == 130
-    assert "dataset and train go on from there" in capsys.readouterr().err
+    assert "long work goes on from there" in capsys.readouterr().err
 
 
 def test_missing_files_and_runs_are_one_sentence(tmp_path):
@@ -172,7 +189,7 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     assert result.returncode == 2
     assert "does not exist" in result.stderr
     assert_one_sentence(
-        run("evaluate", tmp_path, "--table", "table1", "--figure", "f", "--out", tmp_path),
+        experiment("evaluate", tmp_path, "--table", "table1", "--figure", "f", "--out", tmp_path),
         "There is no finished run",
     )
     training = ROOT / "experiments" / "shapes.toml"
@@ -196,12 +213,12 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "-1")
     assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got -1")
     assert_one_sentence(
-        run("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
+        experiment("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
     )
 
 
 def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
-    """The seed goes to the training, and only runs that are there beside this one."""
+    """The seed goes to the training; committed results that are there stand beside, untouched."""
     for name in ("Makefile", "setup.cfg", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
@@ -217,18 +234,20 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
     assert alone.count("--preset paper --data data/paper/") == 2
     for kind in ("shapes", "flames"):
         assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
-    kept = "--out experiments/results/paper-seed2/tables.md"
-    assert re.search(rf"tables experiments/results/paper-seed2 +{kept}$", alone)
+    kept = "--out results/paper-seed2/tables.md"
+    assert re.search(rf"tables results/paper-seed2 +{kept}$", alone)
     for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
         (results / name).mkdir(parents=True)
     together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
     at = together.index("tables")
-    assert together[at + 1] == "experiments/results/paper-seed2"
-    others = {f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed3")}
+    assert together[at + 1] == "results/paper-seed2"
+    others = {
+        f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed2", "paper-seed3")
+    }
     assert set(together[at + 2 : -2]) == others
     assert "--seed" not in asked().stdout
     assert asked("EPOCHS=7").stdout.count("--epochs 7\n") == 2
-    assert "tables experiments/results/quick " in asked().stdout
+    assert "tables results/quick " in asked().stdout
 
 
 @pytest.mark.slow
@@ -257,7 +276,7 @@ def test_from_data_set_to_table(tmp_path):
     ]  # fmt: skip
     result = run(*training, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    result = run(
+    result = experiment(
         "evaluate",
         "run",
         "--table",
@@ -278,12 +297,12 @@ def test_from_data_set_to_table(tmp_path):
     assert table.psnr_db.between(3, 60).all()
     assert (table.psnr_foreground_db != table.psnr_db).all()
     assert imread(tmp_path / "results" / "figure8.png").shape[0] > 500
-    shown = run("tables", "results", cwd=tmp_path).stdout
+    shown = experiment("tables", "results", cwd=tmp_path).stdout
     assert "random (seed 2), conv4" in shown
     assert shown.count("missing") == 8  # Table I was not run
     assert "mean of the training images" in shown
     quick = ROOT / "experiments" / "results" / "quick"
-    beside = run("tables", "results", quick, "--out", "both.md", cwd=tmp_path).stdout
+    beside = experiment("tables", "results", quick, "--out", "both.md", cwd=tmp_path).stdout
     assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
     assert imread(tmp_path / "both.png").shape[1] > 1000
     assert re.search(r"printed \| +results \| +quick \|", beside)

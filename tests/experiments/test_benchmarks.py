@@ -4,34 +4,29 @@ import csv
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).parents[2] / "experiments" / "benchmarks"
-
 
 @pytest.fixture
 def refocusing(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    import refocusing
+    from experiments.benchmarks import refocusing
 
     return refocusing
 
 
 @pytest.fixture
 def training(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # which it sets, so that this is undone
-    import training
+    from experiments.benchmarks import training
 
     return training
 
 
 def run(name, out):
     """Rows of the CSV, and the record, that the program of this name writes."""
-    program = [sys.executable, BENCHMARKS / f"{name}.py", "--small", "--out", out]
+    program = [sys.executable, "-m", f"experiments.benchmarks.{name}", "--small", "--out", out]
     subprocess.run(program, check=True, capture_output=True)
     record = json.loads((out / f"{name}.json").read_text())
     with (out / f"{name}.csv").open(newline="") as file:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from experiments.__main__ import commands
 from experiments.depth_test.permutation import run_depth_test, share_memorised
 from experiments.systems.benchmark import variant_entry
 from lf_flame import InputError, render
@@ -151,7 +152,7 @@ def test_by_heart_lies_between_what_is_there_and_what_was_learnt(rng):
 
 def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
     result = CliRunner().invoke(
-        cli.commands, ["depth-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
+        commands, ["depth-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]
     )
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "depth_test.csv")

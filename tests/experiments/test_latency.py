@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from experiments.__main__ import commands
 from experiments.costs import latency, latency_report
 from lf_flame import InputError
 from lf_flame._common.arrays import area_average
 from lf_flame._common.config import build
 from lf_flame._common.metrics import psnr
-from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.store import make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
@@ -92,7 +92,7 @@ def results(run_folder, tmp_path_factory):
 
 def run(*args):
     """Run the command in this process; what users may do wrong raises InputError here."""
-    result = CliRunner().invoke(cli.commands, [*map(str, args)])
+    result = CliRunner().invoke(commands, [*map(str, args)])
     if result.exception is not None:
         raise result.exception
     return result

@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from experiments.__main__ import commands
 from experiments.recipes.pca_bound import principal_component_bound, project
 from experiments.recipes.report import COLUMNS, find_crossing
 from experiments.recipes.study import read_study, run_study, run_trial
 from lf_flame import InputError
-from lf_flame.commands.cli import commands
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.learning.backbone import ImagenetUnavailable

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 from matplotlib.text import Annotation, Text
 
+from experiments.__main__ import commands
 from experiments.costs import refocusing, refocusing_report, rendering
 from experiments.costs.refocusing import (
     ALONE,
@@ -20,7 +21,6 @@ from experiments.costs.refocusing import (
 )
 from experiments.held_out import find_scenes
 from lf_flame._common.config import build
-from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset, make_dataset
@@ -308,7 +308,7 @@ def test_the_program_measures_the_chapter_that_is_asked_for(tmp_path, monkeypatc
     config.write_text("\n".join(lines))
     monkeypatch.setattr(rendering, "CONFIGS", (config,))
     options = ["--chapter", "refocusing", "--run", str(tmp_path / "none"), "--out", str(tmp_path)]
-    done = CliRunner().invoke(cli.commands, ["costs", *options], catch_exceptions=False)
+    done = CliRunner().invoke(commands, ["costs", *options], catch_exceptions=False)
     assert done.exit_code == 0
     assert "What accuracy costs in time: refocusing" in done.output
     assert not (tmp_path / "costs.md").exists()

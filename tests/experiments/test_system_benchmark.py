@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from experiments.__main__ import commands
 from experiments.systems import benchmark, figures, test_sets
 from experiments.systems.cost import measure_cost
 from lf_flame import InputError, LightField
-from lf_flame.commands.cli import commands
 from lf_flame.datasets.config import read_config
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
