@@ -35,9 +35,9 @@ from lf_flame.errors import InputError
 def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     """Measure what accuracy costs in time; run it on a machine that does nothing else.
 
-    Simulation: error against seconds for each method of integration, on the shape scene, a flame and an
-    occluding scene; for each effect the seconds that it adds and the error of leaving it out. On
-    one thread.
+    Simulation: error against seconds for each method of integration, on the shape scene, a flame
+    and an occluding scene; for each effect the seconds that it adds and the error of leaving it
+    out. On one thread.
 
     Refocusing: SSIM and PSNR against the exact result over milliseconds, for each interpolation,
     for fewer views, for light fields stored in fewer bits, in the Fourier domain, and for the

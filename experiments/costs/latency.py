@@ -99,8 +99,10 @@ def open_subject(path: str | Path, seed: int = 0) -> Subject:
     shape = [n * camera.views for n in camera.lenslets]
     raw = np.random.default_rng(seed).random(shape, np.float32)
     inputs, truths, origin = _test_inputs(path) or (
-        _resized(raw, size), None, "the random raw image: there are no test inputs beside the network"
-    )  # fmt: skip
+        _resized(raw, size),
+        None,
+        "the random raw image: no test inputs are at hand",
+    )
     return Subject(str(path), card, network, raw, inputs, truths, origin)
 
 
@@ -188,7 +190,7 @@ def weight_bytes(network: keras.Model) -> int:
 
 
 def compilers() -> dict[str, bool]:
-    """Name the compilers with which the backend can compile a network, with Keras's `jit_compile`."""
+    """Name the compilers that the backend has, with Keras's `jit_compile` for each."""
     if keras.backend.backend() == "tensorflow":
         return {"TensorFlow": False, "XLA": True}
     return {"XLA": True}

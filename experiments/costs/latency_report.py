@@ -133,7 +133,7 @@ def _type_line(precision: str, computes: str) -> str:
 
 
 def fastest(rows: pd.DataFrame) -> pd.DataFrame:
-    """Select, of each precision, the variant that is fastest in one go; a missing one if all are."""
+    """Select each precision's fastest variant in one go; a missing one if all are."""
     ranked = rows.sort_values(f"{WHOLE}_ms", kind="stable", na_position="last")
     return ranked.groupby("precision", sort=False).head(1).sort_index()
 

@@ -1,9 +1,9 @@
 """What accuracy costs in time when refocusing: SSIM and PSNR over milliseconds, beside the network.
 
-All methods go from the same light fields in memory to the same images, those of a data set's targets,
-on all cores of one machine, one after the other in one process, compiled beforehand. Exact are all
-views, shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with clamped
-edges): nothing is interpolated. (The targets that networks are trained on are linear
+All methods go from the same light fields in memory to the same images, those of a data set's
+targets, on all cores of one machine, one after the other in one process, compiled beforehand. Exact
+are all views, shifted by exact phases (`lf_flame.refocus.fourier_refocus`, "sinc", in float64, with
+clamped edges): nothing is interpolated. (The targets that networks are trained on are linear
 shift-and-sum.)
 """
 

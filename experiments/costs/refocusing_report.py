@@ -146,7 +146,7 @@ def _finding(scenes, table: pd.DataFrame) -> str:
         f"{begin} {NETWORK} takes {_ms(network)}, {_times(network, linear)}, and its images are "
         f"{abs(change):.1f} dB {'better' if change > 0 else 'worse'} ({network['psnr_db']:.1f} dB, "
         f"SSIM {network['ssim']:.4f} beside {linear['ssim']:.4f}). With its input given it takes "
-        f"{_ms(alone)}, {_times(alone, linear)}. The fastest method that is at least as good as the "
+        f"{_ms(alone)}, {_times(alone, linear)}. The fastest method at least as good as the "
         f"network: {fastest['title']}, {_ms(fastest)}, {fastest['psnr_db']:.1f} dB."
     )
 
@@ -266,7 +266,7 @@ def figure(found, table: pd.DataFrame):
 
 
 def _draw_methods(axis, rows: pd.DataFrame) -> None:
-    """Draw every method as a point with its label; fewer views are curves that end at all of them."""
+    """Draw every method as a labelled point; fewer views are curves that end at all of them."""
     whole = rows[(rows["family"] == "interpolation") & (rows["label"] == "linear")]
     for name, (colour, marker, line, _) in FAMILIES.items():
         some = rows[(rows["family"] == name) & rows["milliseconds"].notna()]

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: error against seconds, for each method of integration and each effect.
+"""What accuracy costs in time: error against seconds, for each integration method and each effect.
 
 All runs take one thread of one machine, one after the other, compiled beforehand, so that ratios
 are fair. Errors are root-mean-square over the image relative to its brightest pixel, against an
@@ -49,7 +49,8 @@ TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
 
 CENTRAL_VIEWS = 5
-"""Views along an axis, out of the camera's own, on which the methods of integration are compared."""
+"""Views along an axis, out of the camera's own, on which the methods of integration are
+compared."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,8 @@ METHODS = {
     ),
     "exact": Method("exact integrator", _exact),
 }
-"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge; n
-midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
+"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge;
+n midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
 those in which two layers have an edge, one of n along an axis."""
 
 
@@ -289,15 +290,15 @@ def measure_costs(
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
 ) -> tuple[Sequence[Study], pd.DataFrame, pd.DataFrame, dict]:
-    """Measure error against seconds; `experiments.costs.rendering_report.write_report` takes what comes out.
+    """Measure error against seconds, for `experiments.costs.rendering_report.write_report`.
 
     Parameters
     ----------
     progress : callable, optional
         Passes on an iterable of steps, given how many are done and how many there are.
     budget_s : float, optional
-        Time that the methods of integration may take in all, which bounds their rays; references and
-        effects take a minute or two on top.
+        Time that the methods of integration may take in all, which bounds their rays; references
+        and effects take a minute or two on top.
     studies : sequence of Study, optional
         Default: `study_scenes` of the data sets in CONFIGS.
     trials : mapping of str to Trial, optional

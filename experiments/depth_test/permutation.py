@@ -2,7 +2,8 @@
 
 In the training images of the paper every object stands at the depth of its own. A network that has
 only learnt which object is sharp in which plane looks perfect there, and goes wrong where the
-objects stand otherwise. Here they do (`lf_flame.datasets.depth_scenarios`), in scenes that no network was trained on.
+objects stand otherwise. Here they do (`lf_flame.datasets.depth_scenarios`), in scenes that no
+network was trained on.
 
 Shift-and-sum is right by construction; its images are the truth. What a network would draw that
 has memorised the depths is the truth of the scene as it was before. Between both lies what a
@@ -212,7 +213,8 @@ def run_depth_test(
     Raises
     ------
     InputError
-        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_scenarios`; or if there are no samples.
+        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_scenarios`; or if there are
+        no samples.
     """
     from experiments.depth_test import report
 

@@ -120,7 +120,8 @@ def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
             rows = means[means.system == subject.name].set_index("scenario").loc[scenarios]
             color = f"C{k % 10}" if subject.trained else "0.45"
             axis.plot(
-                rows[measure], np.arange(len(scenarios)) + place, MARKERS[subject.trained], color=color,
+                rows[measure], np.arange(len(scenarios)) + place, MARKERS[subject.trained],
+                color=color,
                 markerfacecolor="white" if k % 2 and not subject.trained else color, markersize=6,
                 label=f"{subject.name}{subject.trained and f' ({subject.trained})'}",
             )  # fmt: skip

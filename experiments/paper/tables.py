@@ -101,8 +101,8 @@ def baselines_markdown(baselines: pd.DataFrame) -> str:
     shown.columns = [f"{depth:g} mm" for depth in shown.columns]
     lines = shown.to_markdown(disable_numparse=True, stralign="right")
     return (
-        f"Without a network, SSIM / PSNR / PSNR over the foreground pixels (dB) on the same test split:"
-        f"\n\n{lines}\n"
+        f"Without a network, SSIM / PSNR / PSNR over the foreground pixels (dB) on the same test "
+        f"split:\n\n{lines}\n"
     )
 
 

@@ -1,8 +1,8 @@
 """The benchmark: every refocusing system on the same light fields, by the same measures.
 
-The reference is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems refocus
-from views in memory to images in memory, on all cores; each is timed in a process of its own, whose
-peak memory is what it takes.
+The reference is shift-and-sum of all views (at RefNet's slopes the Fourier slice, too). All systems
+refocus from views in memory to images in memory, on all cores; each is timed in a process of its
+own, whose peak memory is what it takes.
 """
 
 import time

@@ -29,8 +29,8 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
 {record["wall_s"]:.0f} s.
 
-The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and light
-fields; every plane is in compare.csv. Views are those that a system looks at; training in seconds,
+The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and
+light fields; every plane is in compare.csv. Views are those that a system looks at; training in seconds,
 with drawing the training samples (the ResNet-50's data set is drawn beforehand and not counted);
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
@@ -85,8 +85,8 @@ def _sixteen(scores: pd.DataFrame) -> str:
     names = seen.test_set.str.removesuffix(SIXTEEN) + ", " + seen.truth
     return f"""## SSIM at RefNet's sixteen slopes
 
-Slope 1 - alpha, alpha from 0.125 to 2; the reference is shift-and-sum or the Fourier slice of all views.
-The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on other
+Slope 1 - alpha, alpha from 0.125 to 2; the reference is shift-and-sum or the Fourier slice of all
+views. The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on other
 data.
 
 {_pivot(seen.assign(test_set=names), "ssim", "{:.3f}")}
@@ -101,8 +101,8 @@ def _noise(scores: pd.DataFrame) -> str:
         return ""
     parts = [
         "## In less light, PSNR (dB)",
-        "Shot noise of as many electrons as a pixel at full scale holds; the reference is what all views "
-        "show without noise. Only the system that says so has learnt from noisy samples.",
+        "Shot noise of as many electrons as a pixel at full scale holds; the reference is what all "
+        "views show without noise. Only the system that says so has learnt from noisy samples.",
     ]
     for name in seen.test_set.unique():
         rows = scores[scores.test_set == name]

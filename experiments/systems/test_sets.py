@@ -118,7 +118,8 @@ def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
     config : DatasetConfig
         What light fields are drawn from where there is no run.
     run : Path
-        Of the paper's network, whose test split it is, see `experiments.costs.refocusing.find_scenes`.
+        Of the paper's network, whose test split it is, see
+        `experiments.costs.refocusing.find_scenes`.
     count : int
         Light fields of each set.
 

@@ -6,9 +6,9 @@ import numpy as np
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 FOREGROUND = 0.01
-"""Truth above which a pixel is foreground, of the peak 1. Two thirds of the pixels are background, black
-in the truth and easily so in a prediction: taken in, they dilute the error of the objects, and PSNR
-comes out 4 to 6 dB higher, the more so the smaller the object."""
+"""Truth above which a pixel is foreground, of the peak 1. Two thirds of the pixels are background,
+black in the truth and easily so in a prediction: taken in, they dilute the error of the objects,
+and PSNR comes out 4 to 6 dB higher, the more so the smaller the object."""
 
 
 def ssim(truth: np.ndarray, image: np.ndarray) -> float:
@@ -44,6 +44,6 @@ def psnr(truth: np.ndarray, image: np.ndarray) -> float:
 
 
 def psnr_foreground(truth: np.ndarray, image: np.ndarray) -> float:
-    """`psnr` whose mean squared error runs over the foreground pixels alone; NaN where none is foreground."""
+    """`psnr` over the foreground pixels alone; NaN where there are none."""
     lit = truth > FOREGROUND
     return psnr(truth[lit], image[lit]) if lit.any() else np.nan

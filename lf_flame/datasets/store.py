@@ -1,11 +1,11 @@
 """Data sets of light-field images and their refocused stacks, as Zarr v3 groups.
 
 A group holds ``input`` (n, h, w, channels), what the network is shown of the light field, see
-`lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope of each
-object; ``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of its own
-with a checksum, seeded by its index, so that workers write side by side, a run that was cut goes
-on, and the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and
-renamed when it is whole.
+`lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope
+of each object; ``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of
+its own with a checksum, seeded by its index, so that workers write side by side, a run that was cut
+goes on, and the bytes do not depend on the number of workers. The group is built as ``NAME.part``
+and renamed when it is whole.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """Training the decoder on cached backbone features, resumable, with a record of where it came from.
 
-The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the history is the start; its seconds hold all
-that comes before training: reading, the backbone's features, the warm start.
+The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the history is the start; its
+seconds hold all that comes before training: reading, the backbone's features, the warm start.
 """
 
 import os
@@ -265,7 +265,7 @@ def train(
 
 
 def _without_folder(model: dict) -> dict:
-    """Name a weights file without its folder: its hash, in "backbone_weights", tells which it is."""
+    """Name a weights file without its folder: the record's hash tells which it is."""
     return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
 
 

@@ -155,7 +155,7 @@ def _claim_folder(out: Path, request: dict) -> None:
 
 
 def _without_folders(record: dict) -> dict:
-    """Let records of older runs, which name a weights file with its folder, compare with new ones."""
+    """Let older records, which name a weights file with its folder, compare with new ones."""
     model = record.get("model")
     if not isinstance(model, dict) or "backbone_weights" not in model:
         return record

@@ -1,8 +1,8 @@
 """Structural similarity that a network can be trained on, and at several scales.
 
 In Keras's operations, so that it has a gradient on every backend; tables are scored with
-scikit-image (`experiments.paper.tables`). Constants as Wang et al. have them: a Gaussian window of 11 x
-11 pixels and standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
+scikit-image (`experiments.paper.tables`). Constants as Wang et al. have them: a Gaussian window of
+11 x 11 pixels and standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
 """
 
 import numpy as np

@@ -96,8 +96,8 @@ class SampleCounts:
         epochs = 1 if self.epochs is None else self.epochs
         if min(self.training_samples, self.held_out, epochs) < 1:
             raise InputError(
-                f"training_samples, held_out and epochs must be at least 1, got {self.training_samples}, "
-                f"{self.held_out}, {epochs}."
+                f"training_samples, held_out and epochs must be at least 1, got "
+                f"{self.training_samples}, {self.held_out}, {epochs}."
             )
 
 
@@ -145,7 +145,7 @@ class SystemsConfig:
 
 
 def read_systems_config(path: str | Path) -> SystemsConfig:
-    """Read a configuration of systems from a TOML file, whose data sets' files lie relative to it."""
+    """Read a configuration of systems from a TOML file; paths in it start from its folder."""
     config = build(SystemsConfig, read_toml(path), path)
     samples = config.training_samples
     beside = [str(Path(path).parent / file) for file in samples.data]

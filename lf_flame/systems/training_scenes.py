@@ -82,8 +82,8 @@ class TrainingSamples:
     def __post_init__(self):
         if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
             raise InputError(
-                f"Training samples need a data set, a share of leaves from 0 to 1, and slopes and views of "
-                f"1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
+                f"Training samples need a data set, a share of leaves from 0 to 1, and slopes and "
+                f"views of 1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
             )
         if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
             raise InputError(f"electrons must be two rising numbers above 0, got {self.electrons}.")

@@ -73,7 +73,7 @@ def test_shift_and_sum_of_all_views_is_right(sets):
 
 
 def test_scores_are_those_of_a_known_error(sets):
-    """Where the truth is black nothing can be darker, so 0.01 counts where something is foreground."""
+    """Where the truth is black nothing can be darker, so 0.01 counts in the foreground."""
     table = benchmark.score_systems({"dim": Dim()}, sets[0])
     np.testing.assert_allclose(table.psnr_foreground_db, 40, atol=0.5)
 

@@ -127,8 +127,8 @@ def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
     assert system.refocus(views, 0.2).shape == (1, 50, 60)
     # The best weights of the run are those in the file.
     arrays = draw_arrays(
-        config.training_samples, system, config.seed, range(1_000_000, 1_000_002), NETWORKS[name].truth,
-        config.recipe(name, "smoke").low_light,
+        config.training_samples, system, config.seed, range(1_000_000, 1_000_002),
+        NETWORKS[name].truth,        config.recipe(name, "smoke").low_light,
     )  # fmt: skip
     images = np.clip(system.predict(arrays[0]), 0, 1)
     assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
