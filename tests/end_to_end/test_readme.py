@@ -34,7 +34,9 @@ def code_blocks(text, language):
 
 def without_code(text):
     """Leave out fenced blocks and code between backticks, which hold no links."""
-    return re.sub(r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE))
+    return re.sub(
+        r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    )
 
 
 def anchors(text):
@@ -181,6 +183,7 @@ def test_tables_are_made_in_a_fresh_clone(tmp_path):
     for step in ("dataset", "train", "evaluate"):
         for kind in ("shapes", "flames"):
             assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", asked), (step, kind)
+    assert "--out experiments/" not in asked  # what came with the clone stays as it is
 
 
 def test_every_deviation_the_code_cites_is_listed():
