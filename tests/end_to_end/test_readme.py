@@ -1,5 +1,6 @@
 """What the texts promise: examples that run, commands and targets, links and headings."""
 
+import csv
 import re
 import shutil
 import subprocess
@@ -74,6 +75,34 @@ def test_plan_that_is_shown_is_what_the_program_prints():
     command = [sys.executable, "-m", "lf_flame", *asked.split()]
     printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert shown.strip() == printed.strip()
+
+
+def committed_rows():
+    """Rows of Tables I and II in small, from the committed results."""
+
+    def rows_of(path, **wanted):
+        with (ROOT / "experiments" / "results" / path).open(encoding="utf-8") as file:
+            return [r for r in csv.DictReader(file) if all(r[k] == v for k, v in wanted.items())]
+
+    def cells(rows, before="", digits=3):
+        assert len(rows) == 4
+        numbers = [(float(r[f"{before}psnr_db"]), float(r[f"{before}ssim"])) for r in rows]
+        return " | ".join(f"{psnr:.2f}, {ssim:.{digits}f}" for psnr, ssim in numbers)
+
+    for number in (1, 2):
+        quick = rows_of(f"quick/table{number}.csv")
+        yield f"printed | {cells(quick, 'paper_', 2)} |"
+        yield f"| `quick` | {cells(quick)} |"
+    yield f"| `paper`, 100 of 5,000 epochs | {cells(rows_of('paper/table1.csv'))} |"
+    seeds = rows_of("quick/tables.csv", table="table2", n_seeds="3")
+    yield f"| `paper`, 1,000 epochs, three seeds | {cells(seeds)} |"
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/reproduction.md"])
+def test_small_tables_hold_the_committed_numbers(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for row in committed_rows():
+        assert row in text, row
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
