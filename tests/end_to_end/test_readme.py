@@ -1,35 +1,202 @@
-"""The README's example and the commands it names."""
+"""What the texts promise: examples that run, commands and targets, links and headings."""
 
+import csv
 import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import click
+import pytest
+
+from lf_flame.commands import cli
+
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = ROOT / "README.md"
+USER_TEXTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = [
+    *USER_TEXTS,
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "experiments" / "README.md",
+    ROOT / "data_gen" / "README.md",
+]
+"""Not CHANGELOG.md: it names commands as they were."""
 
 
-def test_python_example_runs():
-    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    assert "assert " in example  # it checks its own result
-    exec(compile(example, "README.md", "exec"), {})
+def names(paths):
+    return [str(path.relative_to(ROOT)) for path in paths]
 
 
-def test_plan_it_shows_is_what_the_program_prints():
-    (shown,) = re.findall(r"```text\n(effect .*?)\n```", README, re.DOTALL)
-    command = [sys.executable, "-m", "lf_flame", "plan", "data_gen/scenes/effects.toml"]
-    command += ["--tolerance", "0.005"]
+def code_blocks(text, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def without_code(text):
+    """Leave out fenced blocks and code between backticks, which hold no links."""
+    return re.sub(
+        r"`[^`\n]*`", "", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    )
+
+
+def anchors(text):
+    """Anchors of the headings of a text, as GitHub makes them."""
+    found, seen = set(), Counter()
+    for heading in re.findall(r"(?m)^#{1,6} +(.*?) *$", re.sub(r"(?ms)^```.*?^```", "", text)):
+        plain = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        found.add(f"{slug}-{seen[slug]}" if seen[slug] else slug)
+        seen[slug] += 1
+    return found
+
+
+def test_the_readme_is_one_page():
+    assert len(README.read_bytes()) <= 8000
+
+
+def test_python_examples_run():
+    examples = [
+        (path, example)
+        for path in USER_TEXTS
+        for example in code_blocks(path.read_text(encoding="utf-8"), "python")
+    ]
+    assert examples
+    for path, example in examples:
+        assert "assert " in example, path  # it checks its own result
+        exec(compile(example, str(path), "exec"), {})
+
+
+def test_plan_that_is_shown_is_what_the_program_prints():
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    (shown,) = [block for block in code_blocks(text, "text") if block.startswith("effect ")]
+    asked = "plan data_gen/scenes/effects.toml --tolerance 0.005"
+    assert f"lf-flame {asked}" in text
+    command = [sys.executable, "-m", "lf_flame", *asked.split()]
     printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert shown.strip() == printed.strip()
 
 
-def test_files_and_targets_it_names_exist():
-    for path in re.findall(r"\]\(([^)#]+)\)", README):
-        assert (ROOT / path).exists(), path
+def committed_rows():
+    """Rows of Tables I and II in small, from the committed results."""
+
+    def rows_of(path, **wanted):
+        with (ROOT / "experiments" / "results" / path).open(encoding="utf-8") as file:
+            return [r for r in csv.DictReader(file) if all(r[k] == v for k, v in wanted.items())]
+
+    def cells(rows, before="", digits=3):
+        assert len(rows) == 4
+        numbers = [(float(r[f"{before}psnr_db"]), float(r[f"{before}ssim"])) for r in rows]
+        return " | ".join(f"{psnr:.2f}, {ssim:.{digits}f}" for psnr, ssim in numbers)
+
+    for number in (1, 2):
+        quick = rows_of(f"quick/table{number}.csv")
+        yield f"printed | {cells(quick, 'paper_', 2)} |"
+        yield f"| `quick` | {cells(quick)} |"
+    yield f"| `paper`, 100 of 5,000 epochs | {cells(rows_of('paper/table1.csv'))} |"
+    seeds = rows_of("quick/tables.csv", table="table2", n_seeds="3")
+    yield f"| `paper`, 1,000 epochs, three seeds | {cells(seeds)} |"
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/reproduction.md"])
+def test_small_tables_hold_the_committed_numbers(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    for row in committed_rows():
+        assert row in text, row
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
+def test_links_lead_to_files_and_headings(path):
+    text = path.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)\s]+)\)", without_code(text)):
+        if re.match(r"[a-z]+:", link):
+            continue
+        target, _, anchor = link.partition("#")
+        file = (path.parent / target).resolve() if target else path
+        assert file.is_relative_to(ROOT), link
+        assert file.exists(), link
+        if anchor:
+            assert anchor in anchors(file.read_text(encoding="utf-8")), link
+
+
+def test_all_documents_are_in_the_index():
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for path in sorted((ROOT / "docs").glob("*.md")):
+        assert path.name == "README.md" or f"({path.name})" in index, path
+
+
+def test_paths_that_contributors_are_sent_to_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    folders = r"lf_flame|experiments|tests|data_gen"
+    paths = set(re.findall(rf"`((?:{folders})/[\w./]*)`", text))
+    for folder, row in re.findall(r"^\| `([\w/.]+)`.*?\|(.*)$", text, re.MULTILINE):
+        base = Path(folder).parent if folder.endswith(".py") else Path(folder)
+        paths |= {str(base / name) for name in re.findall(r"`(\w+\.(?:py|toml))`", row)}
+    assert paths
+    assert not [path for path in sorted(paths) if not (ROOT / path).exists()]
+
+
+def make_targets():
     shown = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
-    for target in set(re.findall(r"`?make ([a-z-]+)", README)):
-        assert f"  {target} " in shown.stdout, target
+    return set(re.findall(r"^  ([a-z-]+) ", shown.stdout, re.MULTILINE))
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
+def test_make_targets_exist(path):
+    text = path.read_text(encoding="utf-8")
+    # In code, where a command starts: "to make images" is no target.
+    named = set(re.findall(r"(?m)(?:`|^ {4}(?:\w+=\S+ )*)make ([a-z-]+)", text))
+    assert named <= make_targets()
+
+
+def check_commands(group, program, text):
+    """Check the commands and options that a text names of a program."""
+    text = re.sub(r" \\\n +", " ", text)  # lines that go on
+    for name, behind in re.findall(rf"{program} ([a-z][a-z-]*)\b([^`#\n]*)", text):
+        command = group.commands.get(name)
+        assert command is not None, name
+        assert not command.hidden, f"{name} is not what it is called any more"
+        known = {one for param in command.params for one in (*param.opts, *param.secondary_opts)}
+        for option in re.findall(r" (--[a-z][a-z-]*)", behind):
+            assert option in known, f"{name} {option}"
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
+def test_commands_of_the_program_exist(path):
+    assert isinstance(cli.commands, click.Group)
+    check_commands(cli.commands, "(?:lf-flame|-m lf_flame)", path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
+def test_commands_of_the_experiments_exist(path):
+    program = pytest.importorskip("experiments.__main__")
+    check_commands(program.commands, "-m experiments", path.read_text(encoding="utf-8"))
+
+
+def test_every_command_is_explained():
+    text = "\n".join(path.read_text(encoding="utf-8") for path in TEXTS)
+    for name, command in cli.commands.commands.items():
+        assert command.hidden or re.search(rf"lf-flame {name}\b|`{name}`", text), name
+
+
+def test_extras_that_are_named_exist():
+    setup = (ROOT / "setup.cfg").read_text(encoding="utf-8")
+    extras = setup.partition("[options.extras_require]")[2].partition("\n[")[0]
+    for path in USER_TEXTS:
+        text = path.read_text(encoding="utf-8")
+        for named in re.findall(r"pip install '\.\[([\w,]+)\]'", text):
+            for extra in named.split(","):
+                assert re.search(rf"^{extra} =", extras, re.MULTILINE), extra
+
+
+def test_presets_that_are_named_exist():
+    text = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    presets = re.findall(r"^\| `(\w+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
+    assert presets == ["smoke", "quick", "paper"]
+    for kind in ("shapes", "flames"):
+        recipes = (ROOT / "experiments" / f"{kind}.toml").read_text(encoding="utf-8")
+        for preset in presets:
+            assert f"[presets.{preset}]" in recipes
 
 
 def test_tables_are_made_in_a_fresh_clone(tmp_path):
@@ -44,13 +211,20 @@ def test_tables_are_made_in_a_fresh_clone(tmp_path):
     asked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     for step in ("dataset", "train", "evaluate"):
         for kind in ("shapes", "flames"):
-            assert re.search(rf"lf-flame {step} \S*{kind}", asked), (step, kind)
+            assert re.search(rf"(lf-flame|-m experiments) {step} \S*{kind}", asked), (step, kind)
+    assert "--out experiments/" not in asked  # what came with the clone stays as it is
 
 
 def test_every_deviation_the_code_cites_is_listed():
     text = (ROOT / "experiments" / "DEVIATIONS.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
-    files = [*ROOT.glob("lf_flame/**/*.py"), *ROOT.glob("*/*.toml"), ROOT / "README.md"]
-    cited = {n for path in files for n in re.findall(r"deviation (\d+)", path.read_text())}
+    files = [*ROOT.glob("lf_flame/**/*.py"), *ROOT.glob("experiments/**/*.py")]
+    files += [*ROOT.glob("*/*.toml"), *ROOT.glob("experiments/recipes/*.toml"), *TEXTS]
+    cited = {
+        number
+        for path in files
+        for found in re.findall(r"deviations? \[?(\d+(?: and \d+)?)", path.read_text())
+        for number in found.split(" and ")
+    }
     assert cited
     assert cited <= listed
