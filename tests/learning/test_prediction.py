@@ -306,3 +306,52 @@ def test_help_says_what_a_prediction_is():
     assert "which object stands at which depth" in shown
     assert "makes something up" in shown
     assert "no pickled code" in " ".join(run("export", "--help").output.split())
+
+
+def test_a_run_stands_alone(run_folder, sample, tmp_path, monkeypatch):
+    """From another working folder, moved, and without its data set it predicts the same."""
+    picture, prediction = sample
+    write_image(tmp_path / "picture.tif", picture)
+    shutil.copytree(run_folder, tmp_path / "moved", ignore=shutil.ignore_patterns("checkpoint-*"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    run("predict", "../picture.tif", "--model", "../moved", "--out", "out")
+    stack, slopes = read_focal_stack("out/picture/refocused.tif")
+    np.testing.assert_allclose(stack, prediction, atol=1e-5)
+    card = read_card(tmp_path / "moved")
+    assert card.camera.views == 3
+    assert list(slopes) == card.slopes
+    assert card.objects == ["square", "circle"]
+    with pytest.raises(InputError, match="There is no data set at .*shapes.zarr"):
+        predict_test_split(tmp_path / "moved")  # scores, and nothing else, need it
+
+
+def test_records_hold_no_path_but_relative_ones(run_folder, sample, tmp_path):
+    """Neither where a run or a picture lay on this machine, nor whose machine it was."""
+    write_image(tmp_path / "picture.tif", sample[0])
+    run("predict", tmp_path / "picture.tif", "--model", run_folder, "--out", tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "picture" / "prediction.json").read_text())
+    assert written["source"] == "../../picture.tif"
+    record = json.loads((run_folder / "run.json").read_text())
+    assert record["data"] == "../shapes.zarr"
+    for values in (written, record):
+        values.pop("command")  # is as it was typed
+        assert str(run_folder.parent) not in json.dumps(values)
+        assert str(tmp_path) not in json.dumps(values)
+
+
+def test_a_run_from_before_finds_its_data_set_from_the_working_folder(
+    run_folder, tmp_path, monkeypatch
+):
+    """Older records name the data set from the working folder and say nothing else of it."""
+    shutil.copytree(run_folder, tmp_path / "old", ignore=shutil.ignore_patterns("checkpoint-*"))
+    record = json.loads((tmp_path / "old" / "run.json").read_text())
+    del record["dataset"]
+    write_json(tmp_path / "old" / "run.json", record | {"data": "shapes.zarr"})
+    monkeypatch.chdir(run_folder.parent)
+    assert replace(read_card(tmp_path / "old"), training={}) == replace(
+        read_card(run_folder), training={}
+    )
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="There is no data set at"):
+        read_card(tmp_path / "old")
