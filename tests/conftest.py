@@ -77,7 +77,7 @@ def system_runs(tmp_path_factory, coarse_data):
         [
             "seed = 1\n[training_samples]",
             f"data = {json.dumps([str(path) for path in coarse_data])}",
-            "slopes = 2\n[presets.smoke]\nlessons = 2\nheld_out = 1\nepochs = 1",
+            "slopes = 2\n[presets.smoke]\ntraining_samples = 2\nheld_out = 1\nepochs = 1",
             "[systems.refocusnet]\nepochs = 1\npatch = 24",
             "[systems.volumetric]\nepochs = 1\npatch = 24",
         ]

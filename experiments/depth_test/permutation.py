@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.depth_test.report import write_report
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.depth_scenarios import (
     DepthScenario,
@@ -216,8 +217,6 @@ def run_depth_test(
         See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_scenarios`; or if there are
         no samples.
     """
-    from experiments.depth_test import report
-
     if samples < 1:
         raise InputError(
             f"The depth permutation test needs at least 1 scene for each scenario, got {samples}."
@@ -227,4 +226,4 @@ def run_depth_test(
     outcomes = run_scenarios(config, slopes, subjects, samples)
     outcomes = list(outcomes if progress is None else progress(outcomes, 0, scenarios))
     table = tabulate(outcomes, config.depths_mm)
-    return report.write_report(config, slopes, subjects, outcomes, table, out)
+    return write_report(config, slopes, subjects, outcomes, table, out)

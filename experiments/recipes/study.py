@@ -21,6 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from experiments.recipes.pca_bound import principal_component_bound
+from experiments.recipes.report import write_report
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, read_record, read_toml, to_json
 from lf_flame.datasets.config import DatasetConfig, config_from_json
@@ -310,7 +311,7 @@ def run_study(
     runs = Path(work) / Path(path).stem
 
     def report() -> Path:
-        return report.write_report(Path(path), study, trials, runs, paper_values, out)
+        return write_report(Path(path), study, trials, runs, paper_values, out)
 
     for number, trial in enumerate(trials, 1):
         if trial.variant.name in (only or names) and trial.read_score(runs) is None:

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 from matplotlib.text import Annotation, Text
 
+from experiments import timing
 from experiments.__main__ import commands
 from experiments.costs import refocusing, refocusing_report, rendering
 from experiments.costs.refocusing import (
@@ -100,8 +101,8 @@ def run(config, tmp_path_factory):
 @pytest.fixture(scope="module", autouse=True)
 def _short_runs():
     patch = pytest.MonkeyPatch()
-    patch.setattr(rendering, "SHORT_S", 0.0)
-    patch.setattr(rendering, "REPETITIONS", 1)
+    patch.setattr(timing, "SHORT_S", 0.0)
+    patch.setattr(timing, "REPETITIONS", 1)
     yield
     patch.undo()
 

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
+from experiments import timing
 from experiments.costs import rendering, rendering_report
 from experiments.costs.rendering import METHODS, Study, effect_trials, measure_costs, study_scenes
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, plan_effects
@@ -41,8 +42,8 @@ def measured(tmp_path_factory):
             yield step
 
     patch = pytest.MonkeyPatch()
-    patch.setattr(rendering, "SHORT_S", 0.0)
-    patch.setattr(rendering, "REPETITIONS", 1)
+    patch.setattr(timing, "SHORT_S", 0.0)
+    patch.setattr(timing, "REPETITIONS", 1)
     threads = numba.get_num_threads()
     found = measure_costs(progress, 8.0, small_studies(), TRIALS)
     rendering_report.write_report(out, *found)
