@@ -125,8 +125,8 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; lit: over the pixels that "
         f"are foreground in the truth.",
         "Bound: the test images projected on the first 256 principal components of the training "
-        "images (`experiments.recipes.pca_bound`), what a decoder of 256 pictures could reach if it "
-        "were told the best numbers.",
+        "images (`experiments.recipes.pca_bound`), what a decoder of 256 pictures could reach if "
+        "it were told the best numbers.",
         *["Seconds: reading the data set, backbone and start of the decoder + all epochs."]
         * study.timed,
         _origin(done, record),

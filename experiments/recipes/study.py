@@ -24,6 +24,7 @@ from experiments.recipes.pca_bound import principal_component_bound
 from experiments.recipes.report import write_report
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, read_record, read_toml, to_json
+from lf_flame._common.strict import strict
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import make_dataset
@@ -38,6 +39,7 @@ PROVENANCE = ("backbone_weights", "data_sha256", "machine", "git_revision", "ver
 """What `score.json` takes over from the record of the run."""
 
 
+@strict
 @dataclass(frozen=True)
 class Changes:
     """What to change in the TOML values of a data set, and of a model and recipe.
@@ -49,9 +51,8 @@ class Changes:
     model: dict[str, Any] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
 
-    __pydantic_config__ = {"extra": "forbid"}
 
-
+@strict
 @dataclass(frozen=True, kw_only=True)
 class Variant(Changes):
     """A variant of a study.
@@ -78,8 +79,6 @@ class Variant(Changes):
     training_samples: int | None = None
     preset: str | None = None
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         if not self.folder:
             raise InputError(f"A variant needs a name with a letter or a digit, got {self.name!r}.")
@@ -90,6 +89,7 @@ class Variant(Changes):
         return "-".join(re.findall(r"[\w.]*\w", self.name))
 
 
+@strict
 @dataclass(frozen=True)
 class Axis:
     """The number in which variants differ: its name, its unit and how a figure scales it."""
@@ -98,9 +98,8 @@ class Axis:
     unit: str = ""
     scale: Literal["linear", "log"] = "linear"
 
-    __pydantic_config__ = {"extra": "forbid"}
 
-
+@strict
 @dataclass(frozen=True)
 class Study:
     """A study; read from experiments/studies/*.toml.
@@ -132,8 +131,6 @@ class Study:
     common: Changes = field(default_factory=Changes)
     x: Axis | None = None
     timed: bool = False
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         if not self.variants or self.samples < 1:

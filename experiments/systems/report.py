@@ -30,8 +30,8 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 {record["wall_s"]:.0f} s.
 
 The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and
-light fields; every plane is in compare.csv. Views are those that a system looks at; training in seconds,
-with drawing the training samples (the ResNet-50's data set is drawn beforehand and not counted);
+light fields; every plane is in compare.csv. Views are those that a system looks at; training in
+seconds, with drawing the training samples (the ResNet-50's data set is drawn beforehand and not counted);
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
@@ -86,8 +86,8 @@ def _sixteen(scores: pd.DataFrame) -> str:
     return f"""## SSIM at RefNet's sixteen slopes
 
 Slope 1 - alpha, alpha from 0.125 to 2; the reference is shift-and-sum or the Fourier slice of all
-views. The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on other
-data.
+views. The paper reports more than {CLAIMED_SSIM} of RefNet itself, against the Fourier slice, on
+other data.
 
 {_pivot(seen.assign(test_set=names), "ssim", "{:.3f}")}
 

@@ -58,7 +58,7 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
     Parameters
     ----------
     kind : type
-        A dataclass with ``__pydantic_config__ = {"extra": "forbid"}``.
+        A configuration dataclass, `strict` so that unknown keys are an error.
     values : dict
         As parsed from TOML or JSON.
     source : str or Path

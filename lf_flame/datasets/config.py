@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from lf_flame._common.config import build, read_toml
+from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.templates import TEMPLATES, Template
 from lf_flame.errors import InputError
@@ -17,6 +18,7 @@ from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.plan import EffectPlan, plan_effects
 
 
+@strict
 @dataclass(frozen=True)
 class DatasetConfig:
     """What a data set is made of; `read_config` reads it from a TOML file.
@@ -51,8 +53,6 @@ class DatasetConfig:
     effects: dict[str, bool] = field(default_factory=dict)
     input: InputEncoding = InputEncoding()
     shuffled_depths: bool = False
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         lenslets = self.camera.lenslets

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from lf_flame._common.arrays import area_average, spread
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 
@@ -19,6 +20,7 @@ CHANNELS = 3
 """Of the images that the backbone was made for."""
 
 
+@strict
 @dataclass(frozen=True)
 class InputEncoding:
     """How a light field becomes the network's input.
@@ -39,8 +41,6 @@ class InputEncoding:
     kind: Literal["raw", "views", "grid"] = "raw"
     image: tuple[int, int] | None = None
     grid: int = 3
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         if self.grid < 1:

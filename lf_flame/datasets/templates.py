@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
@@ -18,6 +19,7 @@ from lf_flame.scenes.shapes import shape_texture
 Pair = tuple[float, float]
 
 
+@strict
 @dataclass(frozen=True)
 class ShapeObject:
     """A shape at its mean place: bounding box (height, width) and centre (y, x), in mm."""
@@ -27,14 +29,13 @@ class ShapeObject:
     size_mm: Pair
     centre_mm: Pair
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     @property
     def name(self) -> str:
         """What the tables call it."""
         return self.shape
 
 
+@strict
 @dataclass(frozen=True)
 class ShapeTemplate:
     """Shapes that move, grow and dim independently of one another.
@@ -54,8 +55,6 @@ class ShapeTemplate:
     position_mm: float
     size: float
     brightness: Pair
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         _check_ranges(self.brightness, position_mm=self.position_mm, size=self.size)
@@ -86,6 +85,7 @@ class ShapeTemplate:
         return Scene(layers), {"centre_mm": centres, "size_mm": sizes, "brightness": brightness}
 
 
+@strict
 @dataclass(frozen=True)
 class FlameObject:
     """A flame at its mean height: burner (y, x), heights and nominal radius, in mm."""
@@ -97,8 +97,6 @@ class FlameObject:
     height_sd_mm: float
     radius_mm: float
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         _check_ranges((0, 1), height_sd_mm=self.height_sd_mm)
         if not (self.radius_mm > 0 and self.height_mm > 2**0.5 * self.height_sd_mm):
@@ -108,6 +106,7 @@ class FlameObject:
             )
 
 
+@strict
 @dataclass(frozen=True)
 class FlameTemplate:
     """Flames that flicker in height, wrinkle, move a little and change brightness.
@@ -134,8 +133,6 @@ class FlameTemplate:
     sway: float
     swelling: float
     brightness: Pair
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         ranges = {"position_mm": self.position_mm, "sway": self.sway, "swelling": self.swelling}

@@ -14,6 +14,7 @@ from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.config import build, read_record, to_json
 from lf_flame._common.keras_loading import load_model
+from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
@@ -33,6 +34,7 @@ SHOWN = {
 """What the input is, by its kind."""
 
 
+@strict
 @dataclass(frozen=True)
 class NetworkCard:
     """What a stranger needs to know of a trained network.
@@ -77,8 +79,6 @@ class NetworkCard:
     input: InputEncoding = InputEncoding()
     exported: dict[str, Any] = field(default_factory=dict)
     usage: str = ""
-
-    __pydantic_config__ = {"extra": "forbid"}
 
 
 def read_card(path: str | Path) -> NetworkCard:

@@ -15,6 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lf_flame._common.config import build, read_toml
+from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
@@ -26,6 +27,7 @@ from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
 from lf_flame.learning.warm_start import freeze_normalisations, warm_start
 
 
+@strict
 @dataclass(frozen=True)
 class ModelConfig:
     """Arguments of `lf_flame.learning.decoder.build_refocus_resnet50`; see there."""
@@ -34,9 +36,8 @@ class ModelConfig:
     backbone_depth: Literal["conv4", "conv5"] = "conv5"
     dropout: float = 0.3
 
-    __pydantic_config__ = {"extra": "forbid"}
 
-
+@strict
 @dataclass(frozen=True)
 class Recipe:
     """How to train.
@@ -76,8 +77,6 @@ class Recipe:
     neck: Literal["pooled", "positions"] = "pooled"
     backbone_depth: Literal["conv4", "conv5"] | None = None
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         if min(self.epochs, self.batch_size, self.bands) < 1 or not self.learning_rate > 0:
             raise InputError(
@@ -86,6 +85,7 @@ class Recipe:
             )
 
 
+@strict
 @dataclass(frozen=True)
 class TrainingConfig:
     """A training experiment; `read_training_config` reads it from a TOML file.
@@ -106,8 +106,6 @@ class TrainingConfig:
     presets: dict[str, Recipe]
     model: ModelConfig = field(default_factory=ModelConfig)
     split: tuple[float, float, float] = (0.8, 0.1, 0.1)
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         if min(self.split) <= 0 or abs(sum(self.split) - 1) > 1e-9:

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics import ray_transfer
 from lf_flame.optics.sensor import Sensor
@@ -36,6 +37,7 @@ _RANGES = (
 """Lowest and highest value of the camera's imperfections; larger ones are mistakes."""
 
 
+@strict
 @dataclass(frozen=True)
 class PlenopticCamera:
     """A standard (unfocused) plenoptic camera.
@@ -102,8 +104,6 @@ class PlenopticCamera:
     lenslet_pitch_error: float = 0.0
     falloff_corrected: bool = True
     sensor: Sensor | None = None
-
-    __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
 
     def __post_init__(self):
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 
 STAGES = ("shot_noise", "read_noise", "saturation", "quantisation")
@@ -29,6 +30,7 @@ PIXELS_AT_ONCE = 2**20
 """Pixels that are held as float64 at a time; the result does not depend on it."""
 
 
+@strict
 @dataclass(frozen=True)
 class Sensor:
     """A linear image sensor.
@@ -54,8 +56,6 @@ class Sensor:
     full_well_e: float = 10_000.0
     bits: int = 12
     read_noise_e: float = 2.0
-
-    __pydantic_config__ = {"extra": "forbid"}  # an unknown key in a TOML file is an error
 
     def __post_init__(self):
         least = {"exposure_e": 1 / MOST_ELECTRONS, "full_well_e": 1 / MOST_ELECTRONS}

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.scenes import _kernels
 
 
+@strict
 @dataclass(frozen=True)
 class DeadLeaves:
     """What the leaves look like.
@@ -40,8 +42,6 @@ class DeadLeaves:
     slopes: tuple[float, float] = (-1.5, 1.5)
     contrast: float = 0.3
     wavelength: tuple[float, float] = (4.0, 40.0)
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         if self.leaves < 1 or not 0.5 <= self.smallest <= self.largest or self.contrast < 0:

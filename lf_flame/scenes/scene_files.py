@@ -8,6 +8,7 @@ from skimage.io import imread
 from skimage.util import img_as_float64
 
 from lf_flame._common.config import build, read_record, read_toml
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
@@ -15,6 +16,7 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
 
 
+@strict
 @dataclass(frozen=True)
 class LayerEntry:
     """One ``[[layers]]`` entry of a scene file.
@@ -53,8 +55,6 @@ class LayerEntry:
     optical_thickness: float = 0.0
     thickness_mm: float = 0.0
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         if (self.shape is None) == (self.image is None):
             raise InputError(
@@ -90,6 +90,7 @@ class LayerEntry:
         )
 
 
+@strict
 @dataclass(frozen=True)
 class SceneFile:
     """A whole scene file.
@@ -106,8 +107,6 @@ class SceneFile:
     layers: list[LayerEntry]
     camera: PlenopticCamera = PAPER_CAMERA
     effects: dict[str, bool] = field(default_factory=dict)
-
-    __pydantic_config__ = {"extra": "forbid"}
 
 
 def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:

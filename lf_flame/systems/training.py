@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from lf_flame._common.config import build, read_toml, to_json
 from lf_flame._common.keras_loading import load_model
+from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
@@ -33,6 +34,7 @@ SMALLEST_PATCH = 12
 """Side of a patch that holds a window of the structural similarity, and halves twice."""
 
 
+@strict
 @dataclass(frozen=True)
 class SystemRecipe:
     """How to train a system.
@@ -60,8 +62,6 @@ class SystemRecipe:
     optimizer: Literal["adam", "rmsprop"] = "adam"
     low_light: float = 0.0
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         if min(self.epochs, self.batch_size) < 1 or not self.learning_rate > 0:
             raise InputError(
@@ -74,6 +74,7 @@ class SystemRecipe:
             raise InputError(f"low_light must be a share from 0 to 1, got {self.low_light}.")
 
 
+@strict
 @dataclass(frozen=True)
 class SampleCounts:
     """How many training samples a preset has.
@@ -90,8 +91,6 @@ class SampleCounts:
     held_out: int
     epochs: int | None = None
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         epochs = 1 if self.epochs is None else self.epochs
         if min(self.training_samples, self.held_out, epochs) < 1:
@@ -101,6 +100,7 @@ class SampleCounts:
             )
 
 
+@strict
 @dataclass(frozen=True)
 class SystemsConfig:
     """Refocusing systems that are trained alike; `read_systems_config` reads it from a TOML file.
@@ -121,8 +121,6 @@ class SystemsConfig:
     presets: dict[str, SampleCounts]
     systems: dict[str, SystemRecipe]
     checkpoint_s: float = 30.0
-
-    __pydantic_config__ = {"extra": "forbid"}
 
     def __post_init__(self):
         check_seed(self.seed)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common.strict import strict
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.optics.sensor import Sensor, expose
@@ -50,6 +51,7 @@ class TrainingSample:
         return average(REFERENCES[reference](self.views, slopes), self.block)
 
 
+@strict
 @dataclass(frozen=True)
 class TrainingSamples:
     """Where training samples come from.
@@ -77,13 +79,12 @@ class TrainingSamples:
     look: DeadLeaves = DeadLeaves()
     electrons: tuple[float, float] = (0.3, 300.0)
 
-    __pydantic_config__ = {"extra": "forbid"}
-
     def __post_init__(self):
         if not self.data or not 0 <= self.leaves <= 1 or min(self.slopes, self.leaf_views) < 1:
             raise InputError(
                 f"Training samples need a data set, a share of leaves from 0 to 1, and slopes and "
-                f"views of 1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, {self.leaf_views}."
+                f"views of 1 or more, got {len(self.data)}, {self.leaves}, {self.slopes}, "
+                f"{self.leaf_views}."
             )
         if not 0 < self.electrons[0] <= self.electrons[1] < np.inf:
             raise InputError(f"electrons must be two rising numbers above 0, got {self.electrons}.")
