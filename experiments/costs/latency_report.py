@@ -6,7 +6,8 @@ from textwrap import shorten
 
 import pandas as pd
 
-from experiments.costs.latency import REFERENCE, STAGES, WHOLE, columns
+from experiments.costs.latency import STAGES, WHOLE, columns
+from experiments.costs.precision import REFERENCE
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.figures import subplots

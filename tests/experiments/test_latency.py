@@ -11,6 +11,15 @@ from click.testing import CliRunner
 
 from experiments.__main__ import commands
 from experiments.costs import latency, latency_report
+from experiments.costs.precision import (
+    PRECISIONS,
+    compiled,
+    compilers,
+    describe,
+    in_precision,
+    quantised_layers,
+    weight_bytes,
+)
 from lf_flame import InputError
 from lf_flame._common.arrays import area_average
 from lf_flame._common.config import build
@@ -128,16 +137,16 @@ def test_stages_and_whole_are_what_the_network_predicts(run_folder, subject):
 def test_compilers_agree(subject, rng):
     decoder = subject.network.get_layer("decoder")
     features = rng.random((1, *decoder.input_shape[1:]), np.float32)
-    plain, xla = (latency.compiled(decoder, jit) for jit in (False, True))
+    plain, xla = (compiled(decoder, jit) for jit in (False, True))
     assert (plain.jit_compile, xla.jit_compile) == (False, True)
     stacks = [model.predict_on_batch(features) for model in (plain, xla)]
     np.testing.assert_allclose(*stacks, atol=1e-5)
-    assert set(latency.compilers()) == {"TensorFlow", "XLA"}
+    assert set(compilers()) == {"TensorFlow", "XLA"}
 
 
 @pytest.mark.parametrize("precision", ["bfloat16", "float16"])
 def test_every_layer_computes_in_the_precision_that_is_said(subject, precision):
-    network = latency.in_precision(subject.network, precision)
+    network = in_precision(subject.network, precision)
     features = network.get_layer("backbone").predict_on_batch(subject.inputs[:1])
     assert str(features.dtype) == precision
     halves = 0
@@ -150,18 +159,18 @@ def test_every_layer_computes_in_the_precision_that_is_said(subject, precision):
             halves += weight.dtype == precision
     assert halves > 80  # kernels and biases
     assert parts_of(subject.network)[5].compute_dtype == "float32"  # the reference stays as it is
-    ratio = latency.weight_bytes(network) / latency.weight_bytes(subject.network)
+    ratio = weight_bytes(network) / weight_bytes(subject.network)
     assert 0.5 < ratio < 0.51
 
 
 def test_variances_beyond_the_range_of_float16_do_no_harm(subject):
     """Kept in float16 they would be infinite, and their channels dead."""
-    network = latency.in_precision(subject.network, "float32")
+    network = in_precision(subject.network, "float32")
     kept = network.get_weights()
     norm = next(x for x in parts_of(network) if isinstance(x, keras.layers.BatchNormalization))
     try:
         norm.moving_variance.assign(np.full(norm.moving_variance.shape, 1e5))
-        half = latency.in_precision(network, "float16")
+        half = in_precision(network, "float16")
         twin = next(x for x in parts_of(half) if x.name == norm.name)
         np.testing.assert_array_equal(twin.moving_variance, norm.moving_variance)
     finally:
@@ -169,21 +178,21 @@ def test_variances_beyond_the_range_of_float16_do_no_harm(subject):
 
 
 def test_int8_are_the_dense_layers(subject):
-    network = latency.in_precision(subject.network, "int8")
-    assert latency.quantised_layers(network) == ["basis"]
-    assert latency.describe(network, "int8") == "dense layers alone (basis), all else float32"
+    network = in_precision(subject.network, "int8")
+    assert quantised_layers(network) == ["basis"]
+    assert describe(network, "int8") == "dense layers alone (basis), all else float32"
     basis = network.get_layer("decoder").get_layer("basis")
     assert basis._kernel.dtype == "int8"
-    saved = latency.weight_bytes(subject.network) - latency.weight_bytes(network)
+    saved = weight_bytes(subject.network) - weight_bytes(network)
     assert saved == pytest.approx(3 * 256 * 2 * 32 * 64, rel=0.02)  # 3 of 4 bytes, less scales
-    assert latency.quantised_layers(subject.network) == []
+    assert quantised_layers(subject.network) == []
 
 
 def test_a_network_without_dense_layers_has_no_int8():
     image = keras.Input((8, 8, 1))
     network = keras.Model(image, keras.layers.Conv2D(2, 3)(image))
     with pytest.raises(ValueError, match="no dense layer"):
-        latency.in_precision(network, "int8")
+        in_precision(network, "int8")
 
 
 def test_fewer_bits_change_the_images_a_little(subject, results):
@@ -191,7 +200,7 @@ def test_fewer_bits_change_the_images_a_little(subject, results):
     rows = {row["precision"]: row for row in results[1]["ways"]}
     assert rows["float32"]["psnr_db"] is None  # infinite: the same
     assert 35 < rows["bfloat16"]["psnr_db"] < rows["int8"]["psnr_db"] < 90
-    network = latency.in_precision(subject.network, "bfloat16")
+    network = in_precision(subject.network, "bfloat16")
     stack = np.float32(network.predict(subject.inputs, verbose=0))
     reference = subject.network.predict(subject.inputs, verbose=0)
     assert rows["bfloat16"]["psnr_db"] == pytest.approx(psnr(reference, stack), abs=0.5)
@@ -227,7 +236,7 @@ def test_records_are_complete(run_folder, results):
     assert network["raw_pixels"] == [32 * VIEWS, 64 * VIEWS]
     assert "2 test inputs of" in network["compared_on"]
     table = pd.read_csv(out / "latency.csv")
-    assert list(table["precision"]) == list(latency.PRECISIONS)
+    assert list(table["precision"]) == list(PRECISIONS)
     done = table[table["missing"].isna()]
     assert len(done) == 3
     for stage in ("resize", "backbone", "decoder", "whole"):
