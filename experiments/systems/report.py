@@ -31,7 +31,8 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 
 The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and
 light fields; every plane is in compare.csv. Views are those that a system looks at; training in
-seconds, with drawing the training samples (the ResNet-50's data set is drawn beforehand and not counted);
+seconds, with drawing the training samples (not those of the ResNet-50, which are drawn
+beforehand);
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a

@@ -184,6 +184,7 @@ def test_an_interruption_has_status_130(monkeypatch, capsys):
     assert "long work goes on from there" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_missing_files_and_runs_are_one_sentence(tmp_path):
     result = run("simulate", tmp_path / "none.toml")
     assert result.returncode == 2

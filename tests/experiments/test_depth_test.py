@@ -172,6 +172,7 @@ def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
     assert "first and last exchanged" in result.output
 
 
+@pytest.mark.slow
 def test_networks_of_other_scenes_are_not_compared(config, runs, tmp_path):
     other = replace(config, camera=replace(config.camera, views=3))
     make_dataset(other, 24, tmp_path / "other.zarr")

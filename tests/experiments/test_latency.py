@@ -30,6 +30,8 @@ from lf_flame.learning.model_card import export_network, load_network, read_card
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.simulation import _kernels
 
+pytestmark = pytest.mark.slow
+
 SIZE, VIEWS = (32, 64), 3
 
 DATA = {

@@ -202,6 +202,7 @@ def test_a_changed_variant_is_refused(done, monkeypatch):
         run(path)
 
 
+@pytest.mark.slow
 def test_a_study_along_an_axis(folder):
     path = write(folder, CURVE)
     arguments = ["study", str(path), "--out", "out", "--work", "work", "--workers", "1"]
@@ -259,6 +260,7 @@ name = "random"
 """
 
 
+@pytest.mark.slow
 def test_variants_without_their_imagenet_weights_show_as_missing(folder, monkeypatch, capsys):
     def build(*args, backbone_weights, **options):
         if backbone_weights == "imagenet":

@@ -15,7 +15,7 @@ from lf_flame import InputError, Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render
 
-pytestmark = pytest.mark.jit
+pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
 CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
 TRIALS = effect_trials(replace(CAMERA, views=6), 3.0)

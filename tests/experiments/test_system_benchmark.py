@@ -147,6 +147,7 @@ def test_a_price_is_measured_in_a_process_of_its_own(sets):
     assert 10 < found.memory_mb < 400 < large.nbytes / 1e6  # no network was loaded
 
 
+@pytest.mark.slow
 def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data, tmp_path):
     views = DeadLeaves().draw((9, 9), (40, 48), np.random.default_rng(3)).views
     leaves = tmp_path / "leaves.npy"
@@ -179,6 +180,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     assert "50 electrons" in text
 
 
+@pytest.mark.slow
 def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets, tmp_path):
     entered = [benchmark.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
     benchmark.run_benchmark(entered, sets[:1], tmp_path)

@@ -105,6 +105,7 @@ def write_network(path, card, network):
     return path
 
 
+@pytest.mark.slow
 def test_an_exported_network_loads_without_this_package(exported, sample, tmp_path):
     image, expected = sample
     np.save(tmp_path / "image.npy", image[None, ..., None])

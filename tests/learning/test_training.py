@@ -70,6 +70,7 @@ def change_recipe(config, **changes):
     return replace(config, presets={"smoke": recipe})
 
 
+@pytest.mark.slow
 def test_cached_features_train_like_the_whole_network(rng):
     """Batch by batch, the trainer's losses on features are those of Keras on the whole model."""
     images = rng.uniform(size=(8, 40, 64, 1)).astype(np.float32)
@@ -91,6 +92,7 @@ def test_cached_features_train_like_the_whole_network(rng):
     assert abs(expected[4] - expected[0]) > 1e-4  # the same batch again, with other weights
 
 
+@pytest.mark.slow
 def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path, monkeypatch):
     train(config, "smoke", data, tmp_path / "whole", show=False)
     run_epoch = training_run._run_epoch
@@ -116,6 +118,7 @@ def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path,
     np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
     config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
     train(config, "smoke", data, tmp_path, show=False)
@@ -156,6 +159,7 @@ def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
     assert (tmp_path / "model.keras").exists()
 
 
+@pytest.mark.slow
 def test_a_changed_configuration_is_refused(config, data, tmp_path):
     train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
     before = (tmp_path / "model.keras").read_bytes()
@@ -167,6 +171,7 @@ def test_a_changed_configuration_is_refused(config, data, tmp_path):
     assert (tmp_path / "model.keras").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_path):
     train(config, "smoke", data, tmp_path / "whole", show=False)
     seconds = []
@@ -188,6 +193,7 @@ def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_pat
         train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer", show=False)
 
 
+@pytest.mark.slow
 def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
     train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
     checkpoint = next(tmp_path.glob("checkpoint-*"))
@@ -197,12 +203,14 @@ def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
         train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
 
 
+@pytest.mark.slow
 def test_a_loss_that_is_no_number_stops_the_run(config, data, tmp_path):
     config = change_recipe(config, learning_rate=1e38)
     with pytest.raises(InputError, match="no longer a number in epoch 1"):
         train(config, "smoke", data, tmp_path, show=False)
 
 
+@pytest.mark.slow
 def test_without_imagenet_a_preset_goes_on_or_stops(config, data, tmp_path, monkeypatch, capsys):
     real = training.build_refocus_resnet50
 

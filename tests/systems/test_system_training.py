@@ -134,6 +134,7 @@ def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
     assert np.square(images - arrays[1]).mean() == pytest.approx(history.val_loss.min(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monkeypatch):
     train_system(config, "volumetric", "smoke", tmp_path / "whole", show=False)
     run_epoch = training_run._run_epoch
