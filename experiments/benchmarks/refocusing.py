@@ -131,7 +131,7 @@ def separable(views, slopes, shifted_sum):
 
 @dataclass(frozen=True)
 class Opponent:
-    """A way to refocus, here by a function of views and slopes, or by a package elsewhere."""
+    """A method of refocusing, here by a function of views and slopes, or by a package elsewhere."""
 
     name: str
     remarks: str
@@ -271,7 +271,7 @@ def compared(baseline: Opponent, ours: np.ndarray, theirs: np.ndarray) -> str:
 
 
 def measure(case: Case, small: bool, other: OtherPython | None) -> list[tuple]:
-    """Refocus in every way, compare the images, then time all in turn."""
+    """Refocus by every method, compare the images, then time all in turn."""
     work = (case.light_field(), case.slopes)
     ours = partial(shift_and_sum, *work, interpolation=case.interpolation)
     images, differences = ours(), {}
@@ -314,7 +314,7 @@ def rows_of(case: Case, threads: int, ms: dict, differences: dict) -> list[tuple
     return rows
 
 
-WAYS = {
+METHODS = {
     "linear, space": ("linear", "space"),
     "linear, Fourier": ("linear", "fourier"),
     "cubic, space": ("cubic", "space"),
@@ -335,7 +335,7 @@ def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
     numba.set_num_threads(THREADS[-1])
     calls = [
         partial(refocus, views, np.linspace(-2, 2, planes), *way)
-        for way in WAYS.values()
+        for way in METHODS.values()
         for planes in (few, many)
     ]
     clocks = [partial(seconds, call) for call in calls]
@@ -343,7 +343,7 @@ def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
     times = np.reshape(times, (-1, 2)) * 1e3
     each = (times[:, 1] - times[:, 0]) / (many - few)
     table = pd.DataFrame({
-        "method": list(WAYS), f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
+        "method": list(METHODS), f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
         "fixed (ms)": times[:, 0] - few * each, "each plane (ms)": each,
     })  # fmt: skip
     table = table.set_index("method", drop=False)

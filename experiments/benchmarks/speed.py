@@ -97,7 +97,7 @@ def trace_with_a_loop(texture, edges, scale, centres, widths, rays, out):
                     out[v, u, t, s] = light / rays**4
 
 
-def opponent_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarray:
+def baseline_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarray:
     """Set up the loop above."""
     out = np.empty((camera.views, camera.views, *camera.lenslets), np.float32)
     optics = Optics(camera)
@@ -195,7 +195,7 @@ def ray_rows() -> list[tuple]:
         found["NumPy, 2x2 matrices and binning"] = trace_with_numpy(layer, camera, 3)
 
     def by_loop():
-        found["untuned Numba loop"] = opponent_loop(layer, camera, 3)
+        found["untuned Numba loop"] = baseline_loop(layer, camera, 3)
 
     seconds, *others = best_of(7, ours, by_numpy, by_loop)
     singles = camera.views**2 * math.prod(camera.lenslets) * 81

@@ -8,7 +8,7 @@ Of all such spaces, the one of the first k principal components about the mean l
 squared error on the samples that it was made from (Eckart and Young 1936); projecting a sample onto
 it takes the best numbers for that sample. Here the pictures come from the training targets, as a
 decoder's do, and the numbers from the test targets themselves, which no network is shown. The PSNR
-of the projections is what remains to be lost to anything but the bottleneck.
+of the projections is what remains to be lost to anything but the few numbers.
 
 It bounds linear decoders whose pictures suit the training targets best. The sigmoid behind the
 pictures bends the space, which may do a little better where much is black or saturated.

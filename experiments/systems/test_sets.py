@@ -159,7 +159,7 @@ def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
         placed = partial(_placed_scenes, config, scenario, at, count)
         name, planes = f"{config.kind}, {scenario.name}", [f"{z:g} mm" for z in depths]
         sets.append(TestSet(name, planes, placed, origin=f"drawn by seed {config.seed}"))
-    # RefNet's own slopes, where right is what all views give by either way.
+    # RefNet's own slopes, where the reference is what all views give by either method.
     planes = [f"alpha {alpha:g}" for alpha in ALPHAS]
     scenes = partial(_own_scenes, config, SLOPES * config.block[0], held_out.indices)
     sixteen = TestSet(f"{config.kind}{SIXTEEN}", planes, scenes, origin=origin)

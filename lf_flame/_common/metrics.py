@@ -45,5 +45,5 @@ def psnr(truth: np.ndarray, image: np.ndarray) -> float:
 
 def psnr_foreground(truth: np.ndarray, image: np.ndarray) -> float:
     """`psnr` over the foreground pixels alone; NaN where there are none."""
-    lit = truth > FOREGROUND
-    return psnr(truth[lit], image[lit]) if lit.any() else np.nan
+    foreground = truth > FOREGROUND
+    return psnr(truth[foreground], image[foreground]) if foreground.any() else np.nan

@@ -23,7 +23,7 @@ FIRST_SAMPLE = 1_000_000
 
 @dataclass(frozen=True)
 class DepthScenario:
-    """A way of placing the objects of a data set.
+    """Where the objects of a data set are placed.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class DepthScenario:
 
 
 def make_scenarios(config: DatasetConfig) -> list[DepthScenario]:
-    """List the ways of placing the objects of a data set; the first is its own.
+    """List the scenarios of a data set; the first is its own.
 
     Raises
     ------
