@@ -343,7 +343,8 @@ def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
     times = np.reshape(times, (-1, 2)) * 1e3
     each = (times[:, 1] - times[:, 0]) / (many - few)
     table = pd.DataFrame({
-        "method": list(METHODS), f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
+        "method": list(METHODS),
+        f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
         "fixed (ms)": times[:, 0] - few * each, "each plane (ms)": each,
     })  # fmt: skip
     table = table.set_index("method", drop=False)

@@ -137,8 +137,8 @@ def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) ->
             }
         )
         note = (
-            f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the pixels "
-            f"brighter than {FOREGROUND:.0%} of the peak in the truth. "
+            f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the "
+            f"pixels brighter than {FOREGROUND:.0%} of the peak in the truth. "
             f"Preset {run['preset']}: {run['epochs']} epochs (best: {run['best_epoch']}), batch "
             f"{run['recipe']['batch_size']}; backbone weights: {run['backbone_weights']}; "
             f"trained in {run['train_s']:.0f} s on {run['machine']}."

@@ -1,4 +1,4 @@
-"""Cases: the objects of a data set at other depths than those that a network was trained with.
+"""Depth scenarios: the objects of a data set at other depths than those of training.
 
 They are scaled so that the central view stays as it was: parallax and defocus alone tell the scenes
 apart.
