@@ -122,8 +122,8 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
     tests = " or ".join(sorted({str(found["test_samples"]) for found in done}))
     notes = [
         f"Means over the same {tests or 0} test light fields of each data set; at each depth: the "
-        f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; foreground: over the pixels "
-        f"that are foreground in the truth.",
+        f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; foreground: over the "
+        f"pixels that are foreground in the truth.",
         "Bound: the test images projected on the first 256 principal components of the training "
         "images (`experiments.recipes.pca_bound`), what a decoder of 256 pictures could reach if "
         "it were told the best numbers.",

@@ -298,7 +298,7 @@ def test_an_unknown_variant_is_named(folder):
 
 
 @pytest.mark.parametrize(
-    "path", sorted(ROOT.glob("experiments/studies/*.toml")), ids=lambda path: path.stem
+    "path", sorted(ROOT.glob("experiments/recipes/*.toml")), ids=lambda path: path.stem
 )
 def test_every_study_can_be_built(path, monkeypatch):
     monkeypatch.chdir(ROOT)
@@ -312,7 +312,7 @@ def test_every_study_can_be_built(path, monkeypatch):
 
 def test_make_knows_every_study():
     text = (ROOT / "Makefile").read_text()
-    for path in ROOT.glob("experiments/studies/*.toml"):
+    for path in ROOT.glob("experiments/recipes/*.toml"):
         assert f" {path.stem}.study" in text
 
 
