@@ -1,6 +1,6 @@
 """Learning studies: variants of a data set, a model and a recipe, trained alike, set side by side.
 
-A study file (experiments/studies/*.toml) names a data set, a training configuration and a preset,
+A study file (experiments/recipes/*.toml) names a data set, a training configuration and a preset,
 and what each variant changes of them. All variants are scored on the same light fields, those of
 the configuration's own test split. A work folder holds ``data/`` (data sets, by the hash of what
 they are made of, so that variants share them) and, for each variant, ``STUDY/VARIANT/``: a run of
@@ -102,7 +102,7 @@ class Axis:
 @strict
 @dataclass(frozen=True)
 class Study:
-    """A study; read from experiments/studies/*.toml.
+    """A study; read from experiments/recipes/*.toml.
 
     Parameters
     ----------
