@@ -13,7 +13,7 @@ from keras import ops
 
 from lf_flame.errors import InputError
 from lf_flame.learning import _adam
-from lf_flame.learning.decoder import training_view
+from lf_flame.learning.fast_decoder import training_view
 
 EVALUATION_BATCH = 32
 
