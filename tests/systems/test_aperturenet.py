@@ -14,7 +14,7 @@ def system():
 
 
 @pytest.mark.parametrize(("slope", "box"), [(0.0, 0), (1.0, 2), (-1.0, 2)])
-def test_nine_views_blurred_as_wide_as_their_share_are_all_views(system, slope, box, rng):
+def test_nine_views_blurred_as_wide_as_their_squares_are_all_views(system, slope, box, rng):
     """The claim that the network rests on, where it is exact: leaves at one depth, out of focus.
 
     At a pixel per view step the three views of a square's side stand a pixel apart: a box of 3.
@@ -34,12 +34,12 @@ def test_boxes_are_of_their_widths():
     boxes = make_boxes()
     assert boxes.shape == (9, 9, 1, len(WIDTHS))
     np.testing.assert_allclose(boxes.sum(axis=(0, 1)), 1, atol=1e-6)
-    places = np.arange(9) - 4
+    offsets = np.arange(9) - 4
     for k, width in enumerate(WIDTHS):
         line = boxes[:, :, 0, k].sum(axis=0)
         # A box of w pixels, cut into pixels that it covers in part, has this height in the middle.
         assert line[4] == pytest.approx(1 / width, rel=1e-5)
-        assert (line * places).sum() == pytest.approx(0, abs=1e-6)
+        assert (line * offsets).sum() == pytest.approx(0, abs=1e-6)
 
 
 def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
@@ -53,8 +53,8 @@ def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
         image = model.predict_on_batch(views)[0, ..., 0]
         boxes = make_boxes()[:, :, 0, k]
         mean = views[0].mean(axis=-1)
-        shares = convolve(np.ones_like(mean), boxes, mode="constant")  # of a box in the image
-        blurred = convolve(mean, boxes, mode="constant") / shares
+        inside = convolve(np.ones_like(mean), boxes, mode="constant")  # part of a box in the image
+        blurred = convolve(mean, boxes, mode="constant") / inside
         np.testing.assert_allclose(image, blurred, atol=1e-6)
 
 
