@@ -3,7 +3,7 @@
 A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a tilted
 (Scheimpflug) lens has in focus, is linear in it; regions of interest each get a slope of their own
 (volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238); the slope map of
-a whole scene makes an image with everything in focus (`lf_flame.refocus.composite`).
+a whole scene makes an image with everything in focus (`lf_flame.refocus.depth_from_focus`).
 """
 
 from collections.abc import Iterable
