@@ -24,7 +24,8 @@ def warm_start(decoder: keras.Model, training: tuple, held_out: tuple, bands: in
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`; what the samples do not determine stays random.
+        From `lf_flame.learning.decoder.build_decoder`; what the samples do not determine stays
+        random.
     training, held_out : (ndarray, ndarray)
         Features (n, h', w', channels) and targets (n, planes, h, w, 1). Those held out only
         choose the strength of the ridge.

@@ -1,11 +1,14 @@
+from urllib.error import URLError
+
 import keras
 import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame.learning import backbone
-from lf_flame.learning.backbone import ImagenetUnavailable, build_backbone
+from lf_flame.learning import imagenet_weights
+from lf_flame.learning.backbone import build_backbone
 from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 
 IMAGE = (40, 64)
 GREY = (*IMAGE, 1)
@@ -155,11 +158,12 @@ def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
         build_backbone(GREY, tmp_path / "none.h5")
 
 
-def test_imagenet_gives_up_in_one_sentence(monkeypatch):
+def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
     def refuse(*args, **kwargs):
-        raise Exception("URL fetch failure: no route")  # the class that Keras raises
+        raise URLError("no route")
 
-    monkeypatch.setattr(backbone.keras.applications, "ResNet50", refuse)
+    monkeypatch.setenv("KERAS_HOME", str(tmp_path))
+    monkeypatch.setattr(imagenet_weights, "urlopen", refuse)
     with pytest.raises(ImagenetUnavailable, match="could not be downloaded .*no route"):
         build_backbone(GREY, "imagenet")
 
