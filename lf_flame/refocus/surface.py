@@ -63,9 +63,9 @@ def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) 
     lights = views[..., None] if grey else views
     maps = slopes.reshape(-1, *slopes.shape[-2:])
     out = np.empty((*maps.shape, lights.shape[4]), np.float32)
-    shares = weights / weights.sum()
+    normalised = weights / weights.sum()
     with np.errstate(over="ignore"):  # refused below
-        _surface_kernels.refocus_surface(lights, maps, shares, TAPS[interpolation], out)
+        _surface_kernels.refocus_surface(lights, maps, normalised, TAPS[interpolation], out)
     if not np.isfinite(out).all():
         refuse_not_finite(views)
         raise InputError(

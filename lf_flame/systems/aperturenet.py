@@ -19,7 +19,7 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.refocus import align_views
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.view_selection import square_of_views
 
 SIDE = 3
@@ -181,11 +181,11 @@ class ApertureNet(NetworkSystem):
     smallest = 37
     multiple = 4
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
         return square_of_views(rows, columns, SIDE)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align them."""
-        aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
+        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
         return np.moveaxis(aligned, 1, -1)

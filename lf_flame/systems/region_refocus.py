@@ -67,7 +67,7 @@ def search_region_slope(
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
     middle = views[cross_of_views(*views.shape[:2])[ARM]]
-    system = ShiftAndSum(places=cross_of_views)
+    system = ShiftAndSum(selection=cross_of_views)
 
     def likeness(some: np.ndarray) -> np.ndarray:
         stack = system.refocus(views, some)[:, t0:t1, s0:s1]

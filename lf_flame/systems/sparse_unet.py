@@ -10,7 +10,7 @@ import keras
 import numpy as np
 from keras import layers, ops
 
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.similarity import ms_ssim
 from lf_flame.systems.view_selection import cross_of_views
@@ -87,10 +87,10 @@ class SparseUNet(NetworkSystem):
     smallest = 49
     multiple = 4
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the cross."""
         return cross_of_views(rows, columns, ARM)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Refocus with the cross alone."""
-        return ShiftAndSum(places=self.chosen).refocus(views, slopes, block)[..., None]
+        return ShiftAndSum(selection=self.view_indices).refocus(views, slopes, block)[..., None]

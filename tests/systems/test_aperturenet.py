@@ -20,7 +20,7 @@ def test_nine_views_blurred_as_wide_as_their_squares_are_all_views(system, slope
     At a pixel per view step the three views of a square's side stand a pixel apart: a box of 3.
     """
     leaves = DeadLeaves(slopes=(0.0, 0.0)).draw((9, 9), (40, 50), rng)
-    nine = align_views(leaves, slope, system.chosen(9, 9))[0].mean(axis=0)
+    nine = align_views(leaves, slope, system.view_indices(9, 9))[0].mean(axis=0)
     blurred = convolve(nine, make_boxes()[:, :, 0, box], mode="nearest")
     if slope == 0:
         blurred = nine
@@ -61,7 +61,7 @@ def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
 def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
     views = rng.uniform(size=(3, 3, 48, 52)).astype(np.float32)
     drawn = system.refocus(views, 0.4)[0]
-    plain = align_views(views, 0.4, system.chosen(3, 3))[0].mean(axis=0)
+    plain = align_views(views, 0.4, system.view_indices(3, 3))[0].mean(axis=0)
     assert np.abs(drawn - plain).max() < 0.1
     assert np.corrcoef(drawn.ravel(), plain.ravel())[0, 1] > 0.99
     assert system.parameters < 1_000_000
@@ -83,12 +83,12 @@ def test_training_changes_all_but_the_boxes(rng):
     ("count", "rows"), [(3, (0, 1, 2)), (7, (1, 3, 5)), (9, (1, 4, 7)), (15, (2, 7, 12))]
 )
 def test_views_are_the_middles_of_nine_squares(system, count, rows):
-    assert system.chosen(count, count) == [(v, u) for v in rows for u in rows]
+    assert system.view_indices(count, count) == [(v, u) for v in rows for u in rows]
 
 
 def test_fewer_views_are_refused(system):
     with pytest.raises(InputError, match="3 x 3 views are needed, got 2 x 3"):
-        system.chosen(2, 3)
+        system.view_indices(2, 3)
 
 
 def test_an_odd_size_is_filled_up_and_cut(system, rng):

@@ -89,7 +89,7 @@ def test_blocks_give_smaller_images(system, views):
 
 def test_views_that_are_not_chosen_do_not_count(system, views):
     used = np.zeros((9, 9), bool)
-    used[tuple(np.transpose(system.chosen(9, 9)))] = True
+    used[tuple(np.transpose(system.view_indices(9, 9)))] = True
     other = np.where(used[..., None, None], views, 1 - views)
     np.testing.assert_array_equal(system.refocus(other, 0.3), system.refocus(views, 0.3))
 
@@ -108,14 +108,14 @@ def test_all_views_are_shift_and_sum_itself(views):
 
 @pytest.mark.parametrize("count", [9, 11, 15, 17, 27])
 def test_lattice_shares_no_row_and_no_column(count):
-    places = np.array(lattice_of_views(count, count))
-    assert len(places) == 9
+    indices = np.array(lattice_of_views(count, count))
+    assert len(indices) == 9
     for axis in (0, 1):
-        steps = np.diff(np.sort(places[:, axis]))
+        steps = np.diff(np.sort(indices[:, axis]))
         assert steps.min() >= 1
         assert np.ptp(steps) <= 1
-    assert [count // 2, count // 2] in places.tolist()
-    np.testing.assert_allclose(places.mean(axis=0), (count - 1) / 2, atol=0.5)
+    assert [count // 2, count // 2] in indices.tolist()
+    np.testing.assert_allclose(indices.mean(axis=0), (count - 1) / 2, atol=0.5)
 
 
 def test_some_views_are_averaged_over_blocks_as_all_are(views):
