@@ -148,9 +148,10 @@ def profile(trainer: ArrayTrainer, batches: np.ndarray) -> dict[str, float]:
         return wrapped
 
     samples = [Timed(timed(COPIES, array.__getitem__)) for array in trainer.arrays["train"]]
+    gradients = trainer.gradients
     with (
         patch.dict(trainer.arrays, train=samples),
-        patch.object(trainer, "_gradients", timed(GRADIENTS, trainer._gradients)),
+        patch.object(gradients, "run_batch", timed(GRADIENTS, gradients.run_batch)),
         patch.object(_adam, "update_product", timed(DENSE, _adam.update_product)),
         patch.object(_adam, "update_all", timed(OTHERS, _adam.update_all)),
     ):

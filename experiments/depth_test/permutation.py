@@ -121,9 +121,9 @@ def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], lis
 
 def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
     """Shift-and-sum of those views alone that an encoding shows, all as bright as they are."""
-    count = len(encoding.places(config.camera.views, config.camera.views))
+    count = len(encoding.view_indices(config.camera.views, config.camera.views))
     name = f"shift-and-sum of {count} views"
-    return Subject(name, name, "", {}, ShiftAndSum(name, encoding.places))
+    return Subject(name, name, "", {}, ShiftAndSum(name, encoding.view_indices))
 
 
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:

@@ -29,8 +29,8 @@ from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import make_dataset
 from lf_flame.errors import InputError
-from lf_flame.learning.backbone import ImagenetUnavailable
 from lf_flame.learning.decoder import AVERAGES
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
 from lf_flame.learning.scoring import score
 from lf_flame.learning.training import TrainingConfig, train

@@ -178,7 +178,7 @@ def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
         table = score(np.stack(truths), np.stack(drawn[name]))
         table = table.rename(columns={"n_test": "light_fields"}).assign(
             test_set=test_set.name, truth=test_set.truth, electrons=test_set.electrons,
-            system=name, views=len(set(system.chosen(*scene.views.shape[:2]))),
+            system=name, views=len(set(system.view_indices(*scene.views.shape[:2]))),
             slope=scene.slopes / scene.block[0], plane=test_set.planes, why_missing="",
         )  # fmt: skip
         tables.append(table[COLUMNS])
@@ -286,7 +286,7 @@ def _described(entry: Entry, system, frame: Scene) -> dict:
         return row
     row |= {"parameters": system.parameters, "training_s": entry.about.get("seconds", np.nan)}
     try:
-        row["views"] = len(set(system.chosen(*frame.views.shape[:2])))
+        row["views"] = len(set(system.view_indices(*frame.views.shape[:2])))
         system.refocus(frame.views, frame.slopes, frame.block)
     except InputError:
         return row

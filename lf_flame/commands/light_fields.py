@@ -339,7 +339,8 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     load_keras()
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import PictureFolder, write_regions
-    from lf_flame.systems.sparse_unet import SparseUNet, refocus_regions
+    from lf_flame.systems.region_refocus import refocus_regions
+    from lf_flame.systems.sparse_unet import SparseUNet
 
     folder = PictureFolder(_folder_for(source, out, "-regions"), source)
     unet = _open_network(network)

@@ -1,5 +1,6 @@
 """Running a click program so that whatever goes wrong is one sentence and an exit status."""
 
+import os
 import sys
 
 import click
@@ -16,6 +17,7 @@ def run(commands: click.Group, name: str) -> None:
     name : str
         What stands before a message.
     """
+    leave_cores_to_networks()
     try:
         status = commands.main(prog_name=name, standalone_mode=False)
     except click.exceptions.Abort:
@@ -37,6 +39,17 @@ def run(commands: click.Group, name: str) -> None:
         place = f" ({error.filename})" if error.filename else ""
         _fail(name, f"{error.strerror or error}{place}. Nothing that was there before is lost.", 2)
     sys.exit(status or 0)
+
+
+def leave_cores_to_networks() -> None:
+    """Let idle threads of Numba sleep at once, unless the environment says otherwise.
+
+    Views are aligned by Numba's threads, then a network runs in its backend's. Those of Numba would
+    stay awake for some milliseconds, as is OpenMP's default, and hold the cores that the network
+    needs. OpenMP reads the variable as it starts, so this must come before Numba's first loop; a
+    library must not do it to its user's process.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"

@@ -16,7 +16,7 @@ from lf_flame.formats.images import to_preview, write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
-from lf_flame.refocus.composite import TRUSTED
+from lf_flame.refocus.depth_from_focus import TRUSTED
 from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure
 
 RECORD = "refocus.json"

@@ -58,16 +58,16 @@ class InputEncoding:
             return self.grid * height, self.grid * width, 1
         return height, width, CHANNELS if self.kind == "views" else 1
 
-    def chosen(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Index the views that are shown, of rows x columns: ``views[encoding.chosen(v, u)]``."""
+    def _view_mesh(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Open mesh of the views that are shown, of rows x columns: indexes ``views[v, u]``."""
         if self.kind == "raw":
             return np.ix_(range(rows), range(columns))
         down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
         return np.ix_(spread(rows, down), spread(columns, across))
 
-    def places(self, rows: int, columns: int) -> list[tuple[int, int]]:
+    def view_indices(self, rows: int, columns: int) -> list[tuple[int, int]]:
         """List row and column of each view that is shown, of rows x columns."""
-        down, across = self.chosen(rows, columns)
+        down, across = self._view_mesh(rows, columns)
         return list(product(down.ravel().tolist(), across.ravel().tolist()))
 
     def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
@@ -88,7 +88,7 @@ class InputEncoding:
         if self.kind == "raw":
             # Every output pixel is the mean of whole micro-images, so of the photograph.
             return area_average(light_field.photograph, size)[..., None]
-        tiles = area_average(views[self.chosen(*views.shape[:2])], size)
+        tiles = area_average(views[self._view_mesh(*views.shape[:2])], size)
         if self.kind == "views":
             return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]

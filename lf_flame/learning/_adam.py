@@ -15,30 +15,30 @@ SMALL = 1 << 17
 """Up to here one thread is done before the others are awake."""
 
 
-def _update(parameter, mean, square, gradient, rate, share1, share2, epsilon):
-    """Update one block; rate holds the bias corrections, the shares are 1 - beta."""
+def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
+    """Update one block; rate holds the bias corrections, the weights are 1 - beta."""
     for k in range(parameter.size):
         g = gradient[k]
-        mean[k] += (g - mean[k]) * share1
-        square[k] += (g * g - square[k]) * share2
+        mean[k] += (g - mean[k]) * weight1
+        square[k] += (g * g - square[k]) * weight2
         parameter[k] -= rate * mean[k] / (np.sqrt(square[k]) + epsilon)
 
 
-def _update_all(parameter, mean, square, gradient, rate, share1, share2, epsilon):
+def _update_all(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
     """Update a flat parameter from its gradient."""
     size = parameter.size
     if size <= SMALL:
-        update(parameter, mean, square, gradient, rate, share1, share2, epsilon)
+        update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon)
         return
     for block in prange((size + BLOCK - 1) // BLOCK):
         part = slice(block * BLOCK, min(size, (block + 1) * BLOCK))
         update(
             parameter[part], mean[part], square[part], gradient[part],
-            rate, share1, share2, epsilon,
+            rate, weight1, weight2, epsilon,
         )  # fmt: skip
 
 
-def _update_product(parameter, mean, square, left, right, rate, share1, share2, epsilon):
+def _update_product(parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
     """Update a matrix whose gradient is left.T @ right, without writing that gradient down.
 
     The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and what
@@ -55,7 +55,7 @@ def _update_product(parameter, mean, square, left, right, rate, share1, share2, 
             add(gradient, left[sample, row], right[sample, part])
         update(
             parameter[row, part], mean[row, part], square[row, part], gradient,
-            rate, share1, share2, epsilon,
+            rate, weight1, weight2, epsilon,
         )  # fmt: skip
 
 

@@ -1,12 +1,10 @@
 """The frozen encoder: ResNet-50, cut behind its fourth or fifth stage, in inference mode.
 
-Its weights come from ImageNet (Keras downloads them), from a file, or from a seed. Frozen means
-that the batch normalisations use their stored statistics too (deviation 8).
+Its weights come from ImageNet (`lf_flame.learning.imagenet_weights`), from a file, or from a seed.
+Frozen means that the batch normalisations use their stored statistics too (deviation 8).
 """
 
 import hashlib
-import socket
-from contextlib import contextmanager
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -14,6 +12,7 @@ import keras
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.learning.imagenet_weights import imagenet_file
 
 STAGES = {"conv4": "conv4_block6_out", "conv5": "conv5_block3_out"}
 """Where the backbone can be cut, and the layer that is its output then."""
@@ -23,12 +22,6 @@ IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
 
 SMALLEST = 32
 """Side of the smallest image that Keras's ResNet-50 takes."""
-
-DOWNLOAD_TIMEOUT_S = 5.0
-
-
-class ImagenetUnavailable(InputError):
-    """The ImageNet weights are neither in Keras's cache nor can they be downloaded."""
 
 
 def build_backbone(
@@ -45,9 +38,9 @@ def build_backbone(
         Height, width and channels of the input: one, which all three channels of ResNet-50 get, or
         three, which they get in the order of red, green and blue.
     weights : {"imagenet", "random"} or path
-        "imagenet" downloads once into ``~/.keras/models``. A path names a Keras weights file
-        (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or an
-        ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
+        "imagenet" downloads once into Keras's cache, ``~/.keras/models``. A path names a Keras
+        weights file (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or
+        an ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
         NumPy, the same on every Keras backend.
     depth : {"conv5", "conv4"}
         Stage whose output is the feature map.
@@ -101,35 +94,14 @@ def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
 
 
 def _load_resnet50(image, weights, seed, depth) -> keras.Model:
-    name = "imagenet" if weights == "imagenet" else None
-    with _short_timeout():
-        try:
-            full = keras.applications.ResNet50(
-                include_top=False, weights=name, input_shape=(*image, 3)
-            )
-        except Exception as error:  # Keras raises a bare Exception when a download fails
-            if name is None:
-                raise
-            raise ImagenetUnavailable(
-                f"The ImageNet weights of ResNet-50 could not be downloaded ({error}); "
-                f"give a weights file, or choose random ones."
-            ) from None
+    file = imagenet_file() if weights == "imagenet" else None
+    full = keras.applications.ResNet50(include_top=False, weights=file, input_shape=(*image, 3))
     cut = keras.Model(full.input, full.get_layer(STAGES[depth]).output, name="resnet50")
     if weights == "random":
         _randomise(cut, seed)
     elif weights != "imagenet":
         _load_file(full, cut, Path(weights))
     return cut
-
-
-@contextmanager
-def _short_timeout():
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(DOWNLOAD_TIMEOUT_S)
-    try:
-        yield
-    finally:
-        socket.setdefaulttimeout(before)
 
 
 def _randomise(model: keras.Model, seed: int) -> None:

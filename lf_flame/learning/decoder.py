@@ -6,7 +6,7 @@ Images are [n, h, w, channels] in, [n, planes, h, w, 1] out, float32 in [0, 1].
 from pathlib import Path
 
 import keras
-from keras import layers, ops
+from keras import layers
 
 from lf_flame.errors import InputError
 from lf_flame.learning.backbone import build_backbone
@@ -50,7 +50,8 @@ def build_refocus_resnet50(
     seed : int
         Of the initial weights, of random backbone weights and of the dropout.
     shown : (int, int, int), optional
-        Height, width and channels of the input, see `lf_flame.datasets.encodings`. Default: (h, w, 1).
+        Height, width and channels of the input, see `lf_flame.datasets.encodings`. Default:
+        (h, w, 1).
 
     Returns
     -------
@@ -135,77 +136,3 @@ def build_decoder(
 def _conv_block(x, filters: int, initializer):
     x = layers.Conv2D(filters, 3, padding="same", kernel_initializer=initializer)(x)
     return layers.LeakyReLU()(layers.BatchNormalization()(x))
-
-
-class MatrixConvolution(layers.Layer):
-    """A "same" 3x3 convolution as one matrix product, on the weights of a `Conv2D`.
-
-    On feature maps of 3 x 6 positions and 2,048 channels a library's convolution spends most of
-    its time rearranging; gathering the nine neighbours and multiplying once avoids that.
-    """
-
-    def __init__(self, convolution: layers.Conv2D):
-        super().__init__(name=f"{convolution.name}_as_matrix")
-        self.convolution = convolution
-
-    def call(self, x):
-        """Convolve [n, h, w, channels]."""
-        height, width = x.shape[1:3]
-        padded = ops.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)))
-        neighbours = [padded[:, i : i + height, j : j + width] for i in range(3) for j in range(3)]
-        kernel = ops.reshape(self.convolution.kernel, (-1, self.convolution.filters))
-        return ops.matmul(ops.concatenate(neighbours, axis=-1), kernel) + self.convolution.bias
-
-    def compute_output_shape(self, input_shape):
-        """Shape of the result: as the convolution's own."""
-        return self.convolution.compute_output_shape(input_shape)
-
-
-class OffsetDense(layers.Layer):
-    """A dense layer, on its own weights, with an offset of its outputs for each sample.
-
-    The gradient of the offset is what comes back to the outputs; together with the inputs it gives
-    the gradient of the kernel, which need not be written down (`lf_flame.learning.trainers`).
-    """
-
-    def __init__(self, dense: layers.Dense):
-        super().__init__(name=f"{dense.name}_with_offset")
-        self.dense = dense
-
-    def call(self, inputs):
-        """Take [n, inputs] and an offset [n, outputs]."""
-        x, offset = inputs
-        return ops.matmul(x, self.dense.kernel) + (offset + self.dense.bias)
-
-    def compute_output_shape(self, input_shapes):
-        """Shape of the result: that of the offset."""
-        return input_shapes[1]
-
-
-def training_view(decoder: keras.Model) -> keras.Model:
-    """Give the same decoder, on the same variables, in the form that trains fastest on a CPU.
-
-    The convolutions on the feature map become matrix products, and the dense layer shows what goes
-    in and takes an offset; all else is shared. Training this trains `decoder`.
-
-    Parameters
-    ----------
-    decoder : keras.Model
-        From `build_decoder`.
-
-    Returns
-    -------
-    keras.Model
-        Inputs: features, and the offset [n, outputs of the dense layer]. Outputs: inputs of the
-        dense layer [n, 256], and the decoder's stack.
-    """
-    x = decoder.input
-    offset = keras.Input((decoder.get_layer("basis").units,), name="offset")
-    for layer in decoder.layers[1:]:
-        if layer.name == "basis":
-            vectors, x = x, OffsetDense(layer)([x, offset])
-        elif isinstance(layer, layers.Conv2D) and layer.name != "planes":
-            x = MatrixConvolution(layer)(x)
-        else:
-            x = layer(x)
-    return keras.Model([decoder.input, offset], [vectors, x], name="decoder_in_training")

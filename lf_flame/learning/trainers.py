@@ -1,19 +1,22 @@
 """What runs the epochs: Adam on the mean squared error of the decoder, over cached features.
 
 `ArrayTrainer` is for processor cores: TensorFlow computes the gradients, and the parameters live in
-NumPy arrays that one compiled pass updates. `DeviceTrainer` is for accelerators, on Keras's JAX
-backend: features, parameters and the loop over the batches stay on the device for a whole epoch.
-Both use Keras's own layers and give, within rounding, the losses of `keras.Model.train_on_batch`
-with `keras.optimizers.Adam`.
+NumPy arrays that one compiled pass updates (`lf_flame.learning.array_training`). `DeviceTrainer` is
+for accelerators, on Keras's JAX backend: features, parameters and the loop over the batches stay on
+the device for a whole epoch. Both use Keras's own layers and give, within rounding, the losses of
+`keras.Model.train_on_batch` with `keras.optimizers.Adam`.
 """
 
 import keras
 import numpy as np
-from keras import ops
 
 from lf_flame.errors import InputError
-from lf_flame.learning import _adam
-from lf_flame.learning.decoder import training_view
+from lf_flame.learning.array_training import (
+    ArrayAdam,
+    FactoredGradients,
+    ParameterArrays,
+    mean_squared_error,
+)
 
 EVALUATION_BATCH = 32
 
@@ -66,60 +69,20 @@ class _Trainer:
 
 
 class ArrayTrainer(_Trainer):
-    """Trains on processor cores; see the module's text and `make_trainer`."""
+    """Trains on processor cores; see the module's text and `make_trainer`.
+
+    Attributes
+    ----------
+    parameters : lf_flame.learning.array_training.ParameterArrays
+    gradients : lf_flame.learning.array_training.FactoredGradients
+    adam : lf_flame.learning.array_training.ArrayAdam
+    """
 
     def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
-        super().__init__(training_view(decoder), batch_size, arrays)
-        self._learning_rate = learning_rate
-        self._adam = keras.optimizers.Adam()  # its constants
-        self._steps = np.zeros((), np.int64)
-        variables = self.model.trainable_variables
-        self._parameters = [_aligned(keras.ops.convert_to_numpy(x)) for x in variables]
-        self._moments = [np.zeros((2, *x.shape), np.float32) for x in variables]
-        self._others = [x.numpy() for x in self.model.non_trainable_variables]
-        basis = decoder.get_layer("basis")
-        self._kernel, self._bias = (
-            next(k for k, x in enumerate(variables) if x is y) for y in (basis.kernel, basis.bias)
-        )
-        self._gradients, self._evaluate = self._compile()
-
-    def _compile(self):
-        """Compile a batch's gradients, and its loss in inference.
-
-        The gradient of the dense layer's kernel is given by its factors: the vectors that went in
-        and what comes back to its outputs, which is the gradient of an offset of zero there. All
-        stays on the processor, where the parameters are, even if there is a GPU.
-        """
-        import tensorflow as tf
-
-        model, apart = self.model, (self._kernel, self._bias)
-        units = self._parameters[self._bias].size
-
-        def gradients(parameters, others, features, targets):
-            offset = tf.zeros((len(features), units))
-            watched = [x for k, x in enumerate(parameters) if k not in apart]
-            with tf.GradientTape(watch_accessed_variables=False) as tape:
-                tape.watch([*watched, offset])
-                (vectors, stack), others = model.stateless_call(
-                    parameters, others, [features, offset], training=True
-                )
-                loss = _loss(targets, stack)
-            *rest, back = tape.gradient(loss, [*watched, offset])
-            return loss, others, rest, vectors, back
-
-        def evaluate(parameters, others, features, targets):
-            inputs = [features, tf.zeros((len(features), units))]
-            (_, stack), _ = model.stateless_call(parameters, others, inputs, training=False)
-            return _loss(targets, stack)
-
-        def on_processor(function):
-            def placed(*arguments):
-                with tf.device("CPU:0"):
-                    return function(*arguments)
-
-            return tf.function(placed)
-
-        return on_processor(gradients), on_processor(evaluate)
+        self.gradients = FactoredGradients(decoder)
+        super().__init__(self.gradients.model, batch_size, arrays)
+        self.parameters = ParameterArrays(self.model)
+        self.adam = ArrayAdam(learning_rate, self.parameters.trainable)
 
     def train_in_order(self, order: np.ndarray) -> float:
         """Train on the samples in this order, once each; mean loss while doing so."""
@@ -128,54 +91,30 @@ class ArrayTrainer(_Trainer):
         return sum(self._step(features[k], targets[k]) * len(k) for k in batches) / len(order)
 
     def _step(self, features: np.ndarray, targets: np.ndarray) -> float:
-        loss, others, *gradients = self._gradients(self._tensors(), self._others, features, targets)
-        self._others = [x.numpy() for x in others]
-        self._update(*gradients)
-        return float(loss)
-
-    def _tensors(self) -> list:
-        """Parameters as tensors on the same memory, which does not change while they are used."""
-        from tensorflow.experimental import dlpack
-
-        return [dlpack.from_dlpack(x.__dlpack__()) for x in self._parameters]
-
-    def _update(self, rest: list, vectors, back) -> None:
-        constants, rest, back = self._next_constants(), iter(rest), np.from_dlpack(back)
-        for k, (parameter, moments) in enumerate(zip(self._parameters, self._moments, strict=True)):
-            if k == self._kernel:
-                _adam.update_product(parameter, *moments, np.from_dlpack(vectors), back, *constants)
-                continue
-            gradient = back.sum(axis=0) if k == self._bias else np.from_dlpack(next(rest))
-            flat = (x.reshape(-1) for x in (parameter, *moments, gradient))
-            _adam.update_all(*flat, *constants)
-
-    def _next_constants(self) -> list[np.float32]:
-        """Rate of the next step with its bias corrections, 1 - beta twice, and epsilon."""
-        rate, adam = self._learning_rate, self._adam
-        rate = float(rate(self._steps)) if callable(rate) else rate
-        self._steps += 1
-        step = int(self._steps)
-        rate *= np.sqrt(1 - adam.beta_2**step) / (1 - adam.beta_1**step)
-        return [np.float32(x) for x in (rate, 1 - adam.beta_1, 1 - adam.beta_2, adam.epsilon)]
+        loss, gradients, others = self.gradients.of_batch(self.parameters, features, targets)
+        self.parameters.others = others
+        self.adam.update(self.parameters.trainable, gradients)
+        return loss
 
     def evaluate(self, part: str) -> float:
         """Loss over all samples of a part, in inference."""
         features, targets = self.arrays[part]
-        parameters, total = self._tensors(), 0.0
+        values, total = (self.parameters.tensors(), self.parameters.others), 0.0
         for k in _batches(np.arange(len(features)), EVALUATION_BATCH):
-            loss = self._evaluate(parameters, self._others, features[k], targets[k])
+            loss = self.gradients.run_in_inference(*values, features[k], targets[k])
             total += float(loss) * len(k)
         return total / len(features)
 
     @property
     def weights(self) -> list[np.ndarray]:
         """Copies of all values of the decoder, in the order of `decoder_variables`."""
-        return [x.copy() for x in (*self._parameters, *self._others)]
+        return self.parameters.copies()
 
     @property
     def state(self) -> list[np.ndarray]:
         """Everything that the next epoch depends on; set it to go on from there."""
-        return [self._steps, *self._parameters, *self._moments, *self._others]
+        parameters, adam = self.parameters, self.adam
+        return [adam.steps, *parameters.trainable, *adam.moments, *parameters.others]
 
     @state.setter
     def state(self, values) -> None:
@@ -212,12 +151,10 @@ class DeviceTrainer(_Trainer):
         """Train on each row of indices; new state and the losses."""
         import jax
 
-        def step(state, chosen):
+        def step(state, batch):
             trainable, others, optimizer = state
             gradient = jax.value_and_grad(self._loss_in_training, has_aux=True)
-            (loss, others), gradients = gradient(
-                trainable, others, features[chosen], targets[chosen]
-            )
+            (loss, others), gradients = gradient(trainable, others, features[batch], targets[batch])
             trainable, optimizer = self._adam.stateless_apply(optimizer, gradients, trainable)
             return [list(trainable), list(others), list(optimizer)], loss
 
@@ -225,11 +162,11 @@ class DeviceTrainer(_Trainer):
 
     def _loss_in_training(self, trainable, others, features, targets):
         stack, others = self.model.stateless_call(trainable, others, features, training=True)
-        return _loss(targets, stack), others
+        return mean_squared_error(targets, stack), others
 
     def _loss_in_inference(self, trainable, others, features, targets):
         stack, _ = self.model.stateless_call(trainable, others, features, training=False)
-        return _loss(targets, stack)
+        return mean_squared_error(targets, stack)
 
     def evaluate(self, part: str) -> float:
         """Loss over all samples of a part, in inference."""
@@ -259,18 +196,5 @@ class DeviceTrainer(_Trainer):
         self._state = [[jax.device_put(next(values)) for _ in group] for group in self._state]
 
 
-def _loss(targets, stack):
-    return ops.mean(ops.square(stack - targets))
-
-
 def _batches(order: np.ndarray, size: int):
     return (order[first : first + size] for first in range(0, len(order), size))
-
-
-def _aligned(values: np.ndarray) -> np.ndarray:
-    """Copy to memory that TensorFlow can share: it wants addresses divisible by 64."""
-    memory = np.empty(values.nbytes + 64, np.uint8)
-    start = -memory.ctypes.data % 64
-    array = memory[start : start + values.nbytes].view(values.dtype).reshape(values.shape)
-    array[...] = values
-    return array

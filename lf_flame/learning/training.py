@@ -19,8 +19,9 @@ from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
-from lf_flame.learning.backbone import ImagenetUnavailable, describe_weights
+from lf_flame.learning.backbone import describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import describe_dataset
 from lf_flame.learning.trainers import decoder_variables, make_trainer
 from lf_flame.learning.training_run import Job, assign, carry_out, check_seed

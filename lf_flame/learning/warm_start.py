@@ -4,8 +4,8 @@ The decoder's last big layer is linear in 256 numbers, so the best images it can
 arrives there have a closed form: ridge regression of the training images before the sigmoid. With
 the neck "positions" the regression finds the 256 numbers too. With the paper's pooled neck the two
 convolutions start by passing on what a regression on the backbone's averages found. The last
-convolution starts as the identity. Training then begins there. Not in the paper (deviation 13);
-off in PRESET=paper.
+convolution starts as the identity. Training then begins there. Not in the paper (deviation 13), and
+off in the recipes that follow it.
 """
 
 import keras
@@ -24,7 +24,8 @@ def warm_start(decoder: keras.Model, training: tuple, held_out: tuple, bands: in
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`; what the samples do not determine stays random.
+        From `lf_flame.learning.decoder.build_decoder`; what the samples do not determine stays
+        random.
     training, held_out : (ndarray, ndarray)
         Features (n, h', w', channels) and targets (n, planes, h, w, 1). Those held out only
         choose the strength of the ridge.
@@ -42,7 +43,7 @@ def warm_start(decoder: keras.Model, training: tuple, held_out: tuple, bands: in
 
 
 def _regress_by_bands(decoder, training, held_out, bands: int) -> None:
-    """Set neck and basis: a share of the 256 numbers for each band."""
+    """Set neck and basis: a part of the 256 numbers for each band."""
     neck, basis = decoder.get_layer("neck"), decoder.get_layer("basis")
     _, height, width, planes = decoder.get_layer("planes").output.shape
     shape = decoder.input.shape[1:]
@@ -52,7 +53,7 @@ def _regress_by_bands(decoder, training, held_out, bands: int) -> None:
     images = np.zeros((neck.units, height, width, planes), np.float32)
     centre, offset = np.zeros(neck.units), np.zeros((height, width, planes))
     for band in range(bands):
-        units, drawn = (_share(band, bands, whole) for whole in (neck.units, width))
+        units, drawn = (_part(band, bands, whole) for whole in (neck.units, width))
         seen = _overlapped(band, bands, shape[1])
         parts = (
             (_flat(x[:, :, seen]), _flat(_as_drawn(y)[:, :, drawn]))
@@ -68,7 +69,7 @@ def _regress_by_bands(decoder, training, held_out, bands: int) -> None:
     basis.set_weights([images.reshape(neck.units, -1), offset.reshape(-1)])
 
 
-def _share(band: int, bands: int, whole: int) -> slice:
+def _part(band: int, bands: int, whole: int) -> slice:
     return slice(band * whole // bands, (band + 1) * whole // bands)
 
 

@@ -14,7 +14,7 @@ from lf_flame.refocus.aperture import (
     round_aperture,
     sparse_aperture,
 )
-from lf_flame.refocus.composite import FocusMap, all_in_focus, depth_from_focus
+from lf_flame.refocus.depth_from_focus import FocusMap, all_in_focus, depth_from_focus
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.methods import refocus
 from lf_flame.refocus.sharpness import SlopeSearch, find_sharpest_slope, find_sharpest_slopes

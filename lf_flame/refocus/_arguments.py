@@ -1,4 +1,4 @@
-"""Checks that all ways of refocusing share."""
+"""Checks that all methods of refocusing share."""
 
 import numpy as np
 

@@ -1,8 +1,8 @@
 """Every compiled loop of shift-and-sum: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation._kernels`, all loops gather: each output element is summed by one thread in a fixed
-order, so the bits do not depend on the number of threads. Chains of CHAIN fused multiply-adds run
-in the type of the weights, everything beyond them in float64.
+As in `lf_flame.simulation._kernels`, all loops gather: each output element is summed by one thread
+in a fixed order, so the bits do not depend on the number of threads. Chains of CHAIN fused
+multiply-adds run in the type of the weights, everything beyond them in float64.
 
 Indices are unsigned where a loop is to be vectorised: Python's negative ones cost a branch.
 """
@@ -168,10 +168,10 @@ def _merge(sums, out):
             out[n, t, s] = total
 
 
-def _slice_spectrum(spectrum, rows, row_shares, columns, column_shares, out):
+def _slice_spectrum(spectrum, rows, row_weights, columns, column_weights, out):
     """Interpolate slices of an angular spectrum [t, s, v, u]: out[n, t, s].
 
-    rows[n, t, i], columns[n, s, j]: samples around the slice along v and u, with their shares.
+    rows[n, t, i], columns[n, s, j]: samples around the slice along v and u, with their weights.
     """
     slopes, height, waves = out.shape
     for k in prange(slopes * height):
@@ -179,10 +179,10 @@ def _slice_spectrum(spectrum, rows, row_shares, columns, column_shares, out):
         for s in range(waves):
             total = np.complex128(0)
             for i in range(rows.shape[2]):
-                near = np.complex128(0)
+                near, row = np.complex128(0), rows[n, t, i]
                 for j in range(columns.shape[2]):
-                    near += column_shares[n, s, j] * spectrum[t, s, rows[n, t, i], columns[n, s, j]]
-                total += row_shares[n, t, i] * near
+                    near += column_weights[n, s, j] * spectrum[t, s, row, columns[n, s, j]]
+                total += row_weights[n, t, i] * near
             out[n, t, s] = total
 
 

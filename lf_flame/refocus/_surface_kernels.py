@@ -1,7 +1,7 @@
 """Compiled loop of refocusing on a surface: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation._kernels`, the loop gathers and all sums run in float64, in a fixed order: the bits
-do not depend on the number of threads.
+As in `lf_flame.simulation._kernels`, the loop gathers and all sums run in float64, in a fixed
+order: the bits do not depend on the number of threads.
 """
 
 import math
@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit, prange
 
 
-def _refocus_row(views, line, t, shares, taps, out):
+def _refocus_row(views, line, t, weights, taps, out):
     """Refocus row t of an image with a slope for each of its pixels, line[s]: out[s, c].
 
     A pixel's shift along t depends on the row of the view only, that along s on its column, so
@@ -31,9 +31,9 @@ def _refocus_row(views, line, t, shares, taps, out):
         for a in range(taps):
             part[:] = 0.0
             for u in range(columns):
-                if shares[v, u] != 0.0:
+                if weights[v, u] != 0.0:
                     add_view(views[v, u].reshape(-1), down[a], right[u], right_weight[u],
-                             shares[v, u], part)  # fmt: skip
+                             weights[v, u], part)  # fmt: skip
             for c in range(channels):
                 for s in range(width):
                     total[c, s] += down_weight[a, s] * part[c, s]
@@ -69,25 +69,25 @@ def _place_taps(line, middle, start, step, length, stride, index, weight):
             index[a, s] = min(max(first + a, 0), length - 1) * stride
 
 
-def _add_view(view, down, right, weight, share, part):
-    """Add share times the row of a flat view that down points to, interpolated along s."""
+def _add_view(view, down, right, tap_weight, weight, part):
+    """Add weight times the row of a flat view that down points to, interpolated along s."""
     for b in range(right.shape[0]):
         for c in range(part.shape[0]):
             for s in range(down.size):
                 # unsigned, so that no index can be negative
                 at = np.uint64(down[s] + right[b, s] + c)
-                part[c, s] += share * weight[b, s] * view[at]
+                part[c, s] += weight * tap_weight[b, s] * view[at]
 
 
-def _refocus_surface(views, slopes, shares, taps, out):
+def _refocus_surface(views, slopes, weights, taps, out):
     """Weighted mean of views[v, u, t, s, c], shifted by slopes[n, t, s]: out[n, t, s, c].
 
-    shares[v, u]: weight of each view; those of weight 0 are not read.
+    weights[v, u]: of the views, with sum 1; those of weight 0 are not read.
     """
     height = slopes.shape[1]
     for k in prange(slopes.shape[0] * height):
         n, t = k // height, k % height
-        refocus_row(views, slopes[n, t], t, shares, taps, out[n, t])
+        refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])
 
 
 place_taps = njit(cache=True)(_place_taps)

@@ -12,7 +12,7 @@ from lf_flame.refocus.interpolation import shift_taps
 
 
 def align_views(
-    views, slopes, chosen: Sequence[tuple[int, int]], block: tuple[int, int] = (1, 1)
+    views, slopes, view_indices: Sequence[tuple[int, int]], block: tuple[int, int] = (1, 1)
 ) -> np.ndarray:
     """Shift some views so that what stands at a slope is at the same place in all of them.
 
@@ -22,17 +22,17 @@ def align_views(
     Parameters
     ----------
     views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Views that are not chosen are not read.
+        Views whose indices are not given are not read.
     slopes : float or sequence of float
         In lenslets per view step, whatever the blocks.
-    chosen : sequence of (int, int)
+    view_indices : sequence of (int, int)
         Row and column of each view.
     block : (int, int), optional
         Lenslets that are averaged into one pixel, along (t, s), after shifting.
 
     Returns
     -------
-    ndarray of float32, shape (n, chosen, t / block, s / block) or with a last axis of channels
+    ndarray of float32, shape (n, views, t / block, s / block) or with a last axis of channels
 
     Raises
     ------
@@ -40,19 +40,19 @@ def align_views(
         If an argument cannot be used, or a pixel that was read is NaN or infinite.
     """
     views, slopes = as_views(views), as_slopes(slopes)
-    chosen = _as_places(chosen, views.shape[:2])
+    indices = _as_view_indices(view_indices, views.shape[:2])
     if min(block) < 1 or any(n % m for n, m in zip(views.shape[2:4], block, strict=True)):
         raise InputError(
             f"Blocks of {block[0]} x {block[1]} lenslets do not divide an image of "
             f"{views.shape[2]} x {views.shape[3]}."
         )
-    images, at = _as_images(views, chosen)
+    images, at = _as_images(views, indices)
     channels = views.shape[4] if views.ndim == 5 else 1
-    shifts = [np.outer(centred(views.shape[axis])[chosen[:, axis]], slopes) for axis in (0, 1)]
+    shifts = [np.outer(centred(views.shape[axis])[indices[:, axis]], slopes) for axis in (0, 1)]
     rows, row_weights = _taps(shifts[0], views.shape[2], block[0])
     columns, column_weights = _taps(shifts[1], views.shape[3], block[1])
     size = rows.shape[2], columns.shape[2]
-    out = np.empty((len(slopes), len(chosen), size[0], size[1] * channels), np.float32)
+    out = np.empty((len(slopes), len(indices), size[0], size[1] * channels), np.float32)
     _alignment_kernels.align_views(
         images, at, rows, row_weights, columns * channels, column_weights, channels, out
     )
@@ -61,35 +61,35 @@ def align_views(
     return out.reshape(*out.shape[:2], *size, *views.shape[4:])
 
 
-def _as_places(chosen, shape: tuple[int, int]) -> np.ndarray:
-    """Rows and columns of the chosen views, [k, 2]."""
-    places = np.asarray(chosen)
-    if places.ndim != 2 or places.shape[1:] != (2,) or places.dtype.kind not in "iu":
-        raise InputError(f"Views are chosen by pairs of row and column, got {chosen!r}.")
-    for v, u in places.tolist():
+def _as_view_indices(view_indices, shape: tuple[int, int]) -> np.ndarray:
+    """Rows and columns of views of a light field that has so many, [k, 2]."""
+    indices = np.asarray(view_indices)
+    if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":
+        raise InputError(f"Views are indexed by pairs of row and column, got {view_indices!r}.")
+    for v, u in indices.tolist():
         if not (0 <= v < shape[0] and 0 <= u < shape[1]):
             raise InputError(
                 f"There is no view ({v}, {u}) in a light field of {shape[0]} x {shape[1]} views, "
                 f"counted from 0."
             )
-    return places
+    return indices
 
 
-def _as_images(views: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lay views out as images[m, t, x] of float32, and say which of them are the chosen ones.
+def _as_images(views: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lay views out as images[m, t, x] of float32, and say which of them are those at the indices.
 
-    Where they are laid out so already, nothing is copied; else only what was chosen.
+    Where they are laid out so already, nothing is copied; else only what is asked for.
     """
     shape = views.shape[:2]
-    at = np.ravel_multi_index(tuple(chosen.T), shape)
+    at = np.ravel_multi_index(tuple(indices.T), shape)
     if views.dtype != np.float32 or not views.flags.c_contiguous:
-        views = np.ascontiguousarray(views[tuple(chosen.T)], np.float32)
+        views = np.ascontiguousarray(views[tuple(indices.T)], np.float32)
         return views.reshape(*views.shape[:2], -1), np.arange(len(at))
     return views.reshape(shape[0] * shape[1], views.shape[2], -1), at
 
 
 def _taps(shifts: np.ndarray, length: int, block: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find what is read for each pixel of the output along an axis, and its share.
+    """Find what is read for each pixel of the output along an axis, and its weight.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Synthetic apertures: the share that each view has in a refocused image.
+"""Synthetic apertures: the weight that each view has in a refocused image.
 
 The views divide the square aperture of the main lens into as many squares. A smaller, round or
 annular aperture takes of each view the part of its square that lies inside.
@@ -25,7 +25,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     Returns
     -------
     ndarray of float64, shape (v, u), values from 0 to 1
-        Share of each view's square that lies inside, for `shift_and_sum` and the like.
+        Part of each view's square that lies inside, for `shift_and_sum` and the like.
 
     Raises
     ------
@@ -44,13 +44,13 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     return np.clip(inside * views[0] * views[1] * (diameter / 2) ** 2, 0, 1)
 
 
-def sparse_aperture(views: tuple[int, int], places) -> np.ndarray:
+def sparse_aperture(views: tuple[int, int], view_indices) -> np.ndarray:
     """Weights of the views where only some are used, all alike.
 
     Parameters
     ----------
     views : (int, int)
-    places : sequence of (int, int)
+    view_indices : sequence of (int, int)
         Row and column of each view that is used.
 
     Returns
@@ -58,7 +58,7 @@ def sparse_aperture(views: tuple[int, int], places) -> np.ndarray:
     ndarray of float64, shape (v, u), 0 or 1
     """
     weights = np.zeros(views)
-    weights[tuple(np.transpose(places))] = 1
+    weights[tuple(np.transpose(view_indices))] = 1
     return weights
 
 

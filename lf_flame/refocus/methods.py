@@ -1,4 +1,4 @@
-"""Refocusing by whichever way is cheapest for what is asked."""
+"""Refocusing by whichever method is cheapest for what is asked."""
 
 import numpy as np
 
@@ -29,12 +29,12 @@ def refocus(
         "sinc" shifts band-limited views exactly.
     method : {"auto", "space", "fourier", "slice"}, optional
         `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the one that takes
-        least. With 15 x 15 views there is no cross-over, as `make benchmarks` measures: a plane of
-        `shift_and_sum` takes less than a plane of phases, and that less than a slice, which has to
-        be read from all over a spectrum far larger than the cache, for any number of planes. So
-        "auto" is "space" for neighbours in space, and "fourier" for "sinc".
+        least. With 15 x 15 views there is no cross-over: measured, a plane of `shift_and_sum` takes
+        less than a plane of phases, and that less than a slice, which has to be read from all over
+        a spectrum far larger than the cache, for any number of planes. So "auto" is "space" for
+        neighbours in space, and "fourier" for "sinc".
     weights : array_like, shape (v, u), optional
-        Share of each view, 0 or above; divided by their sum. Default: all alike.
+        Weight of each view, 0 or above; divided by their sum. Default: all alike.
 
     Returns
     -------

@@ -71,22 +71,24 @@ def semblance(views: np.ndarray, slopes: np.ndarray, regions: list, progress=Non
     """
     patch, corner, exponent, rounding = _cut(views, slopes, regions)
     farthest = np.abs(slopes).max()
-    axes, places = [], []
+    axes, interval_of_region = [], []
     for k in (0, 1):
         bounds = np.array([region[2 * k : 2 * k + 2] for region in regions]) - corner[k]
-        stretches, place = np.unique(bounds, axis=0, return_inverse=True)
-        axes.append(_Axis.of(patch.shape[k], patch.shape[k + 2], stretches, farthest))
-        places.append(place)
+        intervals, which = np.unique(bounds, axis=0, return_inverse=True)
+        axes.append(_Axis.of(patch.shape[k], patch.shape[k + 2], intervals, farthest))
+        interval_of_region.append(which)
     batches = [slopes[i : i + SLOPES_AT_ONCE] for i in range(0, len(slopes), SLOPES_AT_ONCE)]
     gradients = _gradients(patch)
     sums = _energies(gradients, axes, batches)
     if progress is not None:
         sums = progress(sums, 0, len(batches))
-    refocused, alike, seen = (np.concatenate(s)[:, *places] for s in zip(*sums, strict=True))
+    refocused, alike, seen = (
+        np.concatenate(batch)[:, *interval_of_region] for batch in zip(*sums, strict=True)
+    )
     energy = alike / seen
     bright = energy > LEAK * np.linalg.norm(gradients) ** 2 / gradients.size
-    share = np.divide(refocused, alike, out=np.zeros_like(refocused), where=bright)
-    return share, np.ldexp(energy, 2 * exponent), np.ldexp(rounding, exponent)
+    agreement = np.divide(refocused, alike, out=np.zeros_like(refocused), where=bright)
+    return agreement, np.ldexp(energy, 2 * exponent), np.ldexp(rounding, exponent)
 
 
 def _cut(views: np.ndarray, slopes: np.ndarray, regions: list):
@@ -132,42 +134,82 @@ def _gradients(patch: np.ndarray) -> np.ndarray:
 
 
 def _energies(gradients: np.ndarray, axes: list["_Axis"], batches: list) -> Iterator[tuple]:
-    """Yield numerator and denominator of the semblance, and sums of ``(sum_a h_a)^2``.
+    """Sum up numerator and denominator of the semblance over the regions.
 
-    For each batch of slopes, each of shape (slopes, stretches down, stretches across).
+    With x a lenslet, w the region, g_a the gradient of view a, h its weight before it is shifted
+    (the same for all views), and d_a its shift at a slope:
+
+        numerator     sum_x w(x) |sum_a (h g_a)(x + d_a)|^2
+        denominator   sum_x w(x) S(x) sum_a (h |g_a|^2)(x + d_a),  S(x) = sum_a h(x + d_a)
+
+    By the shift theorem ``f(x + d) = F^-1[exp(2 pi i k d) F[f](k)]`` the sum over the views in the
+    numerator takes one inverse transform for each slope, of spectra that are computed once. In the
+    denominator the shifts are moved to the other factor, ``sum_a sum_y (h |g_a|^2)(y) (w S)(y -
+    d_a)``, where y - d_a is the conjugate phase: the views' energy stays as it is, and is summed by
+    weights that are shifted back. As w, h and the shifts are separable along the two axes, so are
+    those weights, and the sums are two matrix products.
+
+    Parameters
+    ----------
+    gradients : ndarray of complex64, shape (v, u, t, s)
+    axes : (_Axis, _Axis)
+        Along (v, t) and along (u, s).
+    batches : list of ndarray of float64, shape (n,)
+        Slopes that are worked on together.
+
+    Yields
+    ------
+    numerator, denominator, seen : ndarray of float64, shape (n, i, j)
+        For slope n, interval i down and interval j across; the last is ``sum_x w(x) S(x)^2``.
     """
     rows, columns, height, width = gradients.shape
     down, across = axes
-    weights = np.outer(_taper(height), _taper(width)).astype(np.float32)
-    energy = weights * (gradients.real**2 + gradients.imag**2)
-    energy = energy.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
-    spectra = fft.fft2(weights * gradients, (down.period, across.period))
-    spectra = np.ascontiguousarray(spectra.transpose(3, 0, 1, 2))
+    taper = np.outer(_taper(height), _taper(width)).astype(np.float32)  # [t, s]
+    energy = taper * (gradients.real**2 + gradients.imag**2)  # [v, u, t, s]
+    energy = energy.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)  # [v t, u s]
+    spectra = fft.fft2(taper * gradients, (down.period, across.period))  # [v, u, k_t, k_s]
+    spectra = np.ascontiguousarray(spectra.transpose(3, 0, 1, 2))  # [k_s, v, u, k_t]
     for slopes in batches:
-        turns = down.turns(slopes), across.turns(slopes)
-        image = _refocused(spectra, *turns)[:, :height, :width].astype(np.complex128)
-        light = image.real**2 + image.imag**2
+        phases = down.phases(slopes), across.phases(slopes)  # [k_t, v, n], [k_s, u, n]
+        image = _refocused(spectra, *phases)[:, :height, :width].astype(np.complex128)  # [n, t, s]
+        light = image.real**2 + image.imag**2  # [n, t, s]
         # Not by BLAS, whose sums depend on the number of its threads.
         refocused = np.einsum("it,nts->nis", down.covered, light)
         refocused = np.einsum("nis,js->nij", refocused, across.covered)
-        (by_row, seen_down), (by_column, seen_across) = (
-            axis.weights(turn) for axis, turn in zip(axes, turns, strict=True)
-        )
-        row_sums = np.empty((by_row.shape[0] * by_row.shape[1], columns * width))
-        by_row = np.ascontiguousarray(by_row.reshape(len(row_sums), rows * height))
-        _semblance_kernels.multiply(by_row, energy, row_sums)
-        row_sums = row_sums.reshape(len(slopes), -1, columns * width)
-        by_column = by_column.reshape(len(slopes), -1, columns * width)
-        alike = np.einsum("nix,njx->nij", row_sums, by_column)
+        by_row, seen_down = down.weights(phases[0])  # [n, i, v, t], [n, i]
+        by_column, seen_across = across.weights(phases[1])  # [n, j, u, s], [n, j]
+        alike = _sum_energy(energy, by_row, by_column)  # [n, i, j]
         yield refocused, alike, seen_down[:, :, None] * seen_across[:, None, :]
 
 
+def _sum_energy(energy: np.ndarray, by_row: np.ndarray, by_column: np.ndarray) -> np.ndarray:
+    """Sum energy[v t, u s] by weights by_row[n, i, v, t] and by_column[n, j, u, s]: [n, i, j]."""
+    slopes, intervals = by_row.shape[:2]
+    by_row = np.ascontiguousarray(by_row.reshape(slopes * intervals, -1))  # [n i, v t]
+    row_sums = np.empty((len(by_row), energy.shape[1]))  # [n i, u s]
+    _semblance_kernels.multiply(by_row, energy, row_sums)
+    row_sums = row_sums.reshape(slopes, intervals, -1)  # [n, i, u s]
+    by_column = by_column.reshape(slopes, -1, energy.shape[1])  # [n, j, u s]
+    return np.einsum("nix,njx->nij", row_sums, by_column)
+
+
 def _refocused(spectra: np.ndarray, down: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Sum of views [s, v, u, t] in shifts given by their phases: images, shape (slopes, t, s)."""
-    # Small matrix products, [n, u] @ [u, t]; for larger ones BLAS starts threads, and waits.
-    row_sums = across.astype(np.complex64).transpose(0, 2, 1)[:, None] @ spectra
-    down = down.astype(np.complex64).transpose(1, 2, 0)
-    return fft.ifft2(np.einsum("svnt,vnt->nts", row_sums, down))
+    """Sum views, shifted by their phase factors.
+
+    Parameters
+    ----------
+    spectra : ndarray of complex64, shape (k_s, v, u, k_t)
+    down, across : ndarray of complex128, shapes (k_t, v, n) and (k_s, u, n)
+
+    Returns
+    -------
+    ndarray of complex64, shape (n, t, s)
+        As long as the periods; cut off what is beyond the views.
+    """
+    # Small matrix products, [n, u] @ [u, k_t]; for larger ones BLAS starts threads, and waits.
+    row_sums = across.astype(np.complex64).transpose(0, 2, 1)[:, None] @ spectra  # [k_s, v, n, k_t]
+    down = down.astype(np.complex64).transpose(1, 2, 0)  # [v, n, k_t]
+    return fft.ifft2(np.einsum("svnt,vnt->nts", row_sums, down))  # of [n, k_t, k_s]
 
 
 def _taper(n: int) -> np.ndarray:
@@ -178,37 +220,56 @@ def _taper(n: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """How views are shifted along one axis, and the stretches of it that regions cover."""
+    """How views are shifted along one axis, and the intervals of it that regions cover.
+
+    Attributes
+    ----------
+    views, length : int
+        Views along the angular axis, and lenslets along the spatial one.
+    period : int
+        Lenslets after which a transform repeats itself, `length` or more.
+    covered : ndarray of float64, shape (intervals, length), from 0 to 1
+    """
 
     views: int
     length: int
     period: int
-    covered: np.ndarray  # shape (stretches, length), from 0 to 1
+    covered: np.ndarray
 
     @classmethod
-    def of(cls, views: int, length: int, stretches: np.ndarray, farthest: float) -> "_Axis":
+    def of(cls, views: int, length: int, intervals: np.ndarray, farthest: float) -> "_Axis":
+        """Lay out an axis for intervals (start, stop), one a row, and slopes up to `farthest`."""
         # So long that nothing that leaves at one end can come around into a region.
-        span = max(length - stretches.min(), stretches.max()) + farthest * (views - 1) / 2
+        span = max(length - intervals.min(), intervals.max()) + farthest * (views - 1) / 2
         period = fft.next_fast_len(max(length, int(np.ceil(span))))
-        places = np.arange(length)
-        covered = (stretches[:, :1] <= places) & (places < stretches[:, 1:])
+        lenslets = np.arange(length)
+        covered = (intervals[:, :1] <= lenslets) & (lenslets < intervals[:, 1:])
         # With hard edges, interpolation would ring into the dark from bright light beyond them.
         covered = gaussian_filter1d(covered.astype(np.float64), SOFTNESS, mode="constant")
         return cls(views, length, period, covered)
 
-    def turns(self, slopes: np.ndarray) -> np.ndarray:
-        """Phases that shift the views, shape (period, views, slopes)."""
+    def phases(self, slopes: np.ndarray) -> np.ndarray:
+        """Phase factors that shift the views: complex128, shape (period, views, slopes)."""
         shifts = centred(self.views)[:, None] * slopes
         return np.exp(2j * np.pi * fft.fftfreq(self.period)[:, None, None] * shifts)
 
-    def weights(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weights by which the views' energy counts in each stretch, and the sums of their squares.
+    def weights(self, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights by which the views' energy counts in each interval, and sums of their squares.
 
-        Shapes (slopes, stretches, views, length) and (slopes, stretches). To sum up energy that is
-        shifted is to sum it up unshifted, by weights that are shifted back.
+        Parameters
+        ----------
+        phases : ndarray of complex128, shape (period, views, slopes)
+
+        Returns
+        -------
+        ndarray of float64, shape (slopes, intervals, views, length)
+            ``(w S)(y - d_a)``, see `_energies`.
+        ndarray of float64, shape (slopes, intervals)
+            ``sum_x w(x) S(x)^2``.
         """
-        taper = fft.fft(_taper(self.length), self.period)
-        seen = fft.ifft(taper[:, None] * turns.sum(axis=1), axis=0).real[: self.length]
-        back = fft.fft(self.covered[:, :, None] * seen, self.period, axis=1)[:, :, None]
-        weights = fft.ifft(back * turns.conj(), axis=1).real[:, : self.length]
+        taper = fft.fft(_taper(self.length), self.period)  # [k]
+        seen = fft.ifft(taper[:, None] * phases.sum(axis=1), axis=0).real[: self.length]  # [x, n]
+        within = self.covered[:, :, None] * seen  # [i, x, n]
+        spectra = fft.fft(within, self.period, axis=1)[:, :, None]  # [i, k, 1, n]
+        weights = fft.ifft(spectra * phases.conj(), axis=1).real[:, : self.length]  # [i, x, a, n]
         return weights.transpose(3, 0, 2, 1), np.einsum("it,tn->ni", self.covered, seen**2)

@@ -1,4 +1,6 @@
-"""Shift-and-sum refocusing in space."""
+"""Shift-and-sum refocusing in space: a plan of the shifts, then one compiled pass."""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +21,10 @@ SLOPES_AT_ONCE = 8
 BLOCK = 2048
 """Pixels of a line, about, that are worked on together; shorter pieces are read more slowly."""
 
+JOBS = 4
+"""Blocks of columns times groups of rows of views that threads can share, where there are so many
+rows. A constant, so that the bits do not depend on the number of threads."""
+
 
 def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
     """Refocus by shifting in space, coordinates clamped at the edges.
@@ -37,7 +43,7 @@ def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) ->
         Between neighbouring lenslets. "nearest" rounds each view's shift to whole lenslets,
         halves up; "cubic" is Keys's convolution, which can overshoot at edges.
     weights : array_like, shape (v, u), optional
-        Share of each view, 0 or above (`lf_flame.refocus.aperture`); divided by their sum.
+        Weight of each view, 0 or above (`lf_flame.refocus.aperture`); divided by their sum.
         Default: all alike. Views of weight 0 are not read.
 
     Returns
@@ -63,30 +69,96 @@ def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) ->
     return stack.reshape(len(slopes), *views.shape[2:])
 
 
-def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
-    rows, columns, height, width = views.shape
-    down, down_shares = shift_taps(_shifts(slopes, rows, height), interpolation)
-    right, right_shares = shift_taps(_shifts(slopes, columns, width // channels), interpolation)
-    if not right_shares[1:].any():  # whole slopes
-        right_shares = right_shares[:1]
-    taps = len(right_shares)
+class ShiftPlan(NamedTuple):
+    """Where the views are read at some slopes, and how much they count: what the kernel is told.
+
+    n slopes of a light field of (v, u) views; a chain is a run of views that are summed in one go.
+
+    Attributes
+    ----------
+    used : ndarray of bool, shape (v, u)
+        Whether a view counts; one that does not is not read.
+    reach : int
+        Pixels by which each line is padded at its ends, and a block at its sides: as far as any
+        tap reaches beyond it.
+    at : ndarray of uint64, shape (v, n, chain, link)
+        Where tap 0 of each view reads in the padded lines of its row of views.
+    weights : tuple of ndarray of float32 or float64, one for each tap, shape (v, n, chain, link)
+        Weight of the tap times the view's, scaled row by row; 0 in links that hold no view.
+    down : ndarray of int64, shape (v, n)
+        Row that tap 0 of a row of views reads for row 0 of the image.
+    down_weights : ndarray of float64, shape (v, n, tap)
+        Weights of the rows' taps, which undo the scale and divide by the sum of the weights.
+    groups, blocks : int
+        Groups of rows of views, and blocks of columns, that are worked on side by side.
+    """
+
+    used: np.ndarray
+    reach: int
+    at: np.ndarray
+    weights: tuple[np.ndarray, ...]
+    down: np.ndarray
+    down_weights: np.ndarray
+    groups: int
+    blocks: int
+
+
+def plan_shifts(
+    shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
+    weights: np.ndarray, precision: type = np.float32,
+) -> ShiftPlan:  # fmt: skip
+    """Plan the shifts of all views at some slopes, without looking at a pixel.
+
+    Parameters
+    ----------
+    shape : (int, int, int, int)
+        Views (v, u), rows, and pixels of a row, which holds the channels of a lenslet side by side.
+    channels : int
+    slopes : ndarray of float64, shape (n,)
+    interpolation : str
+        See `shift_and_sum`.
+    weights : ndarray of float64, shape (v, u)
+        Of the views, 0 or above, at least one above 0.
+    precision : {numpy.float32, numpy.float64}, optional
+        Of the sums along a line.
+
+    Returns
+    -------
+    ShiftPlan
+    """
+    rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    breadth = -(-width // (blocks * channels)) * channels
-    reach = max(-int(right.min()), int(right.max()) + taps - 1, 0) * channels
-    padded = _padded(breadth + (taps - 1) * channels, _kernels.LANES) + 2 * reach
-    # A power of two, so that equal weights stay exact and no sum leaves the range of float32.
-    scale = 2.0 ** np.ceil(np.log2(np.maximum(weights.sum(axis=1), np.finfo(float).tiny)))
-    precision = np.float64 if views.dtype == np.float64 else np.float32
-    at = np.arange(columns)[:, None] * padded + right * channels + reach
-    shares = right_shares[:, None] * (weights / scale[:, None])[:, :, None]
-    chains = _chain(weights > 0, at, shares.astype(precision))
-    down_shares = np.moveaxis(down_shares * (scale / weights.sum())[:, None], 0, 2).copy()
-    groups = min(rows, max(4 // blocks, 1))
-    sums = np.empty((groups, len(slopes), height, width))
-    bad = np.zeros(groups * blocks, bool)
-    _kernels.shift_and_sum(
-        views, reach, channels, weights > 0, *chains, down, down_shares, sums, bad
+    down, down_taps = shift_taps(_shifts(slopes, rows, height), interpolation)
+    across, taps = shift_taps(_shifts(slopes, columns, width // channels), interpolation)
+    if not taps[1:].any():  # whole slopes
+        taps = taps[:1]
+    reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
+    line = _padded_line(width, blocks, channels, len(taps), reach)
+    at = np.arange(columns)[:, None] * line + across * channels + reach
+    scale = _powers_of_two(weights.sum(axis=1))
+    across_weights = taps[:, None] * (weights / scale[:, None])[:, :, None]
+    down_weights = down_taps * (scale / weights.sum())[:, None]
+    return ShiftPlan(
+        weights > 0,
+        reach,
+        *_chain(weights > 0, at, across_weights.astype(precision)),
+        down,
+        np.moveaxis(down_weights, 0, 2).copy(),
+        groups=min(rows, max(JOBS // blocks, 1)),
+        blocks=blocks,
     )
+
+
+def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
+    """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
+    precision = np.float64 if views.dtype == np.float64 else np.float32
+    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
+    sums = np.empty((plan.groups, len(slopes), *views.shape[2:]))
+    bad = np.zeros(plan.groups * plan.blocks, bool)
+    _kernels.shift_and_sum(
+        views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
+        plan.down_weights, sums, bad,
+    )  # fmt: skip
     if bad.any():
         refuse_not_finite(views)
     _kernels.merge(sums, out)
@@ -97,32 +169,46 @@ def _shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:
     return np.clip(slopes * centred(views)[:, None], -length, length)
 
 
-def _padded(length: int, multiple: int) -> int:
+def _padded_line(width: int, blocks: int, channels: int, taps: int, reach: int) -> int:
+    """Pixels from one view's line to the next, as the kernel lays a block of columns out."""
+    breadth = -(-width // (blocks * channels)) * channels
+    return _next_multiple(breadth + (taps - 1) * channels, _kernels.LANES) + 2 * reach
+
+
+def _powers_of_two(sums: np.ndarray) -> np.ndarray:
+    """Scale of each row: what its weights sum to, rounded up to a power of two.
+
+    Divided by it, equal weights stay exact and no sum leaves the range of float32.
+    """
+    return 2.0 ** np.ceil(np.log2(np.maximum(sums, np.finfo(float).tiny)))
+
+
+def _next_multiple(length: int, multiple: int) -> int:
     return -(-length // multiple) * multiple
 
 
-def _chain(used: np.ndarray, at: np.ndarray, shares: np.ndarray):
+def _chain(used: np.ndarray, at: np.ndarray, weights: np.ndarray):
     """Lay the views that count out in chains.
 
     Parameters
     ----------
     used : ndarray of bool, shape (v, u)
     at : ndarray of int, shape (u, n)
-    shares : ndarray of float, shape (tap, v, u, n)
+    weights : ndarray of float, shape (tap, v, u, n)
 
     Returns
     -------
     at : ndarray of uint64, shape (v, n, chain, link)
-    shares : tuple of ndarray of float, one for each tap, shape (v, n, chain, link)
+    weights : tuple of ndarray of float, one for each tap, shape (v, n, chain, link)
     """
     rows, columns = used.shape
-    taps, slopes = len(shares), at.shape[1]
-    length = _padded(int(used.sum(axis=1).max()), _kernels.CHAIN)
+    taps, slopes = len(weights), at.shape[1]
+    length = _next_multiple(int(used.sum(axis=1).max()), _kernels.CHAIN)
     links = np.argsort(~used, axis=1, kind="stable")[:, :length]  # those that count come first
     chained_at = np.zeros((rows, slopes, length), np.uint64)
     chained_at[..., : links.shape[1]] = np.swapaxes(at[links], 1, 2)
-    chained = np.zeros((taps, rows, slopes, length), shares.dtype)
-    chosen = np.take_along_axis(shares, links[None, :, :, None], axis=2)
-    chained[..., : links.shape[1]] = np.swapaxes(chosen, 2, 3)
+    chained = np.zeros((taps, rows, slopes, length), weights.dtype)
+    linked = np.take_along_axis(weights, links[None, :, :, None], axis=2)
+    chained[..., : links.shape[1]] = np.swapaxes(linked, 2, 3)
     shape = (rows, slopes, -1, _kernels.CHAIN)
     return chained_at.reshape(shape), tuple(chained.reshape(taps, *shape))

@@ -3,7 +3,7 @@
 A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a tilted
 (Scheimpflug) lens has in focus, is linear in it; regions of interest each get a slope of their own
 (volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238); the slope map of
-a whole scene makes an image with everything in focus (`lf_flame.refocus.composite`).
+a whole scene makes an image with everything in focus (`lf_flame.refocus.depth_from_focus`).
 """
 
 from collections.abc import Iterable
@@ -63,9 +63,9 @@ def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) 
     lights = views[..., None] if grey else views
     maps = slopes.reshape(-1, *slopes.shape[-2:])
     out = np.empty((*maps.shape, lights.shape[4]), np.float32)
-    shares = weights / weights.sum()
+    normalised = weights / weights.sum()
     with np.errstate(over="ignore"):  # refused below
-        _surface_kernels.refocus_surface(lights, maps, shares, TAPS[interpolation], out)
+        _surface_kernels.refocus_surface(lights, maps, normalised, TAPS[interpolation], out)
     if not np.isfinite(out).all():
         refuse_not_finite(views)
         raise InputError(

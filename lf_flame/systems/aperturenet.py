@@ -8,7 +8,7 @@ exact for things at one depth and views without gaps; only d, for each pixel, is
 (Shift-and-sum of nine views takes it for 0, and shows ghosts.)
 
 So the network has one thing to find: how wide. From the aligned views it draws, for each pixel, the
-shares of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
+weights of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
 filters: S. Bako et al., ACM Transactions on Graphics 36(4), 2017); a small correction is added for
 what no box does, such as edges that hide something. It is fully convolutional and sees slopes only
 through the alignment: any slope and any size will do.
@@ -19,7 +19,7 @@ import numpy as np
 from keras import layers, ops
 
 from lf_flame.refocus import align_views
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.view_selection import square_of_views
 
 SIDE = 3
@@ -28,7 +28,9 @@ VIEWS = SIDE**2
 WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
 """Of the boxes, in pixels; the first leaves the picture as it is."""
 
-REACH = 9
+BOX_SIDE = 9
+"""Pixels along the sides of the boxes' kernels: the widest box, and what it covers in part."""
+
 FILTERS = 32, 48
 """At half and at a quarter of the resolution."""
 
@@ -36,19 +38,22 @@ CONVINCED = 4.0
 """Logit by which the first box is preferred at the start: training starts from shift-and-sum."""
 
 SURE = 20.0
-"""Logits are cut off here, so that no share is infinite."""
+"""Logits are cut off here, so that no weight is infinite."""
 
-QUAD = 2
-"""Side of the squares of pixels that are worked on together, as channels."""
+BLOCK = 2
+"""Side of the blocks of pixels that space-to-depth moves into channels."""
+
+PIXELS = BLOCK**2
+"""Channels that one channel becomes: the pixels of a block, row by row."""
 
 
 def build_aperturenet(seed: int = 0) -> keras.Model:
     """Build the network.
 
     Half the resolution, and a quarter for what moves far, is enough to see how far the views
-    disagree. All that is sharp comes from the mean of the views, whose pixels are taken four by
-    four into the channels of half the resolution, where convolutions have enough of them to be
-    fast.
+    disagree. All that is sharp comes from the mean of the views, whose pixels are moved, four by
+    four, into the channels of half the resolution (space to depth; W. Shi et al., CVPR 2016), where
+    convolutions have enough of them to be fast.
 
     Parameters
     ----------
@@ -60,6 +65,17 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     keras.Model
         Input (h, w, 9), the aligned views; sides multiples of 4. Output (h, w, 1), not clipped.
     """
+    # Names of layers, "shares" and "mean_in_quads" too, are those of networks trained before.
+    seen = keras.Input((None, None, VIEWS), name="aligned_views")
+    features = _see_disagreement(seen, seed)
+    weights = _box_weights(features)
+    mixed = _mix_boxes(weights, _blurred_means(seen))
+    correction = _from_zero(PIXELS, "correction")(features)
+    return keras.Model(seen, _depth_to_space(mixed + correction), name="aperturenet")
+
+
+def _see_disagreement(seen, seed: int):
+    """From how the views differ, draw features at half the resolution: (h/2, w/2, 32)."""
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
     def convolution(filters: int, side: int, kind=layers.Conv2D, **options):
@@ -67,7 +83,6 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
         return kind(filters, side, padding="same", kernel_initializer=initial, **options)
 
     half, quarter = FILTERS
-    seen = keras.Input((None, None, VIEWS), name="aligned_views")
     near = seen - ops.mean(seen, axis=-1, keepdims=True)
     near = convolution(half, 4, strides=2, activation="relu")(near)
     far = convolution(quarter, 3, strides=2, activation="relu")(near)
@@ -75,27 +90,40 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
         far = convolution(quarter, 3, activation="relu")(far)
     far = convolution(half, 2, layers.Conv2DTranspose, strides=2)(far)
     x = layers.ReLU()(layers.Add()([near, far]))
-    x = convolution(half, 3, activation="relu")(x)
+    return convolution(half, 3, activation="relu")(x)
 
-    pixels = QUAD**2
-    first = np.float32([CONVINCED] * pixels + [0] * pixels * (len(WIDTHS) - 1))
-    shares = (
-        layers.Conv2D(len(first), 3, padding="same", kernel_initializer="zeros", name="shares")(x)
-        + first
-    )
-    shares = ops.exp(ops.clip(shares, -SURE, SURE))
-    mean = _fixed("mean_in_quads", _mean_in_quads(), strides=QUAD)(seen)
-    boxes = _fixed("boxes", _in_quads(make_boxes()))
-    blurred = boxes(mean) / boxes(ops.ones_like(mean))  # which at the edges is below 1
-    every_box = np.tile(np.eye(pixels), (len(WIDTHS), 1))[None, None]
+
+def _box_weights(features):
+    """For each pixel, how much each box counts, above 0: (h/2, w/2, box and pixel of a block)."""
+    channels = PIXELS * len(WIDTHS)
+    first_box = np.float32([CONVINCED] * PIXELS + [0] * (channels - PIXELS))
+    logits = _from_zero(channels, "shares")(features) + first_box
+    return ops.exp(ops.clip(logits, -SURE, SURE))
+
+
+def _blurred_means(seen):
+    """Blur the mean of the views by every box: (h/2, w/2, box and pixel of a block)."""
+    mean = _fixed("mean_in_quads", _mean_to_depth(), strides=BLOCK)(seen)
+    boxes = _fixed("boxes", _kernels_in_depth(make_boxes()))
+    return boxes(mean) / boxes(ops.ones_like(mean))  # which at the edges is below 1
+
+
+def _mix_boxes(weights, blurred):
+    """Take the weighted mean over the boxes, for each pixel: (h/2, w/2, pixel of a block)."""
+    every_box = np.tile(np.eye(PIXELS), (len(WIDTHS), 1))[None, None]
     over_boxes = _fixed("over_boxes", every_box)
-    mixed = over_boxes(shares * blurred) / over_boxes(shares)
-    mended = layers.Conv2D(
-        pixels, 3, padding="same", kernel_initializer="zeros", name="correction"
-    )(x)
-    back = np.eye(pixels).reshape(QUAD, QUAD, 1, pixels)
-    image = _fixed("image", back, layers.Conv2DTranspose, strides=QUAD)(mixed + mended)
-    return keras.Model(seen, image, name="aperturenet")
+    return over_boxes(weights * blurred) / over_boxes(weights)
+
+
+def _depth_to_space(x):
+    """Put the pixels of the blocks back in their places: (h, w, 1)."""
+    back = np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS)
+    return _fixed("image", back, layers.Conv2DTranspose, strides=BLOCK)(x)
+
+
+def _from_zero(filters: int, name: str):
+    """Make a convolution that starts at zero: until it has learnt something, it adds nothing."""
+    return layers.Conv2D(filters, 3, padding="same", kernel_initializer="zeros", name=name)
 
 
 def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
@@ -110,27 +138,38 @@ def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
     return layer
 
 
-def _mean_in_quads() -> np.ndarray:
-    """Take the mean of the views at four pixels into four channels: (2, 2, 9, 4)."""
-    each = np.eye(QUAD**2).reshape(QUAD, QUAD, 1, QUAD**2)
+def _mean_to_depth() -> np.ndarray:
+    """Kernel of the mean over the views, from space to depth: (2, 2, 9, 4)."""
+    each = np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS)
     return np.repeat(each, VIEWS, axis=2) / VIEWS
 
 
-def _in_quads(kernels: np.ndarray) -> np.ndarray:
-    """Turn kernels [i, j, 0, k] for pixels into kernels [i, j, pixel, k * 4 + pixel] for quads."""
+def _kernels_in_depth(kernels: np.ndarray) -> np.ndarray:
+    """Turn kernels for pixels into one that does the same on pixels moved into channels.
+
+    Parameters
+    ----------
+    kernels : ndarray, shape (side, side, 1, count)
+
+    Returns
+    -------
+    ndarray, shape (blocks, blocks, 4, count * 4)
+        From the pixels of a block to every kernel's result at the pixels of a block.
+    """
     side, count = kernels.shape[0], kernels.shape[3]
-    reach = -(-(side // 2) // QUAD)
-    out = np.zeros((2 * reach + 1,) * 2 + (QUAD, QUAD, count, QUAD, QUAD))
-    for i, j, a, b in np.ndindex(side, side, QUAD, QUAD):
-        (down, row), (right, column) = (divmod(n - side // 2, QUAD) for n in (i + a, j + b))
+    reach = -(-(side // 2) // BLOCK)
+    out = np.zeros((2 * reach + 1,) * 2 + (BLOCK, BLOCK, count, BLOCK, BLOCK))
+    for i, j, a, b in np.ndindex(side, side, BLOCK, BLOCK):
+        # Pixel (a, b) of a block reads this pixel of the block that far away.
+        (down, row), (right, column) = (divmod(n - side // 2, BLOCK) for n in (i + a, j + b))
         out[down + reach, right + reach, row, column, :, a, b] = kernels[i, j, 0]
-    return out.reshape(*out.shape[:2], QUAD**2, count * QUAD**2)
+    return out.reshape(*out.shape[:2], PIXELS, count * PIXELS)
 
 
 def make_boxes() -> np.ndarray:
     """Make boxes of `WIDTHS`, in pixels that they cover in part: float32, (9, 9, 1, boxes)."""
-    places = np.abs(np.arange(REACH) - REACH // 2)
-    lines = [np.clip(width / 2 - places + 0.5, 0, 1) for width in WIDTHS]
+    distances = np.abs(np.arange(BOX_SIDE) - BOX_SIDE // 2)
+    lines = [np.clip(width / 2 - distances + 0.5, 0, 1) for width in WIDTHS]
     squares = [np.outer(line, line) / line.sum() ** 2 for line in lines]
     return np.stack(squares, axis=-1)[:, :, None].astype(np.float32)
 
@@ -142,11 +181,11 @@ class ApertureNet(NetworkSystem):
     smallest = 37
     multiple = 4
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
         return square_of_views(rows, columns, SIDE)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align them."""
-        aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
+        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
         return np.moveaxis(aligned, 1, -1)

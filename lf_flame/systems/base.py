@@ -13,7 +13,8 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import as_slopes, as_views
 
-Places = Sequence[tuple[int, int]]
+ViewIndices = Sequence[tuple[int, int]]
+"""Row and column of each of some views."""
 
 PIXELS_AT_ONCE = 1 << 18
 """Which a network is given together: sixteen images of 90 x 180, or one photograph."""
@@ -38,7 +39,7 @@ class RefocusingSystem(ABC):
     parameters: int = 0
 
     @abstractmethod
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Row and column of each view that the system looks at, of rows x columns views.
 
         Raises
@@ -101,7 +102,7 @@ class RefocusingSystem(ABC):
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         _check_block(block, shape[2:4])
-        self.chosen(*shape[:2])
+        self.view_indices(*shape[:2])
         if shape[4:] not in ((), (3,)):
             raise InputError(
                 f"{self.name} takes grey light fields and those of 3 channels, got {shape[4]}."

@@ -7,7 +7,7 @@ import numpy as np
 
 from lf_flame._common.arrays import area_average
 from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
-from lf_flame.systems.base import Places, RefocusingSystem
+from lf_flame.systems.base import RefocusingSystem, ViewIndices
 from lf_flame.systems.view_selection import every_view
 
 
@@ -17,23 +17,26 @@ class ShiftAndSum(RefocusingSystem):
     Parameters
     ----------
     name : str
-    places : callable, optional
-        Takes rows and columns of views, gives those that are used. Default: all.
+    selection : callable, optional
+        Takes the numbers of rows and columns of views, gives row and column of each view that is
+        used (`lf_flame.systems.view_selection`). Default: all.
     """
 
-    def __init__(self, name: str = "shift-and-sum", places: Callable[..., Places] | None = None):
-        self.name, self._places = name, places or every_view
+    def __init__(
+        self, name: str = "shift-and-sum", selection: Callable[..., ViewIndices] | None = None
+    ):
+        self.name, self._selection = name, selection or every_view
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose the views that are used."""
-        return self._places(rows, columns)
+        return self._selection(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        places = self.chosen(*views.shape[:2])
-        if max(block) > 1 and len(places) < views.shape[0] * views.shape[1]:
+        indices = self.view_indices(*views.shape[:2])
+        if max(block) > 1 and len(indices) < views.shape[0] * views.shape[1]:
             # Aligned straight into blocks: for few views faster than to average images afterwards.
-            return align_views(views, slopes, places, block).mean(axis=1)
-        weights = sparse_aperture(views.shape[:2], places)
+            return align_views(views, slopes, indices, block).mean(axis=1)
+        weights = sparse_aperture(views.shape[:2], indices)
         return average(shift_and_sum(views, slopes, weights=weights), block)
 
 
@@ -42,7 +45,7 @@ class FourierSlice(RefocusingSystem):
 
     name = "Fourier slice"
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose all views."""
         return every_view(rows, columns)
 
@@ -54,7 +57,7 @@ REFERENCES = {
     "shift-and-sum": shift_and_sum,
     "Fourier slice": partial(fourier_slice, edges="clamp"),
 }
-"""What all views together give: what is right, by two names."""
+"""What all views together give: the reference for systems that see fewer, of two kinds."""
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:

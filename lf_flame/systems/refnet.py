@@ -18,7 +18,7 @@ from keras import layers, ops
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.similarity import ssim
 from lf_flame.systems.view_selection import outer_square_of_views
 
@@ -78,7 +78,7 @@ class RefNet(NetworkSystem):
     name = "RefNet (our reading)"
     smallest = 7 + 2 * (BLOCKS + 1)
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose 7 x 7 views, from the first to the last."""
         return outer_square_of_views(rows, columns, SIDE)
 
@@ -104,7 +104,7 @@ class RefNet(NetworkSystem):
         Slopes are in steps of the camera's views, of which the network sees but some: a last
         channel says how many lie from one that it sees to the next, halved to be about 1.
         """
-        shown = align_views(views, 0.0, self.chosen(*views.shape[:2]), block)
+        shown = align_views(views, 0.0, self.view_indices(*views.shape[:2]), block)
         apart = np.full_like(shown[:, :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
         return np.moveaxis(np.concatenate([shown, apart], axis=1), 1, -1)
 

@@ -1,8 +1,8 @@
 """RefocusNet: four views, shifted to the wanted slope beforehand, become one refocused image.
 
 S. Ben Dayan, D. Mendlovic, R. Giryes, "Deep Sparse Light Field Refocusing", BMVC 2020, arXiv
-2009.02582. Layers, places of the views and order of the channels are those of the authors' program
-(shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained weights it takes.
+2009.02582. Layers, positions of the views and order of the channels are those of the authors'
+program (shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained weights it takes.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from keras import layers
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 
 VIEWS = 4
 COLOURS = 3
@@ -128,7 +128,7 @@ class RefocusNet(NetworkSystem):
         load_official_weights(model, path)
         return cls(model, f"{cls.name}, {OFFICIAL}", colours=COLOURS)
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose a diamond half-way to the outermost views, in the order of the authors.
 
         Where half-way is between two views it is the outer one, which suits their weights better.
@@ -143,7 +143,7 @@ class RefocusNet(NetworkSystem):
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align the four views: red, green and blue of one after the other."""
-        aligned = align_views(views, slopes, self.chosen(*views.shape[:2]), block)
+        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
         if views.ndim == 4:
             aligned = np.repeat(aligned[..., None], COLOURS, axis=-1)
         n, _, height, width, _ = aligned.shape

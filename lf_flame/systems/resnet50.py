@@ -12,7 +12,7 @@ from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
-from lf_flame.systems.base import NetworkSystem, Places
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 
 NEAR = 0.02
 """How far a slope that is asked for may be from the network's own, in lenslets per view step."""
@@ -42,7 +42,7 @@ class ResNet50(NetworkSystem):
         run = open_run(folder)
         return cls(load_model(run.folder / "model.keras"), run.config, run.slopes)
 
-    def chosen(self, rows: int, columns: int) -> Places:
+    def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose all views of its own camera, or those that its encoding shows."""
         own = self.config.camera.views
         if (rows, columns) != (own, own):
@@ -50,7 +50,7 @@ class ResNet50(NetworkSystem):
                 f"{self.name} was trained on a camera of {own} x {own} views, got {rows} x "
                 f"{columns}."
             )
-        return self.config.input.places(rows, columns)
+        return self.config.input.view_indices(rows, columns)
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         super()._check(shape, slopes, block)

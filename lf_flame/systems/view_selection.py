@@ -4,21 +4,21 @@ import numpy as np
 
 from lf_flame._common.arrays import spread
 from lf_flame.errors import InputError
-from lf_flame.systems.base import Places
+from lf_flame.systems.base import ViewIndices
 
 
-def every_view(rows: int, columns: int) -> Places:
+def every_view(rows: int, columns: int) -> ViewIndices:
     """List all views."""
     return [(v, u) for v in range(rows) for u in range(columns)]
 
 
-def square_of_views(rows: int, columns: int, side: int = 3) -> Places:
+def square_of_views(rows: int, columns: int, side: int = 3) -> ViewIndices:
     """Choose the views in the middles of side x side equal parts of the aperture."""
     _need_square(rows, columns, side)
     return [(v, u) for v in middles(rows, side) for u in middles(columns, side)]
 
 
-def outer_square_of_views(rows: int, columns: int, side: int) -> Places:
+def outer_square_of_views(rows: int, columns: int, side: int) -> ViewIndices:
     """Choose side x side views, spread from the first to the last."""
     _need_square(rows, columns, side)
     return [(v, u) for v in spread(rows, side) for u in spread(columns, side)]
@@ -29,7 +29,7 @@ def _need_square(rows: int, columns: int, side: int) -> None:
         raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
 
 
-def cross_of_views(rows: int, columns: int, arm: int = 4) -> Places:
+def cross_of_views(rows: int, columns: int, arm: int = 4) -> ViewIndices:
     """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
 
     With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).
@@ -42,13 +42,13 @@ def cross_of_views(rows: int, columns: int, arm: int = 4) -> Places:
     return [(v, middle[1]) for v in down] + [(middle[0], u) for u in across if u != middle[1]]
 
 
-def lattice_of_views(rows: int, columns: int) -> Places:
+def lattice_of_views(rows: int, columns: int) -> ViewIndices:
     """Choose nine views of which no two share a row or a column, evenly over the aperture.
 
     They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
-    for Multiple Integration", Oxford 1994): seen along a row or along a column, there are nine
-    places at which to sample the aperture, where 3 x 3 views have but three. The ghosts of an edge
-    stand three times as close.
+    for Multiple Integration", Oxford 1994): seen along a row or along a column, they sample the
+    aperture at nine positions, where 3 x 3 views do at but three. The ghosts of an edge stand three
+    times as close.
     """
     if min(rows, columns) < LATTICE:
         raise InputError(

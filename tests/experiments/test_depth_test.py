@@ -101,7 +101,7 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
         "ResNet-50 (the paper's), raw", "ResNet-50 (the paper's), views"
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
-    assert len(found[1].load().chosen(5, 5)) == 3
+    assert len(found[1].load().view_indices(5, 5)) == 3
     with pytest.raises(InputError, match="has seen light fields .* such as 22"):
         variant_entry(runs[0], [config], tmp_path / "none", 2).load()
     with pytest.raises(InputError, match="no finished run"):

@@ -13,8 +13,8 @@ from experiments.recipes.study import read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning.backbone import ImagenetUnavailable
 from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
 from lf_flame.learning.scoring import score
 

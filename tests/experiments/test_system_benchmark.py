@@ -34,7 +34,7 @@ class Dim(ShiftAndSum):
 
 
 class Blind(ShiftAndSum):
-    def chosen(self, rows, columns):
+    def view_indices(self, rows, columns):
         raise InputError("Blind sees nothing.")
 
 

@@ -12,8 +12,8 @@ from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import make_dataset
 from lf_flame.learning import training, training_run
-from lf_flame.learning.backbone import ImagenetUnavailable
 from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.trainers import make_trainer
 from lf_flame.learning.training import Recipe, TrainingConfig, read_training_config, train

@@ -61,16 +61,16 @@ def test_layouts_in_memory_give_the_same(rng):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"chosen": [(0, 3)]}, r"no view \(0, 3\) in a light field of 3 x 3 views"),
-        ({"chosen": [(0, -1)]}, r"no view \(0, -1\)"),
-        ({"chosen": []}, "pairs of row and column"),
-        ({"chosen": [(0.5, 1)]}, "pairs of row and column"),
+        ({"view_indices": [(0, 3)]}, r"no view \(0, 3\) in a light field of 3 x 3 views"),
+        ({"view_indices": [(0, -1)]}, r"no view \(0, -1\)"),
+        ({"view_indices": []}, "pairs of row and column"),
+        ({"view_indices": [(0.5, 1)]}, "pairs of row and column"),
         ({"block": (3, 3)}, "Blocks of 3 x 3 lenslets do not divide an image of 8 x 9"),
         ({"block": (0, 1)}, "Blocks of 0 x 1"),
         ({"slopes": np.nan}, "slopes must be"),
     ],
 )
 def test_bad_input_is_one_sentence(options, words):
-    arguments = {"slopes": 0.5, "chosen": [(1, 1)], **options}
+    arguments = {"slopes": 0.5, "view_indices": [(1, 1)], **options}
     with pytest.raises(InputError, match=words):
         align_views(np.zeros((3, 3, 8, 9)), **arguments)

@@ -1,4 +1,4 @@
-"""The Fourier ways to refocus, against the spatial one and against what they must do."""
+"""The Fourier methods of refocusing, against the spatial one and against what they must do."""
 
 import numpy as np
 import pytest
@@ -75,8 +75,8 @@ def test_sinc_is_sharper_than_linear(rng):
     views = np.empty((3, 3, 64, 64))
     for v in range(3):
         for u in range(3):
-            turn = -2j * np.pi * 0.5 * ((v - 1) * k[0] + (u - 1) * k[1])
-            views[v, u] = np.fft.irfft2(spectrum * np.exp(turn), (64, 64))
+            phase = -2j * np.pi * 0.5 * ((v - 1) * k[0] + (u - 1) * k[1])
+            views[v, u] = np.fft.irfft2(spectrum * np.exp(phase), (64, 64))
     middle = (slice(8, -8), slice(8, -8))
     exact, linear = (refocus(views, 0.5, kind)[0][middle].std() for kind in ("sinc", "linear"))
     assert exact == pytest.approx(scene[middle].std(), rel=0.1)

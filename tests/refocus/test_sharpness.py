@@ -59,11 +59,11 @@ TEXTURES = {
 def planted(texture, slope, views):
     """Views of a layer at a slope, displaced exactly, by its spectrum."""
     down, across = np.fft.fftfreq(texture.shape[0]), np.fft.rfftfreq(texture.shape[1])
-    turns = (
+    phase_factors = (
         np.exp(-2j * np.pi * slope * centred(n)[:, None] * k)
         for n, k in zip(views, (down, across), strict=True)
     )
-    down, across = turns
+    down, across = phase_factors
     spectra = np.fft.rfft2(texture) * down[:, None, :, None] * across[None, :, None, :]
     return np.fft.irfft2(spectra, texture.shape)
 

@@ -188,8 +188,8 @@ def test_search_is_not_drawn_to_whole_slopes(slope, seed):
     views = np.empty((5, 5, n, n))
     for v in range(5):
         for u in range(5):
-            turn = -2j * np.pi * slope * ((v - 2) * ramps[0] + (u - 2) * ramps[1])
-            views[v, u] = np.fft.irfft2(spectrum * np.exp(turn), (n, n))
+            phase = -2j * np.pi * slope * ((v - 2) * ramps[0] + (u - 2) * ramps[1])
+            views[v, u] = np.fft.irfft2(spectrum * np.exp(phase), (n, n))
     found = find_sharpest_slope(views, np.arange(-40, 41) * 0.05, region=(16, 56, 16, 56))
     assert found.slope == pytest.approx(slope, abs=0.02)
 

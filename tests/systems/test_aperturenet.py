@@ -14,13 +14,13 @@ def system():
 
 
 @pytest.mark.parametrize(("slope", "box"), [(0.0, 0), (1.0, 2), (-1.0, 2)])
-def test_nine_views_blurred_as_wide_as_their_share_are_all_views(system, slope, box, rng):
+def test_nine_views_blurred_as_wide_as_their_squares_are_all_views(system, slope, box, rng):
     """The claim that the network rests on, where it is exact: leaves at one depth, out of focus.
 
     At a pixel per view step the three views of a square's side stand a pixel apart: a box of 3.
     """
     leaves = DeadLeaves(slopes=(0.0, 0.0)).draw((9, 9), (40, 50), rng)
-    nine = align_views(leaves, slope, system.chosen(9, 9))[0].mean(axis=0)
+    nine = align_views(leaves, slope, system.view_indices(9, 9))[0].mean(axis=0)
     blurred = convolve(nine, make_boxes()[:, :, 0, box], mode="nearest")
     if slope == 0:
         blurred = nine
@@ -34,12 +34,12 @@ def test_boxes_are_of_their_widths():
     boxes = make_boxes()
     assert boxes.shape == (9, 9, 1, len(WIDTHS))
     np.testing.assert_allclose(boxes.sum(axis=(0, 1)), 1, atol=1e-6)
-    places = np.arange(9) - 4
+    offsets = np.arange(9) - 4
     for k, width in enumerate(WIDTHS):
         line = boxes[:, :, 0, k].sum(axis=0)
         # A box of w pixels, cut into pixels that it covers in part, has this height in the middle.
         assert line[4] == pytest.approx(1 / width, rel=1e-5)
-        assert (line * places).sum() == pytest.approx(0, abs=1e-6)
+        assert (line * offsets).sum() == pytest.approx(0, abs=1e-6)
 
 
 def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
@@ -53,15 +53,15 @@ def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
         image = model.predict_on_batch(views)[0, ..., 0]
         boxes = make_boxes()[:, :, 0, k]
         mean = views[0].mean(axis=-1)
-        shares = convolve(np.ones_like(mean), boxes, mode="constant")  # of a box in the image
-        blurred = convolve(mean, boxes, mode="constant") / shares
+        inside = convolve(np.ones_like(mean), boxes, mode="constant")  # part of a box in the image
+        blurred = convolve(mean, boxes, mode="constant") / inside
         np.testing.assert_allclose(image, blurred, atol=1e-6)
 
 
 def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
     views = rng.uniform(size=(3, 3, 48, 52)).astype(np.float32)
     drawn = system.refocus(views, 0.4)[0]
-    plain = align_views(views, 0.4, system.chosen(3, 3))[0].mean(axis=0)
+    plain = align_views(views, 0.4, system.view_indices(3, 3))[0].mean(axis=0)
     assert np.abs(drawn - plain).max() < 0.1
     assert np.corrcoef(drawn.ravel(), plain.ravel())[0, 1] > 0.99
     assert system.parameters < 1_000_000
@@ -83,12 +83,12 @@ def test_training_changes_all_but_the_boxes(rng):
     ("count", "rows"), [(3, (0, 1, 2)), (7, (1, 3, 5)), (9, (1, 4, 7)), (15, (2, 7, 12))]
 )
 def test_views_are_the_middles_of_nine_squares(system, count, rows):
-    assert system.chosen(count, count) == [(v, u) for v in rows for u in rows]
+    assert system.view_indices(count, count) == [(v, u) for v in rows for u in rows]
 
 
 def test_fewer_views_are_refused(system):
     with pytest.raises(InputError, match="3 x 3 views are needed, got 2 x 3"):
-        system.chosen(2, 3)
+        system.view_indices(2, 3)
 
 
 def test_an_odd_size_is_filled_up_and_cut(system, rng):

@@ -54,14 +54,14 @@ def test_layers_are_the_published_ones(model, rng):
 
 def test_views_are_the_authors_on_nine_by_nine_and_as_far_out_on_others(model):
     system = RefocusNet(model)
-    assert system.chosen(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
-    assert system.chosen(15, 15) == [(7, 3), (3, 7), (7, 11), (11, 7)]
+    assert system.view_indices(9, 9) == [(4, 2), (2, 4), (4, 6), (6, 4)]
+    assert system.view_indices(15, 15) == [(7, 3), (3, 7), (7, 11), (11, 7)]
     for count in range(3, 20):
-        places = np.array(system.chosen(count, count))
-        assert 0 <= np.ptp(places) - (count - 1) / 2 < 2
-        assert places.min() >= 0
-        assert places.max() < count
-        assert len(np.unique(places, axis=0)) == 4
+        indices = np.array(system.view_indices(count, count))
+        assert 0 <= np.ptp(indices) - (count - 1) / 2 < 2
+        assert indices.min() >= 0
+        assert indices.max() < count
+        assert len(np.unique(indices, axis=0)) == 4
 
 
 def test_colours_are_mixed_only_by_weights_that_have_seen_them(model, rng):
@@ -75,7 +75,7 @@ def test_colours_of_one_view_stand_side_by_side(model, rng):
     """The network sees red, green and blue of one aligned view after the other."""
     views = rng.uniform(size=(5, 5, 20, 18, 3)).astype(np.float32)
     system = RefocusNet(model, colours=3)
-    aligned = align_views(views, 0.6, system.chosen(5, 5))[0]
+    aligned = align_views(views, 0.6, system.view_indices(5, 5))[0]
     shown = np.concatenate(list(aligned), axis=-1)
     expected = np.clip(model.predict_on_batch(shown[None])[0], 0, 1)
     np.testing.assert_allclose(system.refocus(views, 0.6)[0], expected, atol=1e-6)
@@ -88,7 +88,7 @@ def test_grey_is_shown_as_three_equal_colours(model, rng):
     grey = system.refocus(views, [0.4, -1.0])
     assert grey.shape == (2, 20, 18)
     whole = system.model.predict_on_batch  # not clipped, so that means can be compared
-    aligned = align_views(coloured, 0.4, system.chosen(3, 3))[0]
+    aligned = align_views(coloured, 0.4, system.view_indices(3, 3))[0]
     image = whole(np.concatenate(list(aligned), axis=-1)[None])[0]
     np.testing.assert_allclose(grey[0], np.clip(image.mean(axis=-1), 0, 1), atol=1e-6)
 
@@ -154,7 +154,7 @@ def test_authors_weights_give_the_authors_figures(slope):
     system = RefocusNet(network, colours=3)
     views = read_light_field(LYTRO, order="row,col").views
     weights = np.zeros((9, 9))
-    weights[tuple(np.transpose(system.chosen(9, 9)))] = 1
+    weights[tuple(np.transpose(system.view_indices(9, 9)))] = 1
     every, four, drawn = (
         stack[0, 12:-12, 12:-12]
         for stack in (

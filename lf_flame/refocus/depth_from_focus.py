@@ -7,8 +7,8 @@ stack. Sharpness is the gradient energy of the low-passed slice under a Gaussian
 The stack should come from exact shifts (`refocus` with "sinc"). With linear interpolation a slice
 is piecewise linear in the slope, with kinks where a view's shift is a whole number of lenslets, and
 the energy peaks at the kinks: planted surfaces come out wrong by more than 0.02 in the median, with
-exact shifts by less than 0.01 (tests/test_refocus_composite.py). No low-pass mends that, nor do the
-modified Laplacian or the variance over the views.
+exact shifts by less than 0.01. No low-pass mends that, nor do the modified Laplacian or the
+variance over the views.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ LOW_PASS = 1.0
 """Standard deviation, in lenslets, of the Gaussian before the gradient: keeps aliasing out."""
 
 FLOOR = 0.1
-"""Sharpness, as a share of its mean over the image, at which confidence is halved."""
+"""Sharpness, as a part of its mean over the image, at which confidence is halved."""
 
 TRUSTED = 0.2
 """Confidence from which a pixel keeps its own slope, and that slope is called certain."""
@@ -118,8 +118,8 @@ def all_in_focus(
     refuse_not_finite(views)
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     slope, peak, confidence = _peak(refocus(grey, slopes, "sinc"), slopes, window)
-    amiss = _disagreement(grey, slope, window)
-    confidence *= peak / np.maximum(peak + amiss, np.finfo(float).tiny)
+    disagreement = _disagreement(grey, slope, window)
+    confidence *= peak / np.maximum(peak + disagreement, np.finfo(float).tiny)
     slope = _filled(slope, confidence)
     return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
 
@@ -182,18 +182,18 @@ def _filled(values: np.ndarray, confidence: np.ndarray) -> np.ndarray:
             gaussian_filter(image, scale, mode="nearest", truncate=2.0)
             for image in (confidence, confidence * values)
         )
-        share = missing * np.minimum(trust / TRUSTED, 1.0)
-        filled += share * trusted_values / np.maximum(trust, tiny)
-        missing -= share
+        weight = missing * np.minimum(trust / TRUSTED, 1.0)
+        filled += weight * trusted_values / np.maximum(trust, tiny)
+        missing -= weight
     weights = confidence if confidence.any() else np.ones(values.shape)
     return filled + missing * np.average(values, weights=weights)
 
 
 def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Image interpolated linearly between the slices next to each pixel's slope."""
-    place = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
-    below = np.minimum(place.astype(int), len(slopes) - 2)
+    at = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
+    below = np.minimum(at.astype(int), len(slopes) - 2)
     rows, columns = np.indices(slope.shape, sparse=True)
-    share = (place - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
+    weight = (at - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
     near, far = stack[below, rows, columns], stack[below + 1, rows, columns]
-    return ((1 - share) * near + share * far).astype(np.float32)
+    return ((1 - weight) * near + weight * far).astype(np.float32)

@@ -6,7 +6,7 @@ from scipy.ndimage import binary_erosion
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.refocus import refocus, shift_and_sum
-from lf_flame.refocus.composite import all_in_focus, depth_from_focus
+from lf_flame.refocus.depth_from_focus import all_in_focus, depth_from_focus
 
 CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (60, 80))
 SLOPES = np.arange(-3.0, 3.01, 0.1)

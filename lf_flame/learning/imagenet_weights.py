@@ -1,0 +1,75 @@
+"""The file of ResNet-50's ImageNet weights: from Keras's cache, else downloaded into it.
+
+Keras would download it too, but gives its connection no limit of time, and a limit from outside,
+`socket.setdefaulttimeout`, would hold for every connection of the process.
+"""
+
+import hashlib
+import os
+from http.client import HTTPException
+from pathlib import Path
+from urllib.request import urlopen
+
+from tqdm import tqdm
+
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame.errors import InputError
+
+NAME = "resnet50_weights_tf_dim_ordering_tf_kernels_notop.h5"
+ORIGIN = "https://storage.googleapis.com/tensorflow/keras-applications/resnet/"
+MD5 = "4d473c1dd8becc155b73f8504c6f6626"
+"""As `keras.applications.ResNet50` has them."""
+
+TIMEOUT_S = 5.0
+"""Seconds to wait for the connection, and for each next part of the file."""
+
+PART = 1 << 20
+"""Bytes that are read at a time."""
+
+
+class ImagenetUnavailable(InputError):
+    """The ImageNet weights are neither in Keras's cache nor can they be downloaded."""
+
+
+def imagenet_file() -> Path:
+    """Find the weights file in Keras's cache, or download it there.
+
+    Returns
+    -------
+    Path
+        In ``models`` of the folder that ``KERAS_HOME`` names, by default ``~/.keras``.
+
+    Raises
+    ------
+    ImagenetUnavailable
+        If it cannot be had: there is no connection, nothing comes for `TIMEOUT_S`, what came is
+        not the file, or it cannot be written.
+    """
+    path = Path(os.environ.get("KERAS_HOME", "~/.keras")).expanduser() / "models" / NAME
+    if path.is_file() and _md5(path) == MD5:
+        return path
+    try:
+        with atomic_write(path) as aside:
+            _download(ORIGIN + NAME, aside)
+            if _md5(aside) != MD5:
+                raise OSError("what came is not the file, or not all of it")
+    except (OSError, HTTPException) as error:
+        raise ImagenetUnavailable(
+            f"The ImageNet weights of ResNet-50 could not be downloaded ({error}); "
+            f"give a weights file, or choose random ones."
+        ) from None
+    return path
+
+
+def _download(url: str, path: Path) -> None:
+    with urlopen(url, timeout=TIMEOUT_S) as response, path.open("wb") as file:
+        size = int(response.headers.get("Content-Length") or 0) or None
+        with tqdm(total=size, desc="ImageNet weights", unit="B", unit_scale=True) as bar:
+            while part := response.read(PART):
+                file.write(part)
+                bar.update(len(part))
+
+
+def _md5(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "md5").hexdigest()
