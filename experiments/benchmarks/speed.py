@@ -25,7 +25,9 @@ from lf_flame._common.provenance import environment
 from lf_flame.datasets.store import read_config
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
-from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
 SOME_LINES = slice(20, None, 45)
@@ -100,7 +102,7 @@ def trace_with_a_loop(texture, edges, scale, centres, widths, rays, out):
 def opponent_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarray:
     """Set up the loop above."""
     out = np.empty((camera.views, camera.views, *camera.lenslets), np.float32)
-    optics = Optics(camera)
+    optics = OpticalPass(camera)
     footprints = [optics.footprint(layer.depth_mm, axis) for axis in (0, 1)]
     edges = [layer.cell_edges_mm(axis) for axis in (0, 1)]
     first = np.array([edge[0] for edge in edges])
@@ -180,7 +182,7 @@ def ray_rows() -> list[tuple]:
     """Time the ray integrator on one core against NumPy and against an untuned loop."""
     numba.set_num_threads(1)
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (60, 60))
-    layer, optics, image = layer_for(camera), Optics(camera), blank(camera)
+    layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
 
     def ours():
@@ -212,7 +214,12 @@ def bare_rows() -> list[tuple]:
     numba.set_num_threads(1)
     rows = []
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 9, (120, 160))
-    layer, optics, image, other = layer_for(camera), Optics(camera), blank(camera), blank(camera)
+    layer, optics, image, other = (
+        layer_for(camera),
+        OpticalPass(camera),
+        blank(camera),
+        blank(camera),
+    )
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     args = captured("integrate_rows", lambda: integrate(planes, optics, "views", image))
     lines, start, weight, _, _, first, last, _ = args
@@ -250,7 +257,7 @@ def exact_rows() -> list[tuple]:
     """Time the exact integrator: a full-frame layer, and the shape scene against rays."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     camera = PAPER_CAMERA
-    layer, optics, image = layer_for(camera), Optics(camera), blank(camera)
+    layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     seconds, written = best_of(
         5, lambda: integrate(planes, optics, "views", image), lambda: np.add(image, 1, out=image)
@@ -263,7 +270,7 @@ def exact_rows() -> list[tuple]:
     scene, _ = config.template.draw(None)
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
     small = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 15, (90, 180))
-    optics, exact = Optics(small), blank(small)
+    optics, exact = OpticalPass(small), blank(small)
     numba.set_num_threads(1)
     integrate(planes, optics, "views", exact)
     some = exact[:, :, SOME_LINES]
@@ -279,7 +286,7 @@ def exact_rows() -> list[tuple]:
     return rows
 
 
-def _rays_for(error: float, planes, optics: Optics, thin: bool, truth: np.ndarray):
+def _rays_for(error: float, planes, optics: OpticalPass, thin: bool, truth: np.ndarray):
     """Fewest rays, in steps of a half, whose error is small enough, their time and image."""
     count = 2
     while True:
@@ -293,7 +300,7 @@ def _rays_for(error: float, planes, optics: Optics, thin: bool, truth: np.ndarra
         count = math.ceil(1.5 * count)
 
 
-def _trace_some(planes, optics: Optics, rays: int, thin: bool, like: np.ndarray) -> np.ndarray:
+def _trace_some(planes, optics: OpticalPass, rays: int, thin: bool, like: np.ndarray) -> np.ndarray:
     image = np.zeros_like(like)
     trace(planes, optics, "views", rays, image, SOME_LINES, thin=thin)
     return image

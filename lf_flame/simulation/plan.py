@@ -17,7 +17,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
-from lf_flame.simulation.integrators import Optics
+from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.scene_bounds import Survey, neighbours
 
 LEFT_OUT_SHARE = 0.25
@@ -328,7 +328,7 @@ def _traced(kept: set[str], bounds: dict[str, float], survey: Survey) -> tuple[s
     return tuple(name for name in (*MATTER, *RAYS) if name in candidates and bounds[name] > 0)
 
 
-def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
+def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPass]:
     """Set up the camera as a plan leaves it: a pass for each colour and neighbouring lenslet."""
     kept = plan.kept
     turn = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
@@ -344,7 +344,7 @@ def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
     lenslets = range(-reach, reach + 1)
     return [
-        Optics(
+        OpticalPass(
             camera,
             focal_mm=camera.main_lens_focal_mm * (1 + camera.chromatic_shift * middle),
             share=1 / plan.colours,

@@ -16,7 +16,7 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint, trace_stop
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.integrators import band_weights
+from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.slabs import self_absorbed
 
 GRID = 48

@@ -1,176 +1,20 @@
-"""The two ways to integrate over each pixel's ray bundle: in closed form, and by tracing rays.
-
-Both add the light of planes to an image ``[a, b, c, d]`` whose pixel has its place along y in
-(a, c) and along x in (b, d): that is ``[v, u, t, s]`` for sub-aperture views, and the raw lenslet
-image with a = b = 0. One kernel so writes either layout.
-"""
+"""The ray integrator: each pixel's ray bundle by tracing rays backward, with every effect."""
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from lf_flame._common.arrays import centred
-from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.ray_bundle import Footprint, trace_footprint, trace_stop, trapezoid_cdf
+from lf_flame.optics.ray_bundle import Footprint
 from lf_flame.simulation import _kernels
+from lf_flame.simulation.exact import band_weights
+from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.slabs import Plane
-
-LINES_BYTES = 2**28
-"""Memory for planes that are integrated along x together."""
-
-
-@dataclass(frozen=True)
-class Optics:
-    """A camera as the kept effects leave it.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-    focal_mm : float, optional
-        Focal length of the main lens for the colour of this pass.
-    share : float, optional
-        Share of the light in this pass.
-    defocus : bool, optional
-        Whether a pixel's own width, hence a patch of the main lens, is integrated over.
-    falloff : bool, optional
-        Whether pixels dim by cos^4.
-    lenslet_scale, lenslet_skew : float, optional
-        Diagonal and other element of the lenslet grid's rotation and stretch.
-    stops : tuple of (float, float), optional
-        Distance in front of the main lens and radius of round stops, in mm.
-    neighbour : (int, int), optional
-        Light that comes through the lenslet this many rows and columns further on.
-    """
-
-    camera: PlenopticCamera
-    focal_mm: float | None = None
-    share: float = 1.0
-    defocus: bool = True
-    falloff: bool = False
-    lenslet_scale: float = 1.0
-    lenslet_skew: float = 0.0
-    stops: tuple[tuple[float, float], ...] = ()
-    neighbour: tuple[int, int] = field(default=(0, 0))
-
-    def footprint(self, depth_mm: float, axis: int) -> Footprint:
-        """Bundles of all pixels on a layer."""
-        return trace_footprint(self.camera, depth_mm, axis, *self._grid(axis))
-
-    def stop(self, distance_mm: float, axis: int) -> Footprint:
-        """Bundles of all pixels on a stop."""
-        return trace_stop(self.camera, distance_mm, axis, *self._grid(axis))
-
-    def _grid(self, axis: int) -> tuple:
-        return self.focal_mm, self.lenslet_scale, self.neighbour[axis]
-
-    def skew_mm(self, axis: int) -> np.ndarray:
-        """How far the rotated array moves each lenslet along `axis`, by its place on the other."""
-        other = 1 - axis
-        place = centred(self.camera.lenslets[other]) + self.neighbour[other]
-        sign = 1 if axis == 0 else -1
-        return sign * self.lenslet_skew * self.camera.lenslet_pitch_mm * place
-
-    def squared_tangents(self, axis: int) -> np.ndarray:
-        """Squared tangent of each pixel's central ray behind the main lens, shape (view, lenslet).
-
-        The patch of the main lens that a pixel sees is `view_step_mm` wide; the light of the
-        whole cone dims as that of its central ray, to second order in the cone's width.
-        """
-        camera = self.camera
-        lenslet = centred(camera.lenslets[axis])[None, :] * camera.lenslet_pitch_mm
-        patch = centred(camera.views)[:, None] * camera.view_step_mm
-        # The patch is a sensor position, which the lenslet turns over.
-        return ((lenslet + patch) / camera.image_distance_mm) ** 2
-
-
-def integrate(planes: list[Plane], optics: Optics, layout: str, out: np.ndarray) -> None:
-    """Add planes of light in closed form: ``Ky @ texture @ Kx.T`` for each, K banded.
-
-    K holds the exact integrals of a pixel's trapezoid over the cells. Exact as long as light only
-    adds and nothing but cos^4 weighs the rays of a bundle.
-
-    Parameters
-    ----------
-    planes : list of Plane
-    optics : Optics
-        Without stops, skew and neighbour.
-    layout : {"views", "raw"}
-    out : ndarray of float32, shape [a, b, c, d]
-    """
-    batch, used = [], 0
-    for plane in planes:
-        rows = plane.emission.shape[0]
-        if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
-            _integrate_batch(batch, optics, layout, out)
-            batch, used = [], 0
-        batch.append(plane)
-        used += rows * out.shape[1] * out.shape[3] * 8
-    _integrate_batch(batch, optics, layout, out)
-
-
-def _integrate_batch(planes, optics: Optics, layout: str, out: np.ndarray) -> None:
-    bands = [
-        [tuple(_arrange(part, layout) for part in _band(plane, optics, axis)) for plane in planes]
-        for axis in (0, 1)
-    ]
-    heights = [plane.emission.shape[0] for plane in planes]
-    lines = np.empty((sum(heights), out.shape[1], out.shape[3]))
-    reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
-    top = 0
-    for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
-        reach[:, p] = _reach(weight.any(axis=2))
-        part = lines[top : top + heights[p]]
-        _kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
-        bands[0][p] = (bands[0][p][0] + top, bands[0][p][1] * optics.share)
-        top += heights[p]
-    most = max(weight.shape[2] for _, weight in bands[0])
-    weights = np.zeros((len(planes), *bands[0][0][0].shape, most))
-    for p, (_, weight) in enumerate(bands[0]):
-        weights[p, ..., : weight.shape[2]] = weight
-    starts = np.stack([start for start, _ in bands[0]])
-    falloff, seen = _falloff(optics, layout), weights.any(axis=3)
-    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
-
-
-def _band(plane: Plane, optics: Optics, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each pixel's ray bundle that meets each cell, as (first cell, weights)."""
-    footprint = optics.footprint(plane.depth_mm, axis)
-    widths = [abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm) * optics.defocus]
-    return band_weights(plane.layer.cell_edges_mm(axis), footprint.centres_mm, *widths)
-
-
-def band_weights(edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: float):
-    """Exact integrals of trapezoids over cells: differences of their cumulative distribution.
-
-    Parameters
-    ----------
-    edges_mm : ndarray, shape (cells + 1,)
-        Evenly spaced edges of the cells.
-    centres_mm : ndarray of any shape
-        Where the trapezoids are centred.
-    lenslet_mm, pixel_mm : float
-        Widths of the two boxes whose convolution the trapezoid is.
-
-    Returns
-    -------
-    start : ndarray of int64, shape of `centres_mm`
-    weights : ndarray of float64, with a last axis of the band's cells
-        The cell ``start + k`` has weight ``weights[..., k]``; a trapezoid inside the cells has a
-        sum of 1.
-    """
-    cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
-    reach = (lenslet_mm + pixel_mm) / 2
-    band = int(min(cells, np.ceil(2 * reach / cell_mm) + 1))
-    start = np.floor((centres_mm - reach - edges_mm[0]) / cell_mm)
-    start = np.clip(start, 0, cells - band).astype(np.int64)
-    edges = edges_mm[start[..., None] + np.arange(band + 1)]
-    return start, np.diff(trapezoid_cdf(edges - centres_mm[..., None], lenslet_mm, pixel_mm))
 
 
 def trace(
     planes: list[Plane],
-    optics: Optics,
+    optics: OpticalPass,
     layout: str,
     rays: int,
     out: np.ndarray,
@@ -187,11 +31,12 @@ def trace(
     ----------
     planes : list of Plane
         Front to back. If none dims another, each is traced alone, where it can be seen.
-    optics : Optics
+    optics : OpticalPass
     layout : {"views", "raw"}
     rays : int
         Rays along each axis, at least; rounded up so that they tile pixel and lenslet.
-    out : ndarray of float32, shape [a, b, c, d]
+    out : ndarray of float32 or float64, shape (a, b, c, d)
+        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
     lines : slice, optional
         The lines c of the whole image that `out` holds.
     thin : bool, optional
@@ -210,7 +55,7 @@ class _Rays:
     tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
     """
 
-    def __init__(self, planes, optics: Optics, layout: str, rays: int, axis: int, thin: bool):
+    def __init__(self, planes, optics: OpticalPass, layout: str, rays: int, axis: int, thin: bool):
         self.axis, self.optics, self.layout, self.thin = axis, optics, layout, thin
         self.on_pixel = self.on_lenslet = rays
         footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
@@ -240,7 +85,7 @@ class _Rays:
         self.stop_shifts = self._skewed(stops, 1.0) if stops else self.shifts
         self.seen = np.any(
             [
-                _arrange(self._meets(footprint, edge), layout)
+                arrange(self._meets(footprint, edge), layout)
                 for footprint, edge in zip(footprints, edges, strict=True)
             ],
             axis=0,
@@ -283,7 +128,7 @@ class _Rays:
         return math.hypot(footprint.lenslet_width_mm / self.on_lenslet, pixel_mm)
 
     def _stack(self, tables) -> np.ndarray:
-        return np.stack([_arrange(table, self.layout) for table in tables])
+        return np.stack([arrange(table, self.layout) for table in tables])
 
     def _meets(self, footprint: Footprint, edges: np.ndarray) -> np.ndarray:
         """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
@@ -296,7 +141,7 @@ class _Rays:
         """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
         moved = np.tile(self.optics.skew_mm(self.axis), (self.optics.camera.views, 1))
         gains = np.array([f.shift_per_lenslet_shift for f in footprints]) / unit_mm
-        return _arrange(moved, self.layout)[None] * gains[:, None, None]
+        return arrange(moved, self.layout)[None] * gains[:, None, None]
 
     def indices(self) -> tuple[np.ndarray, np.ndarray | None]:
         """First cell of each ray, counted from the border at 0, and its share of the next."""
@@ -310,7 +155,9 @@ class _Rays:
         return index, np.where(missed, 0.0, np.clip(share, 0.0, 1.0))
 
 
-def _trace_group(planes, optics: Optics, layout: str, rays: list[_Rays], out, lines: slice) -> None:
+def _trace_group(
+    planes, optics: OpticalPass, layout: str, rays: list[_Rays], out, lines: slice
+) -> None:
     height, width = rays[0].cells, rays[1].cells
     sizes = (height + 2) * (width + 2)
     first_cell = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -337,9 +184,9 @@ def _trace_group(planes, optics: Optics, layout: str, rays: list[_Rays], out, li
         radii = np.array([radius for _, radius in optics.stops])
         stops = (*(axis.stop_mm for axis in rays), radii, *(axis.stop_boxes for axis in rays))
     row, shares, stops, skew, falloff, seen = _take_lines(
-        lines, row, shares, stops, skew, _falloff(optics, layout), rays[0].seen
+        lines, row, shares, stops, skew, optics.falloff_tables(layout), rays[0].seen
     )
-    first, last = _reach(rays[1].seen)
+    first, last = seen_range(rays[1].seen)
     share = optics.share / (rays[0].count * rays[1].count)
     _kernels.trace_planes(
         emission, transmission, row, column, shares, grid, skew, stops, falloff,
@@ -412,25 +259,3 @@ def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
 def _bordered(cells: np.ndarray, border: float) -> np.ndarray:
     """Cells with a border around them for rays that miss the plane, flat."""
     return np.pad(cells, 1, constant_values=border).ravel()
-
-
-def _falloff(optics: Optics, layout: str):
-    if not optics.falloff:
-        return None
-    return tuple(_arrange(optics.squared_tangents(axis), layout) for axis in (0, 1))
-
-
-def _arrange(table: np.ndarray, layout: str) -> np.ndarray:
-    """Bring a table [view, lenslet, ...] into the order of the image's axes (a, c) or (b, d)."""
-    if layout == "views":
-        return table
-    raw = np.swapaxes(table, 0, 1)
-    return raw.reshape(1, raw.shape[0] * raw.shape[1], *raw.shape[2:])
-
-
-def _reach(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and one past the last place d that sees a plane, for each b: seen[b, d] -> [b], [b]."""
-    any_seen = seen.any(axis=1)
-    first = np.where(any_seen, seen.argmax(axis=1), 0)
-    last = np.where(any_seen, seen.shape[1] - seen[:, ::-1].argmax(axis=1), 0)
-    return first, last
