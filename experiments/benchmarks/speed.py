@@ -189,8 +189,9 @@ def ray_rows() -> list[tuple]:
         image[:] = 0
         trace(planes, optics, "views", 9, image)
 
-    rows, columns = captured("trace_planes", ours)[2:4]
-    traced = camera.views**2 * math.prod(camera.lenslets) * rows.shape[3] * columns.shape[3]
+    rays = captured("trace_planes", ours)[1]
+    per_pixel = rays.rows.shape[3] * rays.columns.shape[3]
+    traced = camera.views**2 * math.prod(camera.lenslets) * per_pixel
     found = {}
 
     def by_numpy():
@@ -240,10 +241,11 @@ def bare_rows() -> list[tuple]:
         )
     )
     args = captured("trace_planes", lambda: trace(planes, optics, "views", 4, image))
-    emission, _, row, column, shares, grid, _, _, _, seen, first, last, share, _ = args
-    bare = (emission, row, column, *shares, int(grid[1][0]), seen, first, last, share, other)
+    table, ray_table, weights, *_, seen, share, _ = args
+    cells, stride = table.emission, int(table.stride[0])
+    bare = (cells, ray_table.rows, ray_table.columns, *weights, stride, *seen, share, other)
     pair_rays = best_of(9, lambda: _kernels.trace_planes(*args), lambda: bare_trace(*bare))
-    rays = image.size * row.shape[3] * column.shape[3] / 1e6
+    rays = image.size * ray_table.rows.shape[3] * ray_table.columns.shape[3] / 1e6
     rows.append(("ray kernel, nothing kept, against a bare one", rays / pair_rays[0],
                  rays / pair_rays[1], "Mray/s", pair_rays[0] / pair_rays[1],
                  "time ratio at most 1.05"))  # fmt: skip

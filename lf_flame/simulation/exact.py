@@ -58,7 +58,7 @@ def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) 
     for p, (_, weight) in enumerate(bands[0]):
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
-    falloff, seen = optics.falloff_tables(layout), weights.any(axis=3)
+    falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
     _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
 
 

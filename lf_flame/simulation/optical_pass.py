@@ -8,6 +8,7 @@ from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint, trace_stop
 from lf_flame.simulation.layouts import arrange
+from lf_flame.simulation.ray_tables import FalloffTable
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class OpticalPass:
         # The patch is a sensor position, which the lenslet turns over.
         return ((lenslet + patch) / camera.image_distance_mm) ** 2
 
-    def falloff_tables(self, layout: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Squared tangents [a, c] and [b, d] in the order of an image, or None without cos^4."""
+    def falloff_table(self, layout: str) -> FalloffTable | None:
+        """Squared tangents in the order of an image, or None without cos^4."""
         if not self.falloff:
             return None
-        return tuple(arrange(self.squared_tangents(axis), layout) for axis in (0, 1))
+        return FalloffTable(*(arrange(self.squared_tangents(axis), layout) for axis in (0, 1)))

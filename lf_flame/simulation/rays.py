@@ -1,6 +1,8 @@
 """The ray integrator: each pixel's ray bundle by tracing rays backward, with every effect."""
 
 import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +11,14 @@ from lf_flame.simulation import _kernels
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.ray_tables import (
+    PlaneTable,
+    RayTable,
+    SeenTable,
+    SkewTable,
+    StopTable,
+    WeightTable,
+)
 from lf_flame.simulation.slabs import Plane
 
 
@@ -44,182 +54,290 @@ def trace(
     """
     dims = any(plane.transmission is not None for plane in planes)
     for group in [planes] if dims else [[plane] for plane in planes]:
-        tables = [_Rays(group, optics, layout, rays, axis, thin) for axis in (0, 1)]
-        _trace_group(group, optics, layout, tables, out, lines)
+        grids = [ray_grid(group, optics, layout, rays, axis, thin) for axis in (0, 1)]
+        _trace_group(group, optics, layout, grids, thin, out, lines)
 
 
-class _Rays:
-    """Rays of all bundles along one axis, on planes and stops.
+@dataclass(frozen=True, eq=False)
+class RayGrid:
+    """Rays of all bundles along one axis, on planes and stops, in the order of an image.
 
     They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
     tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
+
+    With e and f the image's axes along this one, (a, c) or (b, d), and g and h those along the
+    other, p the planes, k the stops and i the rays:
+
+    Attributes
+    ----------
+    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
+        Of the cells of each plane that the rays meet: the layer's, or wider ones where those are
+        finer than a ray's box.
+    positions : ndarray of float64, shape (p, e, f, i)
+        Middles of the rays' boxes, in cells from the first edge.
+    boxes : ndarray of float64, shape (p,)
+        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
+    shifts : ndarray of float64, shape (p, g, h)
+        How far a rotated array shifts the bundles, in cells.
+    stop_mm : ndarray of float64, shape (k, e, f, i)
+        Middles of the rays' boxes on the stops.
+    stop_boxes_mm : ndarray of float64, shape (k,)
+    stop_shifts_mm : ndarray of float64, shape (k, g, h)
+    seen : ndarray of bool, shape (e, f)
+        Whether a pixel can see any of the planes.
     """
 
-    def __init__(self, planes, optics: OpticalPass, layout: str, rays: int, axis: int, thin: bool):
-        self.axis, self.optics, self.layout, self.thin = axis, optics, layout, thin
-        self.on_pixel = self.on_lenslet = rays
-        footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
-        stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
-        edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
-        hard = any(p.transmission is not None and p.layer.opaque for p in planes)
-        haze = any(p.transmission is not None for p in planes)
-        dims = 1 / 2 if hard else 1 / 3 if haze else 0.0
-        self.along_pixel, self.along_lenslet = self._tile(footprints, edges, rays, dims)
-        self.count = self.along_pixel.size
-        wide = optics.defocus
-        boxes_mm = np.array([self._box_mm(footprint, wide) for footprint in footprints])
-        # Cells that are finer than a ray's box are averaged first: see `_averaged`.
-        self.edges = [_coarse_edges(edge, box) for edge, box in zip(edges, boxes_mm, strict=True)]
-        self.cells = np.array([edge.size - 1 for edge in self.edges])
-        cell_mm = np.array([edge[1] - edge[0] for edge in self.edges])
-        self.positions = self._stack(
-            (self._hits_mm(footprint, wide) - edge[0]) / width
-            for footprint, edge, width in zip(footprints, self.edges, cell_mm, strict=True)
-        )
-        self.boxes = np.minimum(boxes_mm / cell_mm, 1.0)
-        self.stop_mm = self._stack(self._hits_mm(stop, True) for stop in stops) if stops else None
-        # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
-        tile = thin / self.on_pixel
-        self.stop_boxes = np.array([abs(stop.pixel_width_mm) * tile for stop in stops])
-        self.shifts = self._skewed(footprints, cell_mm)
-        self.stop_shifts = self._skewed(stops, 1.0) if stops else self.shifts
-        self.seen = np.any(
-            [
-                arrange(self._meets(footprint, edge), layout)
-                for footprint, edge in zip(footprints, edges, strict=True)
-            ],
-            axis=0,
-        )
+    edges_mm: tuple[np.ndarray, ...]
+    positions: np.ndarray
+    boxes: np.ndarray
+    shifts: np.ndarray
+    stop_mm: np.ndarray
+    stop_boxes_mm: np.ndarray
+    stop_shifts_mm: np.ndarray
+    seen: np.ndarray
 
-    def _tile(self, footprints, edges, rays: int, dims: float) -> tuple[np.ndarray, np.ndarray]:
-        """Places of the rays on pixel and lenslet, both in [-1/2, 1/2].
+    @property
+    def count(self) -> int:
+        """Rays of each pixel along this axis."""
+        return self.positions.shape[3]
 
-        Boxes along the lenslet tile its image without a gap, so that as few as fit the cells do,
-        and all further rays go along the pixel. Where a plane dims another, what both have in
-        one box counts as unrelated, so that the boxes have to shrink along both, faster behind
-        a hard edge than in a haze: `dims` is the power of the rays that goes to the lenslet.
-        """
-        if not self.thin:
-            return _lattice(rays)
-        cells = max(
-            abs(f.lenslet_width_mm) / (edge[1] - edge[0])
-            for f, edge in zip(footprints, edges, strict=True)
-        )
-        fewest = round(rays**dims) if dims else 1
-        on_lenslet = max(fewest, math.ceil(min(cells, rays**0.5)))
-        self.on_lenslet = min(on_lenslet, rays)
-        spreads = self.optics.defocus or self.optics.stops
-        self.on_pixel = math.ceil(rays / self.on_lenslet) if spreads else 1
-        pixel_places, lenslet_places = (
-            (np.arange(n) + 0.5) / n - 0.5 for n in (self.on_pixel, self.on_lenslet)
-        )
-        return np.repeat(pixel_places, self.on_lenslet), np.tile(lenslet_places, self.on_pixel)
+    @property
+    def cells(self) -> np.ndarray:
+        """Cells of each plane along this axis, shape (p,)."""
+        return np.array([edges.size - 1 for edges in self.edges_mm])
 
-    def _hits_mm(self, footprint: Footprint, wide: bool) -> np.ndarray:
-        """Trace all rays to a plane; not `wide`: as if the pixel were a point."""
-        pixel_mm = footprint.pixel_width_mm * wide
-        offsets = footprint.lenslet_width_mm * self.along_lenslet + pixel_mm * self.along_pixel
-        return footprint.centres_mm[..., None] + offsets
 
-    def _box_mm(self, footprint: Footprint, wide: bool) -> float:
-        if not self.thin:
-            return 0.0
-        pixel_mm = footprint.pixel_width_mm * wide / self.on_pixel
-        return math.hypot(footprint.lenslet_width_mm / self.on_lenslet, pixel_mm)
+class Tiling(NamedTuple):
+    """Places of the rays on a pixel and on its lenslet, in widths of each.
 
-    def _stack(self, tables) -> np.ndarray:
-        return np.stack([arrange(table, self.layout) for table in tables])
+    Attributes
+    ----------
+    along_pixel, along_lenslet : ndarray of float64, shape (i,)
+        In [-1/2, 1/2].
+    on_pixel, on_lenslet : int
+        Tiles along each.
+    """
 
-    def _meets(self, footprint: Footprint, edges: np.ndarray) -> np.ndarray:
-        """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
-        skewed = np.abs(self.optics.skew_mm(self.axis)).max()
-        reach = footprint.half_width_mm + skewed * abs(footprint.shift_per_lenslet_shift)
-        centres = footprint.centres_mm
-        return (centres + 1.5 * reach >= edges[0]) & (centres - 1.5 * reach <= edges[-1])
+    along_pixel: np.ndarray
+    along_lenslet: np.ndarray
+    on_pixel: int
+    on_lenslet: int
 
-    def _skewed(self, footprints: list[Footprint], unit_mm) -> np.ndarray:
-        """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
-        moved = np.tile(self.optics.skew_mm(self.axis), (self.optics.camera.views, 1))
-        gains = np.array([f.shift_per_lenslet_shift for f in footprints]) / unit_mm
-        return arrange(moved, self.layout)[None] * gains[:, None, None]
 
-    def indices(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """First cell of each ray, counted from the border at 0, and its share of the next."""
-        boxes, cells = self.boxes[:, None, None, None], self.cells[:, None, None, None]
-        start = np.floor(self.positions - boxes / 2)
-        missed = (start < -1) | (start >= cells)
-        index = np.where(missed, 0, start + 1).astype(np.int64)
-        if not self.thin:
-            return index, None
-        share = (self.positions + boxes / 2 - index) / np.maximum(boxes, 1e-12)
-        return index, np.where(missed, 0.0, np.clip(share, 0.0, 1.0))
+def ray_grid(
+    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, thin: bool
+) -> RayGrid:
+    """Lay the rays of all bundles over some planes, along one axis.
+
+    Parameters
+    ----------
+    planes : list of Plane
+    optics : OpticalPass
+    layout : {"views", "raw"}
+    rays : int
+        At least so many for each pixel.
+    axis : int
+        0 for y, 1 for x.
+    thin : bool
+        False for rays without breadth.
+
+    Returns
+    -------
+    RayGrid
+    """
+    footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
+    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
+    layer_edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
+    cells = max(
+        abs(footprint.lenslet_width_mm) / (edges[1] - edges[0])
+        for footprint, edges in zip(footprints, layer_edges, strict=True)
+    )
+    spread = bool(optics.defocus or optics.stops)
+    tiling = _tile(rays, cells, _lenslet_power(planes), spread) if thin else _lattice(rays)
+    # Without defocus a plane sees the pixel as a point; a stop never does.
+    on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
+    on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
+    boxes_mm = np.array(
+        [_box_mm(footprint, tiling, optics.defocus) if thin else 0.0 for footprint in footprints]
+    )
+    edges_mm = tuple(
+        _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
+    )
+    cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
+    positions = [
+        (hits - edges[0]) / width
+        for hits, edges, width in zip(on_planes, edges_mm, cell_mm, strict=True)
+    ]
+    # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
+    stop_tile = thin / tiling.on_pixel
+    seen = [
+        _meets(footprint, edges, optics, axis)
+        for footprint, edges in zip(footprints, layer_edges, strict=True)
+    ]
+    shape = optics.camera.views, optics.camera.lenslets[axis], tiling.along_pixel.size
+    return RayGrid(
+        edges_mm=edges_mm,
+        positions=_stack(positions, layout, shape),
+        boxes=np.minimum(boxes_mm / cell_mm, 1.0),
+        shifts=_shifts(footprints, cell_mm, optics, layout, axis),
+        stop_mm=_stack(on_stops, layout, shape),
+        stop_boxes_mm=np.array([abs(stop.pixel_width_mm) * stop_tile for stop in stops]),
+        stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
+        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+    )
+
+
+def _lenslet_power(planes: list[Plane]) -> float:
+    """Power of the rays that has to go to the lenslet's tiles.
+
+    Where a plane dims another, what both have in one box counts as unrelated, so that the boxes
+    have to shrink along pixel and lenslet, faster behind a hard edge than in a haze.
+    """
+    dimming = [plane for plane in planes if plane.transmission is not None]
+    if not dimming:
+        return 0.0
+    return 1 / 2 if any(plane.layer.opaque for plane in dimming) else 1 / 3
+
+
+def _tile(rays: int, cells: float, power: float, spread: bool) -> Tiling:
+    """Tile pixel and lenslet.
+
+    Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
+    all further rays go along the pixel.
+
+    rays: at least so many; cells: most that the lenslet's image covers; power: of the rays, along
+    the lenslet at least; spread: whether the pixel's width matters at all.
+    """
+    fewest = round(rays**power) if power else 1
+    on_lenslet = min(max(fewest, math.ceil(min(cells, rays**0.5))), rays)
+    on_pixel = math.ceil(rays / on_lenslet) if spread else 1
+    pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
+    return Tiling(
+        np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
+    )
+
+
+def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
+    """Trace all rays to a plane, [view, lenslet, i]; not `wide`: as if the pixel were a point."""
+    pixel_mm = footprint.pixel_width_mm * wide
+    offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
+    return footprint.centres_mm[..., None] + offsets
+
+
+def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
+    """Breadth of a box of the variance of a tile's image, itself of two boxes."""
+    pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
+    return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
+
+
+def _meets(
+    footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
+) -> np.ndarray:
+    """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
+    skewed = np.abs(optics.skew_mm(axis)).max()
+    reach = footprint.half_width_mm + skewed * abs(footprint.shift_per_lenslet_shift)
+    centres = footprint.centres_mm
+    return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
+
+
+def _shifts(footprints, unit_mm, optics: OpticalPass, layout: str, axis: int) -> np.ndarray:
+    """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
+    moved = arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout)
+    gains = np.array([f.shift_per_lenslet_shift for f in footprints]) / unit_mm
+    return moved[None] * gains[:, None, None]
+
+
+def _stack(tables: list[np.ndarray], layout: str, shape: tuple) -> np.ndarray:
+    """Tables [view, lenslet, i], arranged, one behind the other; of none, an empty one."""
+    if not tables:
+        return arrange(np.empty(shape), layout)[None][:0]
+    return np.stack([arrange(table, layout) for table in tables])
 
 
 def _trace_group(
-    planes, optics: OpticalPass, layout: str, rays: list[_Rays], out, lines: slice
+    planes: list[Plane],
+    optics: OpticalPass,
+    layout: str,
+    grids: list[RayGrid],
+    thin: bool,
+    out: np.ndarray,
+    lines: slice,
 ) -> None:
-    height, width = rays[0].cells, rays[1].cells
-    sizes = (height + 2) * (width + 2)
-    first_cell = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    edges = list(zip(rays[0].edges, rays[1].edges, strict=True))
-    emission = np.concatenate(
-        [
-            _bordered(_averaged(p.emission, p, new), 0.0)
-            for p, new in zip(planes, edges, strict=True)
-        ]
-    )
-    transmission = _transmission(planes, edges)
-    grid = (first_cell, width + 2, height, width, rays[0].boxes, rays[1].boxes)
-    skew = stops = None
+    """Trace planes that dim each other, or a single one, on some lines of the image."""
+    y, x = grids
+    table = _plane_table(planes, y, x)
+    skew = stops = weights = None
     if optics.lenslet_skew:
-        row, column = (axis.positions for axis in rays)
-        shares = (row[..., :0], column[..., :0])
-        skew = (rays[0].shifts, rays[1].shifts, rays[0].stop_shifts, rays[1].stop_shifts)
+        rows, columns = y.positions, x.positions
+        skew = SkewTable(y.shifts, x.shifts, y.stop_shifts_mm, x.stop_shifts_mm)
     else:  # positions become indices once, outside the ray loop
-        (row, down), (column, right) = (axis.indices() for axis in rays)
-        row = row * grid[1][:, None, None, None] + first_cell[:, None, None, None]
-        row, column = row.astype(np.int32), column.astype(np.int32)
-        shares = (down, right) if rays[0].thin else None
+        rows, down = _indices(y)
+        columns, right = _indices(x)
+        stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
+        rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
+        weights = WeightTable(down, right) if thin else None
     if optics.stops:
         radii = np.array([radius for _, radius in optics.stops])
-        stops = (*(axis.stop_mm for axis in rays), radii, *(axis.stop_boxes for axis in rays))
-    row, shares, stops, skew, falloff, seen = _take_lines(
-        lines, row, shares, stops, skew, optics.falloff_tables(layout), rays[0].seen
-    )
-    first, last = seen_range(rays[1].seen)
-    share = optics.share / (rays[0].count * rays[1].count)
-    _kernels.trace_planes(
-        emission, transmission, row, column, shares, grid, skew, stops, falloff,
-        seen, first, last, share, out,
-    )  # fmt: skip
+        stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)
+    rays = RayTable(rows, columns, y.boxes, x.boxes)
+    falloff, seen = optics.falloff_table(layout), SeenTable(y.seen, *seen_range(x.seen))
+    tables = _take_lines(lines, rays, weights, skew, stops, falloff, seen)
+    share = optics.share / (y.count * x.count)
+    _kernels.trace_planes(table, *tables, share, out)
 
 
-def _take_lines(lines: slice, row, shares, stops, skew, falloff, seen):
+def _plane_table(planes: list[Plane], y: RayGrid, x: RayGrid) -> PlaneTable:
+    """Put the cells of all planes into one table, each on the edges of the rays' grids."""
+    height, width = y.cells, x.cells
+    sizes = (height + 2) * (width + 2)
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    edges = list(zip(y.edges_mm, x.edges_mm, strict=True))
+    emission = [
+        _bordered(_averaged(plane.emission, plane, new), 0.0)
+        for plane, new in zip(planes, edges, strict=True)
+    ]
+    transmission = _transmission(planes, edges)
+    return PlaneTable(np.concatenate(emission), transmission, first, width + 2, height, width)
+
+
+def _indices(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+    """First cell of each ray, counted from the border at 0, and the weight of the next."""
+    boxes, cells = grid.boxes[:, None, None, None], grid.cells[:, None, None, None]
+    start = np.floor(grid.positions - boxes / 2)
+    missed = (start < -1) | (start >= cells)
+    index = np.where(missed, 0, start + 1).astype(np.int64)
+    weight = (grid.positions + boxes / 2 - index) / np.maximum(boxes, 1e-12)
+    return index, np.where(missed, 0.0, np.clip(weight, 0.0, 1.0))
+
+
+def _take_lines(lines: slice, rays, weights, skew, stops, falloff, seen) -> tuple:
     """Cut all tables along y down to some lines c of the image, kept contiguous."""
 
     def cut(table, axis):
         return np.ascontiguousarray(table[(slice(None),) * axis + (lines,)])
 
-    if shares is not None:
-        shares = (cut(shares[0], 2), shares[1])
-    if stops is not None:
-        stops = (cut(stops[0], 2), *stops[1:])
+    rays = rays._replace(rows=cut(rays.rows, 2))
+    if weights is not None:
+        weights = weights._replace(down=cut(weights.down, 2))
     if skew is not None:
-        skew = (skew[0], cut(skew[1], 2), skew[2], cut(skew[3], 2))
+        columns, stop_columns = cut(skew.columns, 2), cut(skew.stop_columns, 2)
+        skew = skew._replace(columns=columns, stop_columns=stop_columns)
+    if stops is not None:
+        stops = stops._replace(rows=cut(stops.rows, 2))
     if falloff is not None:
-        falloff = (cut(falloff[0], 1), falloff[1])
-    return cut(row, 2), shares, stops, skew, falloff, cut(seen, 1)
+        falloff = falloff._replace(rows=cut(falloff.rows, 1))
+    return rays, weights, skew, stops, falloff, seen._replace(lines=cut(seen.lines, 1))
 
 
-def _lattice(rays: int) -> tuple[np.ndarray, np.ndarray]:
-    """Place single rays on pixel and lenslet, both in [-1/2, 1/2], by a rank-1 lattice.
+def _lattice(rays: int) -> Tiling:
+    """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
 
     The same midpoints along both, in an order along the lenslet that steps by about the golden
     section, so that neither width alone, nor both together, is sampled unevenly.
     """
     step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
     places = (np.arange(rays) + 0.5) / rays - 0.5
-    return places, places[np.arange(rays) * step % rays]
+    return Tiling(places, places[np.arange(rays) * step % rays], rays, rays)
 
 
 def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
