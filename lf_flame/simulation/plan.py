@@ -18,7 +18,14 @@ from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.scene_bounds import Survey, neighbours
+from lf_flame.simulation.scene_bounds import (
+    SceneBounds,
+    bound_scene,
+    box_mm,
+    change_rate,
+    smeared,
+)
+from lf_flame.simulation.stops import neighbours
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -188,16 +195,16 @@ def plan_effects(
     """
     forced = dict(effects or {})
     check_request(tolerance, forced)
-    survey = Survey(scene, camera)
-    estimates = {name: find(survey) for name, find in EFFECTS.items()}
-    bounds = {name: estimate.bound for name, estimate in estimates.items()}
-    kept = _choose(bounds, forced, LEFT_OUT_SHARE * tolerance)
+    bounds = bound_scene(scene, camera)
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    changes = {name: estimate.bound for name, estimate in estimates.items()}
+    kept = _choose(changes, forced, LEFT_OUT_SHARE * tolerance)
     slabs = (
-        _count_slabs(survey, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
+        _count_slabs(bounds, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
     )
-    colours = _count_colours(survey, tolerance) if "chromatic" in kept else 1
-    traced = _traced(kept, bounds, survey)
-    seconds = _estimate_seconds(survey, kept, slabs, colours, bool(traced))
+    colours = _count_colours(bounds, tolerance) if "chromatic" in kept else 1
+    traced = _traced(kept, changes, bounds)
+    seconds = _estimate_seconds(bounds, kept, slabs, colours, bool(traced))
     planned = tuple(
         PlannedEffect(name, e.bound, name in kept, name in forced, e.criterion, seconds[name])
         for name, e in estimates.items()
@@ -221,12 +228,12 @@ def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
             raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
 
 
-def _choose(bounds: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
+def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
     """Leave out effects, smallest bound first, while their sum stays within the allowance."""
     kept = {name for name, on in forced.items() if on}
     used = 0.0
-    for name in sorted((name for name in bounds if name not in forced), key=bounds.get):
-        used += bounds[name]
+    for name in sorted((name for name in changes if name not in forced), key=changes.get):
+        used += changes[name]
         if used > allowance:
             kept.add(name)
     if "f_number_mismatch" in kept:  # both are one round stop
@@ -242,17 +249,17 @@ def _choose(bounds: dict[str, float], forced: dict[str, bool], allowance: float)
     return kept
 
 
-def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
+def _count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float) -> list[int]:
     """Planes for each layer, so that those of all layers together keep within their share."""
     thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
-    allowance = SLICING_SHARE * tolerance * survey.peak / max(thick, 1)
+    allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
 
     def change(layer: Layer, slabs: int) -> float:
         return _sliced_change(
-            survey,
+            bounds,
             layer,
             slabs,
-            lambda axis, n: survey.smeared(layer, axis, depth_mm=layer.thickness_mm / n),
+            lambda axis, n: smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / n),
         )
 
     return [
@@ -263,25 +270,25 @@ def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
     ]
 
 
-def _count_colours(survey: Survey, tolerance: float) -> int:
-    allowance = SLICING_SHARE * tolerance * survey.peak
-    band_mm = survey.camera.chromatic_shift * survey.camera.main_lens_focal_mm
+def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
+    allowance = SLICING_SHARE * tolerance * bounds.peak
+    band_mm = bounds.camera.chromatic_shift * bounds.camera.main_lens_focal_mm
 
     def change(colours: int) -> float:
         return sum(
             _sliced_change(
-                survey,
+                bounds,
                 layer,
                 colours,
-                lambda axis, n, at=layer: survey.smeared(at, axis, focal_mm=band_mm / n),
+                lambda axis, n, at=layer: smeared(bounds, at, axis, focal_mm=band_mm / n),
             )
-            for layer in survey.layers
+            for layer in bounds.layers
         )
 
     return _count_parts(change, allowance, "chromatic", tolerance)
 
 
-def _sliced_change(survey: Survey, layer: Layer, parts: int, first_order) -> float:
+def _sliced_change(bounds: SceneBounds, layer: Layer, parts: int, first_order) -> float:
     """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
 
     The smaller of two. Of the first order: as if the light of each part stood where it moves the
@@ -292,15 +299,15 @@ def _sliced_change(survey: Survey, layer: Layer, parts: int, first_order) -> flo
     """
     first, moved, bends = 0.0, [], 0.0
     for axis in (0, 1):
-        steps, box = survey.steps(layer, axis), survey.box(layer, axis)
+        steps, box = bounds.steps[layer, axis], box_mm(bounds, layer, axis)
         first += first_order(axis, parts)
         if box == 0 or steps.whole == 0:
             return first if box == 0 else 0.0
-        rate = min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
+        rate = change_rate(steps, box)
         # The mean over quarters is 5/8 of the farthest, and that half of the whole way.
         moved.append(2 * 1.6 * first_order(axis, MOST_PARTS) * MOST_PARTS / rate / box)
         bends += (moved[-1] * box / steps.cell_mm + 2) * steps.next * moved[-1] / 4
-    whole = max(survey.steps(layer, axis).whole for axis in (0, 1))
+    whole = max(bounds.steps[layer, axis].whole for axis in (0, 1))
     return min(first, (bends + whole * moved[0] * moved[1] / 12) / parts**2)
 
 
@@ -317,15 +324,15 @@ def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int
     return parts
 
 
-def _traced(kept: set[str], bounds: dict[str, float], survey: Survey) -> tuple[str, ...]:
+def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:
     """Kept effects that arise and that only tracing each ray can do."""
     alone = all(
-        not layer.thickness_mm and not survey.behind(layer)
-        for layer in survey.layers
+        not layer.thickness_mm and not bounds.behind[layer]
+        for layer in bounds.layers
         if layer.optical_thickness.any()
     )
     candidates = set(kept) - ({"self_absorption"} if alone else set())
-    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and bounds[name] > 0)
+    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and changes[name] > 0)
 
 
 def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPass]:
@@ -361,9 +368,9 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
     ]
 
 
-def _estimate_seconds(survey, kept: set[str], slabs, colours: int, trace: bool) -> dict:
+def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, trace: bool) -> dict:
     """Roughly how long each effect takes, on one core."""
-    camera = survey.camera
+    camera = bounds.camera
     pixels = camera.views**2 * math.prod(camera.lenslets)
     planes, rays = sum(slabs) * colours, TYPICAL_RAYS**2
     dims = any(name in kept for name in MATTER)

@@ -17,12 +17,12 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import as_views, blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optical_passes, plan_effects
 from lf_flame.simulation.rays import trace
-from lf_flame.simulation.scene_bounds import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.slabs import Plane, slice_scene
 
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
