@@ -6,11 +6,11 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import pandas as pd
+from tabulate import tabulate
 
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
@@ -38,6 +38,24 @@ RAYS_SHARE = 0.5
 
 MOST_PARTS = 1024
 """Slabs or colours beyond which a tolerance counts as out of reach."""
+
+EIGHTHS_MEAN = 5 / 8
+"""Mean move to the far ends of a part's eighths, over the move to the part's end: `smeared`'s."""
+
+WAY_PER_MEAN = 2 / EIGHTHS_MEAN
+"""Way from end to end of a part, over the mean move that `smeared` finds."""
+
+BOX_EDGES = 2
+"""Edges of a box along one axis."""
+
+BOUNDARIES_BESIDE = 2
+"""Boundaries of cells that an edge passes at most, beyond its way over the width of a cell."""
+
+KINK = 8
+"""Of a slope that jumps by J inside a part of width h, midpoints err by at most J h^2 / KINK."""
+
+CURVATURE = 24
+"""Of a second derivative g, midpoints of parts of width h err by g h^2 / CURVATURE."""
 
 NANOSECONDS = {
     "exact": 2.5,
@@ -152,8 +170,7 @@ class EffectPlan:
             for effect in self.effects
         ]
         columns = ["effect", "bound", "decision", "criterion", "adds (s)"]
-        table = pd.DataFrame(rows, columns=columns)
-        style = {"index": False, "disable_numparse": True, "tablefmt": "simple"}
+        table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
             f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
             f"changes the image by at most {self.left_out_bound:.2g}",
@@ -163,7 +180,7 @@ class EffectPlan:
             notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
         if self.colours > 1:
             notes.append(f"colours over the band: {self.colours}")
-        return f"{table.to_markdown(**style)}\n\n" + "\n".join(notes)
+        return f"{table}\n\n" + "\n".join(notes)
 
 
 def plan_effects(
@@ -288,27 +305,33 @@ def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
     return _count_parts(change, allowance, "chromatic", tolerance)
 
 
-def _sliced_change(bounds: SceneBounds, layer: Layer, parts: int, first_order) -> float:
+def _sliced_change(
+    bounds: SceneBounds, layer: Layer, parts: int, smear: Callable[[int, int], float]
+) -> float:
     """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
 
-    The smaller of two. Of the first order: as if the light of each part stood where it moves the
-    bundle farthest. Of the second: a box of width a that moves by m in all over cells of width c
-    passes at most 2 (m/c + 2) of their boundaries, where its light bends by ``next m / a``; the
-    midpoint errs by 1/8 of that in units of the part, and in between by the product of both axes'
-    rates, ``2 whole (m_y/a_y) (m_x/a_x) / 24``.
+    The smaller of two ("How many slabs" in the documentation derives them). Of the first order:
+    as if the light of each part stood where it moves the bundle farthest. Of the second: a box
+    that moves by ``way`` of its own widths in all bends its light where an edge passes from cell
+    to cell, by ``next * way`` each, for which midpoints err by 1 / KINK; and in between by the
+    product of both axes' ways, ``2 whole way_y way_x``, for which they err by 1 / CURVATURE.
+
+    smear: from an axis and a number of parts to the change of the first order.
     """
-    first, moved, bends = 0.0, [], 0.0
+    first, ways, kinks = 0.0, [], 0.0
     for axis in (0, 1):
         steps, box = bounds.steps[layer, axis], box_mm(bounds, layer, axis)
-        first += first_order(axis, parts)
+        first += smear(axis, parts)
         if box == 0 or steps.whole == 0:
             return first if box == 0 else 0.0
-        rate = change_rate(steps, box)
-        # The mean over quarters is 5/8 of the farthest, and that half of the whole way.
-        moved.append(2 * 1.6 * first_order(axis, MOST_PARTS) * MOST_PARTS / rate / box)
-        bends += (moved[-1] * box / steps.cell_mm + 2) * steps.next * moved[-1] / 4
+        # From a part so small that its change is in proportion to its way.
+        smallest = smear(axis, MOST_PARTS) * MOST_PARTS
+        ways.append(WAY_PER_MEAN * smallest / change_rate(steps, box) / box)
+        crossed = BOX_EDGES * (ways[axis] * box / steps.cell_mm + BOUNDARIES_BESIDE)
+        kinks += crossed * steps.next * ways[axis] / KINK
     whole = max(bounds.steps[layer, axis].whole for axis in (0, 1))
-    return min(first, (bends + whole * moved[0] * moved[1] / 12) / parts**2)
+    curvature = 2 * whole * ways[0] * ways[1]
+    return min(first, (kinks + curvature / CURVATURE) / parts**2)
 
 
 def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int:
