@@ -1,7 +1,7 @@
 """Every compiled loop: arrays in, output array filled, nothing returned.
 
 All loops gather: each output element is summed by one thread in a fixed order, so the bits do not
-depend on the number of threads. Sums run in float64, but for `sum_rows`, whose purpose is to read.
+depend on the number of threads. Sums run in float64.
 Light fields are ``[v, u, t, s]``.
 """
 
@@ -9,21 +9,6 @@ import math
 
 import numpy as np
 from numba import njit, prange
-
-LANES = 64
-"""Sums side by side: enough that memory, not the latency of an addition, sets the speed."""
-
-
-def _sum_rows(rows, sums):
-    """Sum each of the rows [row, element] in float32: what reading them once costs."""
-    for k in prange(rows.shape[0]):
-        lanes = np.zeros(LANES, np.float32)
-        row = rows[k]
-        whole = row.size // LANES * LANES
-        for i in range(0, whole, LANES):
-            for j in range(LANES):
-                lanes[j] += row[i + j]
-        sums[k] = lanes.sum() + row[whole:].sum()
 
 
 def _radiance(planes, transmission, rays, weights, skew, a, c, i, b, d, j):
@@ -202,7 +187,6 @@ hit = njit(_hit)
 mean = njit(_mean)
 radiance = njit(_radiance)
 
-sum_rows = njit(parallel=True, cache=True)(_sum_rows)
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
 integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+from experiments._kernels import sum_rows
 from experiments.costs import latency, latency_report
 from lf_flame import InputError
 from lf_flame._common.arrays import area_average
@@ -18,7 +19,6 @@ from lf_flame.commands import cli
 from lf_flame.datasets.store import config_from_json, make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
 from lf_flame.learning.training import TrainingConfig, train
-from lf_flame.simulation import _kernels
 
 SIZE, VIEWS = (32, 64), 3
 
@@ -271,7 +271,7 @@ def test_exported_networks_are_shown_the_raw_image(run_folder, tmp_path):
 def test_rows_are_summed(rng):
     rows = rng.random((3, 200), np.float32)
     sums = np.empty(3, np.float32)
-    _kernels.sum_rows(rows, sums)
+    sum_rows(rows, sums)
     np.testing.assert_allclose(sums, rows.sum(axis=1), rtol=1e-5)
 
 
