@@ -277,8 +277,8 @@ def exact_rows() -> list[tuple]:
     integrate(planes, optics, "views", exact)
     some = exact[:, :, SOME_LINES]
     (ours,) = best_of(5, lambda: integrate(planes, optics, "views", blank(small)))
-    for thin, name in ((True, "ray integrator"), (False, "midpoint rule")):
-        count, seconds, rays = _rays_for(1e-3, planes, optics, thin, some)
+    for finite_width, name in ((True, "ray integrator"), (False, "midpoint rule")):
+        count, seconds, rays = _rays_for(1e-3, planes, optics, finite_width, some)
         theirs = seconds * exact.shape[2] / some.shape[2]
         what = (
             f"exact integrator against the {name} ({count} x {count} rays), shape scene, one core"
@@ -288,13 +288,13 @@ def exact_rows() -> list[tuple]:
     return rows
 
 
-def _rays_for(error: float, planes, optics: OpticalPass, thin: bool, truth: np.ndarray):
+def _rays_for(error: float, planes, optics: OpticalPass, finite_width: bool, truth: np.ndarray):
     """Fewest rays, in steps of a half, whose error is small enough, their time and image."""
     count = 2
     while True:
-        _trace_some(planes, optics, 1, thin, truth)
+        _trace_some(planes, optics, 1, finite_width, truth)
         started = time.perf_counter()
-        image = _trace_some(planes, optics, count, thin, truth)
+        image = _trace_some(planes, optics, count, finite_width, truth)
         seconds = time.perf_counter() - started
         rms = math.sqrt(np.mean(np.square(image - truth, dtype=np.float64)))
         if rms <= error * truth.max():
@@ -302,9 +302,11 @@ def _rays_for(error: float, planes, optics: OpticalPass, thin: bool, truth: np.n
         count = math.ceil(1.5 * count)
 
 
-def _trace_some(planes, optics: OpticalPass, rays: int, thin: bool, like: np.ndarray) -> np.ndarray:
+def _trace_some(
+    planes, optics: OpticalPass, rays: int, finite_width: bool, like: np.ndarray
+) -> np.ndarray:
     image = np.zeros_like(like)
-    trace(planes, optics, "views", rays, image, SOME_LINES, thin=thin)
+    trace(planes, optics, "views", rays, image, SOME_LINES, finite_width=finite_width)
     return image
 
 

@@ -119,9 +119,16 @@ def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
     return trace_forward(study.scene, study.camera, rays, sequence)
 
 
-def _backward(study: Study, per_axis: float, thin: bool) -> np.ndarray:
+def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
     image = _blank(study.camera)
-    trace(_planes(study.scene), OpticalPass(study.camera), "views", per_axis, image, thin=thin)
+    trace(
+        _planes(study.scene),
+        OpticalPass(study.camera),
+        "views",
+        per_axis,
+        image,
+        finite_width=finite_width,
+    )
     return image
 
 
@@ -158,7 +165,7 @@ METHODS = {
     ),
     "midpoint": Method(
         "backward, midpoint rule",
-        partial(_backward, thin=False),
+        partial(_backward, finite_width=False),
         PER_AXIS,
         lambda n: n**2,
         share=0.12,
@@ -166,7 +173,7 @@ METHODS = {
     ),
     "thin": Method(
         "backward, finite-width rays",
-        partial(_backward, thin=True),
+        partial(_backward, finite_width=True),
         PER_AXIS,
         lambda n: n**2,
         share=0.12,

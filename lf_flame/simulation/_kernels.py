@@ -1,4 +1,4 @@
-"""Every compiled loop: arrays in, output array filled, nothing returned.
+"""The compiled loops of both integrators: arrays in, output array filled, nothing returned.
 
 All loops gather: each output element is summed by one thread in a fixed order, so the bits do not
 depend on the number of threads. Sums run in float64.

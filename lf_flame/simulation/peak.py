@@ -134,7 +134,7 @@ def _seen(
         if front is layer or not before:
             continue
         if all(_meets(camera, front, near, footprints[front, axis], axis) for axis in (0, 1)):
-            share *= 1 - np.max(front.hides)
+            share *= 1 - np.max(front.opacity)
             share *= math.exp(-front.optical_thickness.max())
     return share
 
@@ -143,7 +143,7 @@ def _meets(
     camera: PlenopticCamera, front: Layer, near: list[slice], footprint: Footprint, axis: int
 ) -> bool:
     """Whether some pixels of the central view look at the matter of a layer, along one axis."""
-    low, high = front.extent_mm(front.optical_thickness + front.hides, axis)
+    low, high = front.extent_mm(front.optical_thickness + front.opacity, axis)
     centres = footprint.centres_mm[camera.views // 2, near[axis]]
     reach = reach_mm(camera, front, footprint, axis)
     return bool(np.any((centres + reach > low) & (centres - reach < high)))

@@ -42,14 +42,14 @@ MOST_PARTS = 1024
 EIGHTHS_MEAN = 5 / 8
 """Mean move to the far ends of a part's eighths, over the move to the part's end: `smeared`'s."""
 
-WAY_PER_MEAN = 2 / EIGHTHS_MEAN
-"""Way from end to end of a part, over the mean move that `smeared` finds."""
+TRAVEL_PER_MEAN = 2 / EIGHTHS_MEAN
+"""Travel from end to end of a part, over the mean move that `smeared` finds."""
 
 BOX_EDGES = 2
 """Edges of a box along one axis."""
 
 BOUNDARIES_BESIDE = 2
-"""Boundaries of cells that an edge passes at most, beyond its way over the width of a cell."""
+"""Boundaries of cells that an edge passes at most, beyond its travel over the width of a cell."""
 
 KINK = 8
 """Of a slope that jumps by J inside a part of width h, midpoints err by at most J h^2 / KINK."""
@@ -67,8 +67,8 @@ NANOSECONDS = {
     "noise": 18.0,
 }
 """Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), a ray
-and stop or shift (ray_effect), and a pixel (others), on one core, as `make costs` measured them.
-For the column of estimates only."""
+and stop or shift (ray_effect), and a pixel (others), on one core, as measured for the tables of
+costs. For the column of estimates only."""
 
 TYPICAL_RAYS = 18
 """Rays per pixel and axis that the default tolerance takes in most scenes; for estimates only."""
@@ -312,25 +312,26 @@ def _sliced_change(
 
     The smaller of two ("How many slabs" in the documentation derives them). Of the first order:
     as if the light of each part stood where it moves the bundle farthest. Of the second: a box
-    that moves by ``way`` of its own widths in all bends its light where an edge passes from cell
-    to cell, by ``next * way`` each, for which midpoints err by 1 / KINK; and in between by the
-    product of both axes' ways, ``2 whole way_y way_x``, for which they err by 1 / CURVATURE.
+    that moves by ``travel`` of its own widths in all bends its light where an edge passes from
+    cell to cell, by ``next * travel`` each, for which midpoints err by 1 / KINK; and in between
+    by the product of both axes, ``2 whole travel_y travel_x``, for which they err by
+    1 / CURVATURE.
 
     smear: from an axis and a number of parts to the change of the first order.
     """
-    first, ways, kinks = 0.0, [], 0.0
+    first, travels, kinks = 0.0, [], 0.0
     for axis in (0, 1):
         steps, box = bounds.steps[layer, axis], box_mm(bounds, layer, axis)
         first += smear(axis, parts)
         if box == 0 or steps.whole == 0:
             return first if box == 0 else 0.0
-        # From a part so small that its change is in proportion to its way.
+        # From a part so small that its change is in proportion to its travel.
         smallest = smear(axis, MOST_PARTS) * MOST_PARTS
-        ways.append(WAY_PER_MEAN * smallest / change_rate(steps, box) / box)
-        crossed = BOX_EDGES * (ways[axis] * box / steps.cell_mm + BOUNDARIES_BESIDE)
-        kinks += crossed * steps.next * ways[axis] / KINK
+        travels.append(TRAVEL_PER_MEAN * smallest / change_rate(steps, box) / box)
+        crossed = BOX_EDGES * (travels[axis] * box / steps.cell_mm + BOUNDARIES_BESIDE)
+        kinks += crossed * steps.next * travels[axis] / KINK
     whole = max(bounds.steps[layer, axis].whole for axis in (0, 1))
-    curvature = 2 * whole * ways[0] * ways[1]
+    curvature = 2 * whole * travels[0] * travels[1]
     return min(first, (kinks + curvature / CURVATURE) / parts**2)
 
 
@@ -361,7 +362,7 @@ def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> t
 def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPass]:
     """Set up the camera as a plan leaves it: a pass for each colour and neighbouring lenslet."""
     kept = plan.kept
-    turn = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
+    angle = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
     scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
     stops, reach = [], 0
     if "round_aperture" in plan.traced:
@@ -380,8 +381,8 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
             share=1 / plan.colours,
             defocus="defocus" in kept,
             falloff="cos4" in kept and not camera.falloff_corrected,
-            lenslet_scale=scale * math.cos(turn),
-            lenslet_skew=scale * math.sin(turn),
+            lenslet_scale=scale * math.cos(angle),
+            lenslet_skew=scale * math.sin(angle),
             stops=tuple(stops),
             neighbour=(row, column),
         )

@@ -29,7 +29,7 @@ def trace(
     rays: int,
     out: np.ndarray,
     lines: slice = slice(None),
-    thin: bool = True,
+    finite_width: bool = True,
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
@@ -49,13 +49,13 @@ def trace(
         In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
     lines : slice, optional
         The lines c of the whole image that `out` holds.
-    thin : bool, optional
+    finite_width : bool, optional
         False for rays without breadth, the plain midpoint rule.
     """
     dims = any(plane.transmission is not None for plane in planes)
     for group in [planes] if dims else [[plane] for plane in planes]:
-        grids = [ray_grid(group, optics, layout, rays, axis, thin) for axis in (0, 1)]
-        _trace_group(group, optics, layout, grids, thin, out, lines)
+        grids = [ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1)]
+        _trace_group(group, optics, layout, grids, finite_width, out, lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class Tiling(NamedTuple):
 
 
 def ray_grid(
-    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, thin: bool
+    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, finite_width: bool
 ) -> RayGrid:
     """Lay the rays of all bundles over some planes, along one axis.
 
@@ -138,7 +138,7 @@ def ray_grid(
         At least so many for each pixel.
     axis : int
         0 for y, 1 for x.
-    thin : bool
+    finite_width : bool
         False for rays without breadth.
 
     Returns
@@ -153,12 +153,15 @@ def ray_grid(
         for footprint, edges in zip(footprints, layer_edges, strict=True)
     )
     spread = bool(optics.defocus or optics.stops)
-    tiling = _tile(rays, cells, _lenslet_power(planes), spread) if thin else _lattice(rays)
+    tiling = _tile(rays, cells, _lenslet_power(planes), spread) if finite_width else _lattice(rays)
     # Without defocus a plane sees the pixel as a point; a stop never does.
     on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
     on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
     boxes_mm = np.array(
-        [_box_mm(footprint, tiling, optics.defocus) if thin else 0.0 for footprint in footprints]
+        [
+            _box_mm(footprint, tiling, optics.defocus) if finite_width else 0.0
+            for footprint in footprints
+        ]
     )
     edges_mm = tuple(
         _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
@@ -169,7 +172,7 @@ def ray_grid(
         for hits, edges, width in zip(on_planes, edges_mm, cell_mm, strict=True)
     ]
     # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
-    stop_tile = thin / tiling.on_pixel
+    stop_tile = finite_width / tiling.on_pixel
     seen = [
         _meets(footprint, edges, optics, axis)
         for footprint, edges in zip(footprints, layer_edges, strict=True)
@@ -259,7 +262,7 @@ def _trace_group(
     optics: OpticalPass,
     layout: str,
     grids: list[RayGrid],
-    thin: bool,
+    finite_width: bool,
     out: np.ndarray,
     lines: slice,
 ) -> None:
@@ -275,7 +278,7 @@ def _trace_group(
         columns, right = _indices(x)
         stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
         rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
-        weights = WeightTable(down, right) if thin else None
+        weights = WeightTable(down, right) if finite_width else None
     if optics.stops:
         radii = np.array([radius for _, radius in optics.stops])
         stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)

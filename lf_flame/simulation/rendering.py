@@ -160,7 +160,7 @@ def _check_field(scene: Scene, optics: OpticalPass) -> None:
 def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: str) -> int:
     """Fewest rays that meet the tolerance, found on some lines of the image.
 
-    The error falls at least as one over the number of rays (`make costs` measures it), so the
+    The error falls at least as one over the number of rays (the experiments measure it), so the
     change from one number to half as many again is about the error of the greater. Two images may
     agree by chance; three in a row, and rays as dense as the cells, do not.
     """

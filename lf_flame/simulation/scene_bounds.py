@@ -148,7 +148,7 @@ def _has_matter(layer: Layer) -> bool:
 def _crosses(camera, front: Layer, other: Layer, footprints, axis: int) -> bool:
     """Whether the bundle of some pixel meets the matter of one layer and the light of another."""
     meets = True
-    matter = front.optical_thickness + front.hides
+    matter = front.optical_thickness + front.opacity
     for layer, cells in ((front, matter), (other, other.texture)):
         low, high = layer.extent_mm(cells, axis)
         footprint = footprints[layer, axis]
@@ -161,7 +161,7 @@ def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
     """Largest changes of what a layer adds, and of what it takes from the light behind it."""
     whole, nearest = layer.texture.max(), _largest_step(layer.texture, axis)
     if _has_matter(layer):
-        stopped = layer.hides + -np.expm1(-layer.optical_thickness)
+        stopped = layer.opacity + -np.expm1(-layer.optical_thickness)
         whole = whole + stopped.max() * behind
         nearest += _largest_step(stopped, axis) * behind
     edges = layer.cell_edges_mm(axis)
@@ -181,7 +181,7 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
         if other is layer or apart < (other.thickness_mm + layer.thickness_mm) / 2:
-            inside += float(np.max(other.hides)) - math.expm1(-other.optical_thickness.max())
+            inside += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
     return min(inside, 1.0)
 
 

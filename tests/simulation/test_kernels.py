@@ -108,18 +108,24 @@ def test_float32_image_equals_float64_within_rounding(small_camera, rng):
 
 @pytest.mark.parametrize(
     "optics",
-    [{}, {"falloff": True}, {"lenslet_skew": 1e-3}, {"stops": ((0.0, 60.0),)}, {"thin": False}],
+    [
+        {},
+        {"falloff": True},
+        {"lenslet_skew": 1e-3},
+        {"stops": ((0.0, 60.0),)},
+        {"finite_width": False},
+    ],
     ids=str,
 )
 def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
     """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 2, (2, 3))
-    thin = optics.pop("thin", True)
+    finite_width = optics.pop("finite_width", True)
     wide = Layer([[0.7]], 5.0, (90.0, 90.0))
     haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))
     for layers, expected in (([wide], 0.7), ([wide, haze], 0.35)):
         planes = slice_scene(Scene(layers), {}, absorption=True, dimming={"self_absorption"})
         image = np.zeros((2, 2, 2, 3), np.float32)
-        trace(planes, OpticalPass(camera, **optics), "views", 3, image, thin=thin)
+        trace(planes, OpticalPass(camera, **optics), "views", 3, image, finite_width=finite_width)
         assert image.max() == pytest.approx(expected, rel=0.1 if "falloff" in optics else 1e-6)
         assert image.min() == pytest.approx(expected, rel=0.2 if "falloff" in optics else 1e-6)

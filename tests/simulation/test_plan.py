@@ -26,10 +26,10 @@ def test_the_way_of_a_part_follows_from_its_first_order(small_camera, rng):
     layer = Layer(rng.uniform(size=(5, 6)), 5.0, (1.5, 1.6), thickness_mm=1e-3)
     bounds = bound_scene(Scene([layer]), small_camera)
     here, steps = bounds.footprints[layer, 0], bounds.steps[layer, 0]
-    way = farthest_move_mm(small_camera, here, 0, layer.depth_mm + 5e-4) * 2
+    travel = farthest_move_mm(small_camera, here, 0, layer.depth_mm + 5e-4) * 2
     mean = smeared(bounds, layer, 0, depth_mm=1e-3)
     rate = change_rate(steps, box_mm(bounds, layer, 0))
-    assert plan.WAY_PER_MEAN * mean / rate == pytest.approx(way, rel=1e-6)
+    assert plan.TRAVEL_PER_MEAN * mean / rate == pytest.approx(travel, rel=1e-6)
 
 
 @pytest.mark.parametrize("cells", [(2, 2), (6, 7), (40, 50)])

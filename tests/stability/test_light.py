@@ -75,12 +75,12 @@ def as_planes(layer, slabs=1, dimming=()):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("thin", [True, False])
-def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(thin):
+@pytest.mark.parametrize("finite_width", [True, False])
+def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(finite_width):
     """Naive: a running sum in float32; after 20 million addends it is 5 % off."""
     image = np.zeros((1, 1, 1, 1), np.float32)
     planes = as_planes(Layer([[0.1]], 5.0, WIDE))
-    trace(planes, OpticalPass(ONE_PIXEL), "views", 10_000, image, thin=thin)
+    trace(planes, OpticalPass(ONE_PIXEL), "views", 10_000, image, finite_width=finite_width)
     assert abs(image[0, 0, 0, 0].astype(float) / 0.1 - 1) <= UNIT32
     rays = np.full(20_000_000, 0.1, np.float32)
     naive = np.add.accumulate(rays, out=rays)[-1] / (0.1 * rays.size)

@@ -145,7 +145,7 @@ def test_images_change_steadily_with_the_depth(method, allowed):
     def naive(depth):
         image = np.zeros((5, 5, 10, 12), np.float32)
         planes = slice_scene(Scene([halved(depth)]), {}, absorption=False, dimming=set())
-        trace(planes, OpticalPass(camera), "views", 27, image, thin=False)
+        trace(planes, OpticalPass(camera), "views", 27, image, finite_width=False)
         return image.astype(float)
 
     def ours(depth):
