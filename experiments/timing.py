@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame.simulation import _kernels
+from experiments import _kernels
 
 REPETITIONS, SHORT_S, LONG_S = 3, 0.3, 5.0
 """Runs of which the fastest counts; more until SHORT_S have passed, no further one after LONG_S."""

@@ -26,12 +26,12 @@ import numpy as np
 import pandas as pd
 from scipy import ndimage
 
+from experiments._kernels import sum_rows
 from experiments.benchmarks.report import write_table
 from experiments.timing import best_times, seconds
 from lf_flame._common.arrays import centred
 from lf_flame._common.provenance import environment
 from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
-from lf_flame.simulation._kernels import sum_rows
 
 ALIKE = 1e-6
 """Largest difference, relative to the brightest pixel, of outputs that should be the same."""

@@ -25,7 +25,9 @@ from lf_flame._common.provenance import environment
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
-from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
 SOME_LINES = slice(20, None, 45)
@@ -100,7 +102,7 @@ def trace_with_a_loop(texture, edges, scale, centres, widths, rays, out):
 def baseline_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarray:
     """Set up the loop above."""
     out = np.empty((camera.views, camera.views, *camera.lenslets), np.float32)
-    optics = Optics(camera)
+    optics = OpticalPass(camera)
     footprints = [optics.footprint(layer.depth_mm, axis) for axis in (0, 1)]
     edges = [layer.cell_edges_mm(axis) for axis in (0, 1)]
     first = np.array([edge[0] for edge in edges])
@@ -180,15 +182,16 @@ def ray_rows() -> list[tuple]:
     """Time the ray integrator on one core against NumPy and against an untuned loop."""
     numba.set_num_threads(1)
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (60, 60))
-    layer, optics, image = layer_for(camera), Optics(camera), blank(camera)
+    layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
 
     def ours():
         image[:] = 0
         trace(planes, optics, "views", 9, image)
 
-    rows, columns = captured("trace_planes", ours)[2:4]
-    traced = camera.views**2 * math.prod(camera.lenslets) * rows.shape[3] * columns.shape[3]
+    rays = captured("trace_planes", ours)[1]
+    per_pixel = rays.rows.shape[3] * rays.columns.shape[3]
+    traced = camera.views**2 * math.prod(camera.lenslets) * per_pixel
     found = {}
 
     def by_numpy():
@@ -212,7 +215,12 @@ def bare_rows() -> list[tuple]:
     numba.set_num_threads(1)
     rows = []
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 9, (120, 160))
-    layer, optics, image, other = layer_for(camera), Optics(camera), blank(camera), blank(camera)
+    layer, optics, image, other = (
+        layer_for(camera),
+        OpticalPass(camera),
+        blank(camera),
+        blank(camera),
+    )
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     args = captured("integrate_rows", lambda: integrate(planes, optics, "views", image))
     lines, start, weight, _, _, first, last, _ = args
@@ -233,10 +241,11 @@ def bare_rows() -> list[tuple]:
         )
     )
     args = captured("trace_planes", lambda: trace(planes, optics, "views", 4, image))
-    emission, _, row, column, shares, grid, _, _, _, seen, first, last, share, _ = args
-    bare = (emission, row, column, *shares, int(grid[1][0]), seen, first, last, share, other)
+    table, ray_table, weights, *_, seen, share, _ = args
+    cells, stride = table.emission, int(table.stride[0])
+    bare = (cells, ray_table.rows, ray_table.columns, *weights, stride, *seen, share, other)
     pair_rays = best_of(9, lambda: _kernels.trace_planes(*args), lambda: bare_trace(*bare))
-    rays = image.size * row.shape[3] * column.shape[3] / 1e6
+    rays = image.size * ray_table.rows.shape[3] * ray_table.columns.shape[3] / 1e6
     rows.append(("ray kernel, nothing kept, against a bare one", rays / pair_rays[0],
                  rays / pair_rays[1], "Mray/s", pair_rays[0] / pair_rays[1],
                  "time ratio at most 1.05"))  # fmt: skip
@@ -250,7 +259,7 @@ def exact_rows() -> list[tuple]:
     """Time the exact integrator: a full-frame layer, and the shape scene against rays."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     camera = PAPER_CAMERA
-    layer, optics, image = layer_for(camera), Optics(camera), blank(camera)
+    layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     seconds, written = best_of(
         5, lambda: integrate(planes, optics, "views", image), lambda: np.add(image, 1, out=image)
@@ -263,13 +272,13 @@ def exact_rows() -> list[tuple]:
     scene, _ = config.template.draw(None)
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
     small = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 15, (90, 180))
-    optics, exact = Optics(small), blank(small)
+    optics, exact = OpticalPass(small), blank(small)
     numba.set_num_threads(1)
     integrate(planes, optics, "views", exact)
     some = exact[:, :, SOME_LINES]
     (ours,) = best_of(5, lambda: integrate(planes, optics, "views", blank(small)))
-    for thin, name in ((True, "ray integrator"), (False, "midpoint rule")):
-        count, seconds, rays = _rays_for(1e-3, planes, optics, thin, some)
+    for finite_width, name in ((True, "ray integrator"), (False, "midpoint rule")):
+        count, seconds, rays = _rays_for(1e-3, planes, optics, finite_width, some)
         theirs = seconds * exact.shape[2] / some.shape[2]
         what = (
             f"exact integrator against the {name} ({count} x {count} rays), shape scene, one core"
@@ -279,13 +288,13 @@ def exact_rows() -> list[tuple]:
     return rows
 
 
-def _rays_for(error: float, planes, optics: Optics, thin: bool, truth: np.ndarray):
+def _rays_for(error: float, planes, optics: OpticalPass, finite_width: bool, truth: np.ndarray):
     """Fewest rays, in steps of a half, whose error is small enough, their time and image."""
     count = 2
     while True:
-        _trace_some(planes, optics, 1, thin, truth)
+        _trace_some(planes, optics, 1, finite_width, truth)
         started = time.perf_counter()
-        image = _trace_some(planes, optics, count, thin, truth)
+        image = _trace_some(planes, optics, count, finite_width, truth)
         seconds = time.perf_counter() - started
         rms = math.sqrt(np.mean(np.square(image - truth, dtype=np.float64)))
         if rms <= error * truth.max():
@@ -293,9 +302,11 @@ def _rays_for(error: float, planes, optics: Optics, thin: bool, truth: np.ndarra
         count = math.ceil(1.5 * count)
 
 
-def _trace_some(planes, optics: Optics, rays: int, thin: bool, like: np.ndarray) -> np.ndarray:
+def _trace_some(
+    planes, optics: OpticalPass, rays: int, finite_width: bool, like: np.ndarray
+) -> np.ndarray:
     image = np.zeros_like(like)
-    trace(planes, optics, "views", rays, image, SOME_LINES, thin=thin)
+    trace(planes, optics, "views", rays, image, SOME_LINES, finite_width=finite_width)
     return image
 
 

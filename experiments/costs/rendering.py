@@ -28,8 +28,10 @@ from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
-from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.reference.forward import trace_forward
 from lf_flame.simulation.rendering import render
@@ -118,15 +120,22 @@ def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
     return trace_forward(study.scene, study.camera, rays, sequence)
 
 
-def _backward(study: Study, per_axis: float, thin: bool) -> np.ndarray:
+def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
     image = _blank(study.camera)
-    trace(_planes(study.scene), Optics(study.camera), "views", per_axis, image, thin=thin)
+    trace(
+        _planes(study.scene),
+        OpticalPass(study.camera),
+        "views",
+        per_axis,
+        image,
+        finite_width=finite_width,
+    )
     return image
 
 
 def _exact(study: Study, _setting: float) -> np.ndarray:
     image = _blank(study.camera)
-    integrate(_planes(study.scene), Optics(study.camera), "views", image)
+    integrate(_planes(study.scene), OpticalPass(study.camera), "views", image)
     return image
 
 
@@ -157,7 +166,7 @@ METHODS = {
     ),
     "midpoint": Method(
         "backward, midpoint rule",
-        partial(_backward, thin=False),
+        partial(_backward, finite_width=False),
         PER_AXIS,
         lambda n: n**2,
         share=0.12,
@@ -165,7 +174,7 @@ METHODS = {
     ),
     "thin": Method(
         "backward, finite-width rays",
-        partial(_backward, thin=True),
+        partial(_backward, finite_width=True),
         PER_AXIS,
         lambda n: n**2,
         share=0.12,

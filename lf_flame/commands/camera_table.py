@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-import pandas as pd
+from tabulate import tabulate
 
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -23,12 +23,18 @@ def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
         ("field of view (down x across)", f"{fov[0]:.2f} x {fov[1]:.2f} degrees"),
         ("field at the focal plane", f"{field[0]:.2f} x {field[1]:.2f} mm"),
     ]
-    numbers = pd.DataFrame(rows, columns=["camera", "value"])
-    layers = pd.DataFrame({"depth (mm)": [f"{z:g}" for z in depths_mm]})
-    slopes = [camera.depth_to_slope(z) for z in depths_mm]
-    layers["slope (lenslets per view)"] = [f"{s:+.3f}" for s in slopes]
-    layers["alpha"] = [f"{camera.slope_to_alpha(s):.4f}" for s in slopes]
-    fields = [camera.field_mm(z) for z in depths_mm]
-    layers["field (mm)"] = [f"{height:.2f} x {width:.2f}" for height, width in fields]
-    style = {"index": False, "disable_numparse": True, "tablefmt": "simple"}
-    return f"{numbers.to_markdown(**style)}\n\n{layers.to_markdown(**style)}"
+    layers = [
+        (
+            f"{depth:g}",
+            f"{camera.depth_to_slope(depth):+.3f}",
+            f"{camera.slope_to_alpha(camera.depth_to_slope(depth)):.4f}",
+            "{:.2f} x {:.2f}".format(*camera.field_mm(depth)),
+        )
+        for depth in depths_mm
+    ]
+    columns = ["depth (mm)", "slope (lenslets per view)", "alpha", "field (mm)"]
+    return f"{_table(rows, ['camera', 'value'])}\n\n{_table(layers, columns)}"
+
+
+def _table(rows: list[tuple], columns: list[str]) -> str:
+    return tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)

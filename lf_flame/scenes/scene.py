@@ -104,7 +104,7 @@ class Layer:
             )
 
     @property
-    def hides(self) -> np.ndarray | float:
+    def opacity(self) -> np.ndarray | float:
         """Share of each cell that is opaque: the coverage, 1 without one, 0 if not opaque."""
         if not self.opaque:
             return 0.0
@@ -210,7 +210,7 @@ class Scene:
 
 def _overlap(one: Layer, other: Layer, axis: int) -> bool:
     (low, high), (other_low, other_high) = (
-        layer.extent_mm(np.broadcast_to(layer.hides, layer.texture.shape), axis)
+        layer.extent_mm(np.broadcast_to(layer.opacity, layer.texture.shape), axis)
         for layer in (one, other)
     )
     # Layers that only touch do not overlap, whatever the rounding of their edges.

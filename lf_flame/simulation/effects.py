@@ -1,9 +1,9 @@
 """The physical effects that a scene may call for, and how much each can change its image.
 
-Every function of `EFFECTS` takes a `Survey` and returns an `Estimate`: an upper bound on the change
-of any pixel (for noise: of the root-mean-square over the image), relative to the brightest pixel,
-and the criterion in words and numbers. Bounds come from the scene and the camera alone, before
-anything is rendered. Sources of the criteria stand with the functions.
+Every function of `EFFECTS` takes `SceneBounds` and returns an `Estimate`: an upper bound on the
+change of any pixel (for noise: of the root-mean-square over the image), relative to the brightest
+pixel, and the criterion in words and numbers. Bounds come from the scene and the camera alone,
+before anything is rendered. Sources of the criteria stand with the functions.
 """
 
 import math
@@ -12,15 +12,17 @@ from dataclasses import dataclass
 from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.simulation.bundle_shifts import focus_spread, pitch_shifts_mm, rotation_shifts_mm
+from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
-    Survey,
-    lenslet_kernel,
-    main_lens_kernel,
-    neighbours,
-    pitch_shifts,
-    rotation_shifts,
+    SceneBounds,
+    displaced,
+    lenslets_moved,
+    smeared,
+    stopped_inside,
 )
 from lf_flame.simulation.slabs import self_absorbed
+from lf_flame.simulation.stops import neighbours, share_cut
 
 
 @dataclass(frozen=True)
@@ -39,77 +41,77 @@ class Estimate:
     criterion: str
 
 
-def _defocus(survey: Survey) -> Estimate:
+def _defocus(bounds: SceneBounds) -> Estimate:
     """Blur by the patch of the main lens that a pixel sees: on the layer, a box of width b.
 
     A box moves rays by b/4 on average. (Circle of confusion for one view; Hahne et al., Opt.
     Express 24, 21521, 2016, give it for plenoptic cameras.)
     """
     change, widest = 0.0, 0.0
-    for layer in survey.layers:
+    for layer in bounds.layers:
         for axis in (0, 1):
             # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
             seen = [
-                trace_footprint(survey.camera, depth, axis, focal)
-                for depth, focal in survey.places(layer)
+                trace_footprint(bounds.camera, depth, axis, focal)
+                for depth, focal in focus_spread(bounds.camera, layer)
             ]
             width = max(abs(footprint.pixel_width_mm) for footprint in seen)
             lenslet = min(abs(footprint.lenslet_width_mm) for footprint in seen)
             widest = max(widest, width)
-            change += survey.displaced(layer, axis, width / 4, lenslet)
+            change += displaced(bounds, layer, axis, width / 4, lenslet)
     words = f"a pixel's patch of the main lens blurs {widest:.3g} mm"
-    return Estimate(survey.relative(change), words)
+    return Estimate(bounds.relative(change), words)
 
 
-def _occlusion(survey: Survey) -> Estimate:
+def _occlusion(bounds: SceneBounds) -> Estimate:
     """Hide what is behind opaque layers, where some pixel's bundle meets both."""
-    opaque = [layer for layer in survey.layers if layer.opaque]
-    hidden = sum(survey.behind(layer) for layer in opaque)
+    opaque = [layer for layer in bounds.layers if layer.opaque]
+    hidden = sum(bounds.behind[layer] for layer in opaque)
     if not opaque:
         return Estimate(0.0, "no opaque layer")
     words = f"radiance up to {hidden:.3g} behind" if hidden else "nothing behind"
-    return Estimate(survey.relative(hidden), f"{words} {len(opaque)} opaque layer(s)")
+    return Estimate(bounds.relative(hidden), f"{words} {len(opaque)} opaque layer(s)")
 
 
-def _self_absorption(survey: Survey) -> Estimate:
+def _self_absorption(bounds: SceneBounds) -> Estimate:
     """1 - (1 - exp(-tau)) / tau of a layer's own light, 1 - exp(-tau) of that behind it.
 
     Beer's law; Modest, Radiative Heat Transfer. Soot: tau = 6 pi E(m) f_v L / lambda.
     """
     change, thickest = 0.0, 0.0
-    for layer in survey.layers:
+    for layer in bounds.layers:
         tau = layer.optical_thickness
         thickest = max(thickest, float(tau.max()))
         change += float((layer.texture * (1 - self_absorbed(tau))).max())
-        change += -math.expm1(-tau.max()) * survey.behind(layer) if tau.any() else 0.0
+        change += -math.expm1(-tau.max()) * bounds.behind[layer] if tau.any() else 0.0
     words = f"optical thickness up to {thickest:.3g}" if thickest else "no optical thickness"
-    return Estimate(survey.relative(change), words)
+    return Estimate(bounds.relative(change), words)
 
 
-def _thickness(survey: Survey) -> Estimate:
+def _thickness(bounds: SceneBounds) -> Estimate:
     """Each slab of a thick layer moves on the image from where its middle plane would be."""
     change, thickest = 0.0, 0.0
-    for layer in survey.layers:
+    for layer in bounds.layers:
         if layer.thickness_mm > 0:
             thickest = max(thickest, layer.thickness_mm)
             for axis in (0, 1):
-                change += survey.smeared(layer, axis, depth_mm=layer.thickness_mm)
-            change += survey.stopped_inside(layer) * layer.texture.max()
+                change += smeared(bounds, layer, axis, depth_mm=layer.thickness_mm)
+            change += stopped_inside(bounds, layer) * layer.texture.max()
     if not thickest:
         return Estimate(0.0, "no layer has a thickness_mm")
-    return Estimate(survey.relative(change), f"{thickest:.3g} mm thick")
+    return Estimate(bounds.relative(change), f"{thickest:.3g} mm thick")
 
 
-def _cos4(survey: Survey) -> Estimate:
+def _cos4(bounds: SceneBounds) -> Estimate:
     """1 - cos^4 at the corner of the field, from the far corner of the pixel's own patch."""
-    if survey.camera.falloff_corrected:
+    if bounds.camera.falloff_corrected:
         return Estimate(0.0, "falloff_corrected: divided out by a white image")
-    squared = squared_tangent(survey.camera)
+    squared = squared_tangent(bounds.camera)
     cos4 = 1 / (1 + squared) ** 2
     change = (1 - cos4) / cos4  # relative to the dimmed image too
     angle = math.degrees(math.atan(math.sqrt(squared)))
     return Estimate(
-        survey.relative(change * survey.radiance), f"rays tilted up to {angle:.2f} degrees"
+        bounds.relative(change * bounds.radiance), f"rays tilted up to {angle:.2f} degrees"
     )
 
 
@@ -125,22 +127,22 @@ def squared_tangent(camera: PlenopticCamera) -> float:
     )
 
 
-def _round_aperture(survey: Survey) -> Estimate:
+def _round_aperture(bounds: SceneBounds) -> Estimate:
     """Round off the aperture, at matched width: it darkens the corners of every micro-image."""
-    camera = survey.camera
+    camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: square and matched")
-    share = survey.cut(0.0, camera.aperture_mm / 2)
+    share = share_cut(camera, 0.0, camera.aperture_mm / 2)
     words = f"cuts up to {share:.3g} of a pixel's light"
-    return Estimate(survey.relative(share * survey.radiance), words)
+    return Estimate(bounds.relative(share * bounds.radiance), words)
 
 
-def _f_number_mismatch(survey: Survey) -> Estimate:
+def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
     """Light neighbours' pixels if the aperture is too wide; if too narrow, leave some dark.
 
     Ng et al., Stanford CSTR 2005-02: the f-numbers of main lens and lenslets have to match.
     """
-    camera = survey.camera
+    camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: matched")
     excess = (camera.aperture_diameter_mm - camera.aperture_mm) / 2
@@ -149,124 +151,124 @@ def _f_number_mismatch(survey: Survey) -> Estimate:
     share = abs(excess) * (4 if excess > 0 else 2) / camera.view_step_mm
     share = min(share, float((1 + 2 * neighbours(camera)) ** 2))
     words = f"{camera.aperture_diameter_mm:.4g} mm for {camera.aperture_mm:.4g} mm"
-    return Estimate(survey.relative(share * survey.radiance), words)
+    return Estimate(bounds.relative(share * bounds.radiance), words)
 
 
-def _vignetting(survey: Survey) -> Estimate:
+def _vignetting(bounds: SceneBounds) -> Estimate:
     """Chief ray height plus marginal ray height against the radius of the rim."""
-    camera = survey.camera
+    camera = bounds.camera
     if camera.rim_diameter_mm is None:
         return Estimate(0.0, "no rim_diameter_mm")
-    share = survey.cut(camera.rim_distance_mm, camera.rim_diameter_mm / 2)
+    share = share_cut(camera, camera.rim_distance_mm, camera.rim_diameter_mm / 2)
     words = f"the rim cuts up to {share:.3g} of a pixel's light"
-    return Estimate(survey.relative(share * survey.brightest_raw), words)
+    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
 
 
-def _lenslet_diffraction(survey: Survey) -> Estimate:
+def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
     """Share of a point's light that leaves its pixel: a square lenslet's sinc^2 at the sensor.
 
     Goodman, Introduction to Fourier Optics; Broxton et al., Opt. Express 21, 25418 (2013).
     """
-    camera = survey.camera
+    camera = bounds.camera
     if camera.wavelength_nm is None:
         return Estimate(0.0, "no wavelength_nm: ray optics")
     kernel = lenslet_kernel(camera)
     share = diffraction.share_leaving(kernel)
     spread = camera.wavelength_nm * 1e-6 * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
     words = f"spread {spread * 1e3:.3g} um on pixels of {camera.pixel_mm * 1e3:.3g} um"
-    return Estimate(survey.relative(share * survey.brightest_raw), words)
+    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
 
 
-def _main_lens_diffraction(survey: Survey) -> Estimate:
+def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
     """Share of a point's light that leaves its lenslet: the main lens's pattern at the array."""
-    camera = survey.camera
+    camera = bounds.camera
     if camera.wavelength_nm is None:
         return Estimate(0.0, "no wavelength_nm: ray optics")
     share = diffraction.share_leaving(main_lens_kernel(camera))
     width = camera.aperture_diameter_mm or camera.aperture_mm
     spread = camera.wavelength_nm * 1e-6 * camera.image_distance_mm / width
     words = f"spread {spread * 1e3:.3g} um on lenslets of {camera.lenslet_pitch_mm * 1e3:.4g} um"
-    return Estimate(survey.relative(share * survey.brightest_raw), words)
+    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
 
 
-def _lenslet_rotation(survey: Survey) -> Estimate:
+def _lenslet_rotation(bounds: SceneBounds) -> Estimate:
     """Lenslets at the edge of a rotated array stand aside of where the sensor is read."""
-    camera = survey.camera
+    camera = bounds.camera
     if not camera.lenslet_rotation_rad:
         return Estimate(0.0, "no lenslet_rotation_rad")
-    shifts = rotation_shifts(camera)
+    shifts = rotation_shifts_mm(camera)
     words = f"lenslets up to {max(shifts) / camera.pixel_mm:.3g} pixels aside"
-    return Estimate(survey.lenslet_shift(shifts), words)
+    return Estimate(lenslets_moved(bounds, shifts), words)
 
 
-def _lenslet_pitch_error(survey: Survey) -> Estimate:
+def _lenslet_pitch_error(bounds: SceneBounds) -> Estimate:
     """Lenslets at the edge of an array of another pitch stand aside of where the sensor is read."""
-    camera = survey.camera
+    camera = bounds.camera
     if not camera.lenslet_pitch_error:
         return Estimate(0.0, "no lenslet_pitch_error")
-    shifts = pitch_shifts(camera)
+    shifts = pitch_shifts_mm(camera)
     words = f"lenslets up to {max(shifts) / camera.pixel_mm:.3g} pixels aside"
-    return Estimate(survey.lenslet_shift(shifts), words)
+    return Estimate(lenslets_moved(bounds, shifts), words)
 
 
-def _chromatic(survey: Survey) -> Estimate:
+def _chromatic(bounds: SceneBounds) -> Estimate:
     """Change the focal length over the band, by about its share of F-C over the Abbe number."""
-    camera = survey.camera
+    camera = bounds.camera
     if not camera.chromatic_shift:
         return Estimate(0.0, "no chromatic_shift")
     band_mm = camera.chromatic_shift * camera.main_lens_focal_mm
     change = sum(
-        survey.smeared(layer, axis, focal_mm=band_mm) for layer in survey.layers for axis in (0, 1)
+        smeared(bounds, layer, axis, focal_mm=band_mm) for layer in bounds.layers for axis in (0, 1)
     )
     words = f"focal length +-{band_mm / 2:.3g} mm"
-    return Estimate(survey.relative(change), words)
+    return Estimate(bounds.relative(change), words)
 
 
-def _shot_noise(survey: Survey) -> Estimate:
+def _shot_noise(bounds: SceneBounds) -> Estimate:
     """1 / sqrt(electrons): Poisson (EMVA 1288 linear model)."""
     return _noise(
-        survey, lambda sensor: math.sqrt(survey.brightest_raw * sensor.exposure_e), "shot"
+        bounds, lambda sensor: math.sqrt(bounds.brightest_raw * sensor.exposure_e), "shot"
     )
 
 
-def _read_noise(survey: Survey) -> Estimate:
+def _read_noise(bounds: SceneBounds) -> Estimate:
     """Read noise against the electrons of the brightest pixel (EMVA 1288 linear model)."""
-    return _noise(survey, lambda sensor: sensor.read_noise_e, "read")
+    return _noise(bounds, lambda sensor: sensor.read_noise_e, "read")
 
 
-def _noise(survey: Survey, electrons, kind: str) -> Estimate:
-    sensor = survey.camera.sensor
+def _noise(bounds: SceneBounds, electrons, kind: str) -> Estimate:
+    sensor = bounds.camera.sensor
     if sensor is None:
         return Estimate(0.0, "no sensor: ideal")
-    camera = survey.camera
+    camera = bounds.camera
     pixels = camera.views**2 * camera.lenslets[0] * camera.lenslets[1]
     # The root-mean-square of n draws scatters by 1 / sqrt(2 n) of itself.
     noise = electrons(sensor) * (1 + 5 / math.sqrt(2 * pixels))
     words = (
-        f"{kind} noise {electrons(sensor):.3g} of {survey.peak * sensor.exposure_e:.3g} electrons"
+        f"{kind} noise {electrons(sensor):.3g} of {bounds.peak * sensor.exposure_e:.3g} electrons"
     )
-    return Estimate(survey.relative(noise / sensor.exposure_e), words)
+    return Estimate(bounds.relative(noise / sensor.exposure_e), words)
 
 
-def _quantisation(survey: Survey) -> Estimate:
+def _quantisation(bounds: SceneBounds) -> Estimate:
     """Half a step of the analogue-to-digital converter (EMVA 1288)."""
-    sensor = survey.camera.sensor
+    sensor = bounds.camera.sensor
     if sensor is None:
         return Estimate(0.0, "no sensor: ideal")
     words = f"{sensor.bits} bits of {sensor.full_well_e:.4g} electrons"
-    return Estimate(survey.relative(sensor.step_e / 2 / sensor.exposure_e), words)
+    return Estimate(bounds.relative(sensor.step_e / 2 / sensor.exposure_e), words)
 
 
-def _saturation(survey: Survey) -> Estimate:
+def _saturation(bounds: SceneBounds) -> Estimate:
     """Electrons of the brightest pixel beyond the full well."""
-    sensor = survey.camera.sensor
+    sensor = bounds.camera.sensor
     if sensor is None:
         return Estimate(0.0, "no sensor: ideal")
-    most = survey.brightest_raw * sensor.exposure_e
+    most = bounds.brightest_raw * sensor.exposure_e
     noise = 8 * math.hypot(math.sqrt(most), sensor.read_noise_e)
     excess = max(0.0, most + noise - sensor.full_well_e)
     words = f"up to {most:.3g} electrons of {sensor.full_well_e:.4g}"
-    return Estimate(survey.relative(excess / sensor.exposure_e), words)
+    return Estimate(bounds.relative(excess / sensor.exposure_e), words)
 
 
 EFFECTS = {

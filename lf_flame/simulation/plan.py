@@ -6,19 +6,26 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import pandas as pd
+from tabulate import tabulate
 
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
-from lf_flame.simulation.integrators import Optics
-from lf_flame.simulation.scene_bounds import Survey, neighbours
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.scene_bounds import (
+    SceneBounds,
+    bound_scene,
+    box_mm,
+    change_rate,
+    smeared,
+)
+from lf_flame.simulation.stops import neighbours
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -32,6 +39,24 @@ RAYS_SHARE = 0.5
 MOST_PARTS = 1024
 """Slabs or colours beyond which a tolerance counts as out of reach."""
 
+EIGHTHS_MEAN = 5 / 8
+"""Mean move to the far ends of a part's eighths, over the move to the part's end: `smeared`'s."""
+
+TRAVEL_PER_MEAN = 2 / EIGHTHS_MEAN
+"""Travel from end to end of a part, over the mean move that `smeared` finds."""
+
+BOX_EDGES = 2
+"""Edges of a box along one axis."""
+
+BOUNDARIES_BESIDE = 2
+"""Boundaries of cells that an edge passes at most, beyond its travel over the width of a cell."""
+
+KINK = 8
+"""Of a slope that jumps by J inside a part of width h, midpoints err by at most J h^2 / KINK."""
+
+CURVATURE = 24
+"""Of a second derivative g, midpoints of parts of width h err by g h^2 / CURVATURE."""
+
 NANOSECONDS = {
     "exact": 2.5,
     "ray": 1.5,
@@ -42,8 +67,8 @@ NANOSECONDS = {
     "noise": 18.0,
 }
 """Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), a ray
-and stop or shift (ray_effect), and a pixel (others), on one core, as `make costs` measured them.
-For the column of estimates only."""
+and stop or shift (ray_effect), and a pixel (others), on one core, as measured for the tables of
+costs. For the column of estimates only."""
 
 TYPICAL_RAYS = 18
 """Rays per pixel and axis that the default tolerance takes in most scenes; for estimates only."""
@@ -145,8 +170,7 @@ class EffectPlan:
             for effect in self.effects
         ]
         columns = ["effect", "bound", "decision", "criterion", "adds (s)"]
-        table = pd.DataFrame(rows, columns=columns)
-        style = {"index": False, "disable_numparse": True, "tablefmt": "simple"}
+        table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
             f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
             f"changes the image by at most {self.left_out_bound:.2g}",
@@ -156,7 +180,7 @@ class EffectPlan:
             notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
         if self.colours > 1:
             notes.append(f"colours over the band: {self.colours}")
-        return f"{table.to_markdown(**style)}\n\n" + "\n".join(notes)
+        return f"{table}\n\n" + "\n".join(notes)
 
 
 def plan_effects(
@@ -188,16 +212,16 @@ def plan_effects(
     """
     forced = dict(effects or {})
     check_request(tolerance, forced)
-    survey = Survey(scene, camera)
-    estimates = {name: find(survey) for name, find in EFFECTS.items()}
-    bounds = {name: estimate.bound for name, estimate in estimates.items()}
-    kept = _choose(bounds, forced, LEFT_OUT_SHARE * tolerance)
+    bounds = bound_scene(scene, camera)
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    changes = {name: estimate.bound for name, estimate in estimates.items()}
+    kept = _choose(changes, forced, LEFT_OUT_SHARE * tolerance)
     slabs = (
-        _count_slabs(survey, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
+        _count_slabs(bounds, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
     )
-    colours = _count_colours(survey, tolerance) if "chromatic" in kept else 1
-    traced = _traced(kept, bounds, survey)
-    seconds = _estimate_seconds(survey, kept, slabs, colours, bool(traced))
+    colours = _count_colours(bounds, tolerance) if "chromatic" in kept else 1
+    traced = _traced(kept, changes, bounds)
+    seconds = _estimate_seconds(bounds, kept, slabs, colours, bool(traced))
     planned = tuple(
         PlannedEffect(name, e.bound, name in kept, name in forced, e.criterion, seconds[name])
         for name, e in estimates.items()
@@ -221,12 +245,12 @@ def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
             raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
 
 
-def _choose(bounds: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
+def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
     """Leave out effects, smallest bound first, while their sum stays within the allowance."""
     kept = {name for name, on in forced.items() if on}
     used = 0.0
-    for name in sorted((name for name in bounds if name not in forced), key=bounds.get):
-        used += bounds[name]
+    for name in sorted((name for name in changes if name not in forced), key=changes.get):
+        used += changes[name]
         if used > allowance:
             kept.add(name)
     if "f_number_mismatch" in kept:  # both are one round stop
@@ -242,17 +266,17 @@ def _choose(bounds: dict[str, float], forced: dict[str, bool], allowance: float)
     return kept
 
 
-def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
+def _count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float) -> list[int]:
     """Planes for each layer, so that those of all layers together keep within their share."""
     thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
-    allowance = SLICING_SHARE * tolerance * survey.peak / max(thick, 1)
+    allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
 
     def change(layer: Layer, slabs: int) -> float:
         return _sliced_change(
-            survey,
+            bounds,
             layer,
             slabs,
-            lambda axis, n: survey.smeared(layer, axis, depth_mm=layer.thickness_mm / n),
+            lambda axis, n: smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / n),
         )
 
     return [
@@ -263,45 +287,52 @@ def _count_slabs(survey: Survey, scene: Scene, tolerance: float) -> list[int]:
     ]
 
 
-def _count_colours(survey: Survey, tolerance: float) -> int:
-    allowance = SLICING_SHARE * tolerance * survey.peak
-    band_mm = survey.camera.chromatic_shift * survey.camera.main_lens_focal_mm
+def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
+    allowance = SLICING_SHARE * tolerance * bounds.peak
+    band_mm = bounds.camera.chromatic_shift * bounds.camera.main_lens_focal_mm
 
     def change(colours: int) -> float:
         return sum(
             _sliced_change(
-                survey,
+                bounds,
                 layer,
                 colours,
-                lambda axis, n, at=layer: survey.smeared(at, axis, focal_mm=band_mm / n),
+                lambda axis, n, at=layer: smeared(bounds, at, axis, focal_mm=band_mm / n),
             )
-            for layer in survey.layers
+            for layer in bounds.layers
         )
 
     return _count_parts(change, allowance, "chromatic", tolerance)
 
 
-def _sliced_change(survey: Survey, layer: Layer, parts: int, first_order) -> float:
+def _sliced_change(
+    bounds: SceneBounds, layer: Layer, parts: int, smear: Callable[[int, int], float]
+) -> float:
     """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
 
-    The smaller of two. Of the first order: as if the light of each part stood where it moves the
-    bundle farthest. Of the second: a box of width a that moves by m in all over cells of width c
-    passes at most 2 (m/c + 2) of their boundaries, where its light bends by ``next m / a``; the
-    midpoint errs by 1/8 of that in units of the part, and in between by the product of both axes'
-    rates, ``2 whole (m_y/a_y) (m_x/a_x) / 24``.
+    The smaller of two ("How many slabs" in the documentation derives them). Of the first order:
+    as if the light of each part stood where it moves the bundle farthest. Of the second: a box
+    that moves by ``travel`` of its own widths in all bends its light where an edge passes from
+    cell to cell, by ``next * travel`` each, for which midpoints err by 1 / KINK; and in between
+    by the product of both axes, ``2 whole travel_y travel_x``, for which they err by
+    1 / CURVATURE.
+
+    smear: from an axis and a number of parts to the change of the first order.
     """
-    first, moved, bends = 0.0, [], 0.0
+    first, travels, kinks = 0.0, [], 0.0
     for axis in (0, 1):
-        steps, box = survey.steps(layer, axis), survey.box(layer, axis)
-        first += first_order(axis, parts)
+        steps, box = bounds.steps[layer, axis], box_mm(bounds, layer, axis)
+        first += smear(axis, parts)
         if box == 0 or steps.whole == 0:
             return first if box == 0 else 0.0
-        rate = min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
-        # The mean over quarters is 5/8 of the farthest, and that half of the whole way.
-        moved.append(2 * 1.6 * first_order(axis, MOST_PARTS) * MOST_PARTS / rate / box)
-        bends += (moved[-1] * box / steps.cell_mm + 2) * steps.next * moved[-1] / 4
-    whole = max(survey.steps(layer, axis).whole for axis in (0, 1))
-    return min(first, (bends + whole * moved[0] * moved[1] / 12) / parts**2)
+        # From a part so small that its change is in proportion to its travel.
+        smallest = smear(axis, MOST_PARTS) * MOST_PARTS
+        travels.append(TRAVEL_PER_MEAN * smallest / change_rate(steps, box) / box)
+        crossed = BOX_EDGES * (travels[axis] * box / steps.cell_mm + BOUNDARIES_BESIDE)
+        kinks += crossed * steps.next * travels[axis] / KINK
+    whole = max(bounds.steps[layer, axis].whole for axis in (0, 1))
+    curvature = 2 * whole * travels[0] * travels[1]
+    return min(first, (kinks + curvature / CURVATURE) / parts**2)
 
 
 def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int:
@@ -317,21 +348,21 @@ def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int
     return parts
 
 
-def _traced(kept: set[str], bounds: dict[str, float], survey: Survey) -> tuple[str, ...]:
+def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:
     """Kept effects that arise and that only tracing each ray can do."""
     alone = all(
-        not layer.thickness_mm and not survey.behind(layer)
-        for layer in survey.layers
+        not layer.thickness_mm and not bounds.behind[layer]
+        for layer in bounds.layers
         if layer.optical_thickness.any()
     )
     candidates = set(kept) - ({"self_absorption"} if alone else set())
-    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and bounds[name] > 0)
+    return tuple(name for name in (*MATTER, *RAYS) if name in candidates and changes[name] > 0)
 
 
-def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
+def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPass]:
     """Set up the camera as a plan leaves it: a pass for each colour and neighbouring lenslet."""
     kept = plan.kept
-    turn = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
+    angle = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
     scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
     stops, reach = [], 0
     if "round_aperture" in plan.traced:
@@ -344,14 +375,14 @@ def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
     lenslets = range(-reach, reach + 1)
     return [
-        Optics(
+        OpticalPass(
             camera,
             focal_mm=camera.main_lens_focal_mm * (1 + camera.chromatic_shift * middle),
             share=1 / plan.colours,
             defocus="defocus" in kept,
             falloff="cos4" in kept and not camera.falloff_corrected,
-            lenslet_scale=scale * math.cos(turn),
-            lenslet_skew=scale * math.sin(turn),
+            lenslet_scale=scale * math.cos(angle),
+            lenslet_skew=scale * math.sin(angle),
             stops=tuple(stops),
             neighbour=(row, column),
         )
@@ -361,9 +392,9 @@ def optics_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[Optics]:
     ]
 
 
-def _estimate_seconds(survey, kept: set[str], slabs, colours: int, trace: bool) -> dict:
+def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, trace: bool) -> dict:
     """Roughly how long each effect takes, on one core."""
-    camera = survey.camera
+    camera = bounds.camera
     pixels = camera.views**2 * math.prod(camera.lenslets)
     planes, rays = sum(slabs) * colours, TYPICAL_RAYS**2
     dims = any(name in kept for name in MATTER)

@@ -1,8 +1,9 @@
 """Rendering: a scene through a plenoptic camera into a light field.
 
-The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two integrators; both
-share one ray transfer chain. A pixel holds the mean radiance over its ray bundle: a uniform layer
-that fills the field gives its own brightness in every pixel, before cos^4, stops and sensor.
+The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two
+integrators (`lf_flame.simulation.exact`, `lf_flame.simulation.rays`); both share one ray transfer
+chain. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the field
+gives its own brightness in every pixel, before cos^4, stops and sensor.
 """
 
 import math
@@ -16,9 +17,12 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.integrators import Optics, integrate, trace
-from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optics_passes, plan_effects
-from lf_flame.simulation.scene_bounds import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.layouts import as_views, blank_image
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optical_passes, plan_effects
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane, slice_scene
 
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
@@ -110,12 +114,12 @@ def render_plan(
         absorption="self_absorption" in plan.kept,
         dimming=set(plan.traced),
     )
-    passes = optics_passes(camera, plan)
-    _check_field(scene, Optics(camera))
+    passes = optical_passes(camera, plan)
+    _check_field(scene, OpticalPass(camera))
     method = plan.integrator if integrator == "auto" else integrator
     # Where light comes in many portions, float32 would round after each.
     many = len(passes) * (len(planes) if method == "rays" else 1) > FEW_PORTIONS
-    image = _blank(camera, layout, np.float64 if many else np.float32)
+    image = blank_image(camera, layout, np.float64 if many else np.float32)
     if method == "exact":
         for optics in passes:
             integrate(planes, optics, layout, image)
@@ -138,7 +142,7 @@ def _check_options(integrator: str, rays: int | None, layout: str) -> None:
         )
 
 
-def _check_field(scene: Scene, optics: Optics) -> None:
+def _check_field(scene: Scene, optics: OpticalPass) -> None:
     """Refuse layers that no pixel sees."""
     for layer in scene.layers:
         for axis in (0, 1):
@@ -153,26 +157,19 @@ def _check_field(scene: Scene, optics: Optics) -> None:
                 )
 
 
-def _blank(camera: PlenopticCamera, layout: str, dtype=np.float32) -> np.ndarray:
-    """Make a dark image; memory that no light reaches is never touched."""
-    n, (lines, columns) = camera.views, camera.lenslets
-    shape = (n, n, lines, columns) if layout == "views" else (1, 1, lines * n, columns * n)
-    return np.zeros(shape, dtype)
-
-
 def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: str) -> int:
     """Fewest rays that meet the tolerance, found on some lines of the image.
 
-    The error falls at least as one over the number of rays (`make costs` measures it), so the
+    The error falls at least as one over the number of rays (the experiments measure it), so the
     change from one number to half as many again is about the error of the greater. Two images may
     agree by chance; three in a row, and rays as dense as the cells, do not.
     """
-    lines = _blank(camera, layout).shape[2]
+    lines = blank_image(camera, layout).shape[2]
     probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
     allowance = RAYS_SHARE * plan.tolerance
     coarse, agreed = None, 0
     for rays in RAY_COUNTS[_first_ray_count(planes, passes[0]) :]:
-        fine = _blank(camera, layout)[:, :, probe].copy()
+        fine = blank_image(camera, layout)[:, :, probe].copy()
         for optics in passes:
             trace(planes, optics, layout, rays, fine, probe)
         if coarse is not None:
@@ -187,7 +184,7 @@ def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: s
     )
 
 
-def _first_ray_count(planes: list[Plane], optics: Optics) -> int:
+def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
     """Find the first of RAY_COUNTS whose rays are as dense as a bundle's cells, or 41 of them."""
     dense = 1.0
     for plane in planes:
@@ -200,13 +197,13 @@ def _first_ray_count(planes: list[Plane], optics: Optics) -> int:
 
 def _record(image: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
     """Do what happens behind the lenslets: diffraction and the sensor."""
-    views = _as_views(image, camera, layout)
+    views = as_views(image, camera, layout)
     if camera.wavelength_nm is not None:
         if "main_lens_diffraction" in plan.kept:
             views = diffraction.blur_views(views, main_lens_kernel(camera))
         if "lenslet_diffraction" in plan.kept:
             raw = LightField.trusted(views).to_raw()
-            views = _as_views(diffraction.blur_raw(raw, lenslet_kernel(camera)), camera, "raw")
+            views = as_views(diffraction.blur_raw(raw, lenslet_kernel(camera)), camera, "raw")
     stages = plan.kept & set(STAGES)
     if camera.sensor is not None and stages:
         # Exposed in the order of the views, so that noise does not depend on the layout.
@@ -214,16 +211,7 @@ def _record(image: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> L
         views = expose(ordered, camera.sensor, stages, np.random.default_rng(seed))
     if layout == "raw":
         raw = LightField.trusted(views).to_raw()
-        views = _as_views(raw, camera, "raw")
+        views = as_views(raw, camera, "raw")
     else:
         views = np.ascontiguousarray(views)
     return LightField.trusted(views, plan)
-
-
-def _as_views(image: np.ndarray, camera: PlenopticCamera, layout: str) -> np.ndarray:
-    """Show the image as ``[v, u, t, s]``, without a copy."""
-    if layout == "views":
-        return image
-    lines, columns = camera.lenslets
-    raw = image.reshape(lines, camera.views, columns, camera.views)
-    return raw.transpose(1, 3, 0, 2)

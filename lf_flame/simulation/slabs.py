@@ -61,11 +61,11 @@ def slice_scene(
 
 
 def _transmission(layer: Layer, tau: np.ndarray, dimming: Set[str]) -> np.ndarray | None:
-    hides = layer.hides if "occlusion" in dimming else 0.0
+    opacity = layer.opacity if "occlusion" in dimming else 0.0
     passes = np.exp(-tau) if "self_absorption" in dimming else np.ones(1)
-    if np.all(hides == 0) and np.all(passes == 1):
+    if np.all(opacity == 0) and np.all(passes == 1):
         return None
-    return np.broadcast_to((1 - hides) * passes, layer.texture.shape)
+    return np.broadcast_to((1 - opacity) * passes, layer.texture.shape)
 
 
 def self_absorbed(tau: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
+from experiments._kernels import sum_rows
 from experiments.costs import latency, latency_report
 from experiments.costs.precision import (
     PRECISIONS,
@@ -28,7 +29,6 @@ from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.store import make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
 from lf_flame.learning.training import TrainingConfig, train
-from lf_flame.simulation import _kernels
 
 pytestmark = pytest.mark.slow
 
@@ -283,7 +283,7 @@ def test_exported_networks_are_shown_the_raw_image(run_folder, tmp_path):
 def test_rows_are_summed(rng):
     rows = rng.random((3, 200), np.float32)
     sums = np.empty(3, np.float32)
-    _kernels.sum_rows(rows, sums)
+    sum_rows(rows, sums)
     np.testing.assert_allclose(sums, rows.sum(axis=1), rtol=1e-5)
 
 

@@ -11,7 +11,8 @@ from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
-from lf_flame.simulation.integrators import Optics, trace
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
 
@@ -74,9 +75,9 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
     image = np.zeros((5, 5, 24, 30), np.float32)
     machine_code = {}
     for name, optics in {
-        "bare": Optics(small_camera),
-        "stop": Optics(small_camera, stops=((0.0, 30.0),)),
-        "skew": Optics(small_camera, lenslet_skew=1e-3),
+        "bare": OpticalPass(small_camera),
+        "stop": OpticalPass(small_camera, stops=((0.0, 30.0),)),
+        "skew": OpticalPass(small_camera, lenslet_skew=1e-3),
     }.items():
         known = set(kernel.signatures)
         with patch.object(_kernels, "trace_planes", kernel):
@@ -107,18 +108,24 @@ def test_float32_image_equals_float64_within_rounding(small_camera, rng):
 
 @pytest.mark.parametrize(
     "optics",
-    [{}, {"falloff": True}, {"lenslet_skew": 1e-3}, {"stops": ((0.0, 60.0),)}, {"thin": False}],
+    [
+        {},
+        {"falloff": True},
+        {"lenslet_skew": 1e-3},
+        {"stops": ((0.0, 60.0),)},
+        {"finite_width": False},
+    ],
     ids=str,
 )
 def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
     """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 2, (2, 3))
-    thin = optics.pop("thin", True)
+    finite_width = optics.pop("finite_width", True)
     wide = Layer([[0.7]], 5.0, (90.0, 90.0))
     haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))
     for layers, expected in (([wide], 0.7), ([wide, haze], 0.35)):
         planes = slice_scene(Scene(layers), {}, absorption=True, dimming={"self_absorption"})
         image = np.zeros((2, 2, 2, 3), np.float32)
-        trace(planes, Optics(camera, **optics), "views", 3, image, thin=thin)
+        trace(planes, OpticalPass(camera, **optics), "views", 3, image, finite_width=finite_width)
         assert image.max() == pytest.approx(expected, rel=0.1 if "falloff" in optics else 1e-6)
         assert image.min() == pytest.approx(expected, rel=0.2 if "falloff" in optics else 1e-6)

@@ -17,7 +17,9 @@ import pytest
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
 from lf_flame.optics.sensor import expose
-from lf_flame.simulation.integrators import Optics, integrate, trace
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.rendering import FEW_PORTIONS
 from lf_flame.simulation.slabs import self_absorbed, slice_scene
 
@@ -62,9 +64,9 @@ def one_pixel(planes, method):
     many = method == "rays" and len(planes) > FEW_PORTIONS  # as `render` chooses
     image = np.zeros((1, 1, 1, 1), np.float64 if many else np.float32)
     if method == "exact":
-        integrate(planes, Optics(ONE_PIXEL), "views", image)
+        integrate(planes, OpticalPass(ONE_PIXEL), "views", image)
     else:
-        trace(planes, Optics(ONE_PIXEL), "views", 1, image)
+        trace(planes, OpticalPass(ONE_PIXEL), "views", 1, image)
     return float(image[0, 0, 0, 0])
 
 
@@ -73,12 +75,12 @@ def as_planes(layer, slabs=1, dimming=()):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("thin", [True, False])
-def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(thin):
+@pytest.mark.parametrize("finite_width", [True, False])
+def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(finite_width):
     """Naive: a running sum in float32; after 20 million addends it is 5 % off."""
     image = np.zeros((1, 1, 1, 1), np.float32)
     planes = as_planes(Layer([[0.1]], 5.0, WIDE))
-    trace(planes, Optics(ONE_PIXEL), "views", 10_000, image, thin=thin)
+    trace(planes, OpticalPass(ONE_PIXEL), "views", 10_000, image, finite_width=finite_width)
     assert abs(image[0, 0, 0, 0].astype(float) / 0.1 - 1) <= UNIT32
     rays = np.full(20_000_000, 0.1, np.float32)
     naive = np.add.accumulate(rays, out=rays)[-1] / (0.1 * rays.size)
@@ -316,7 +318,7 @@ def test_both_layouts_hold_the_same_bits(name):
 
 
 THREADS = """
-import hashlib, numba, test_stability_light as light
+import hashlib, numba, test_light as light
 for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
     numba.set_num_threads(threads)
     print(threads, *(

@@ -12,7 +12,8 @@ import pytest
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
-from lf_flame.simulation.integrators import Optics, trace
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
 from lf_flame.simulation.rendering import RAY_COUNTS
 from lf_flame.simulation.slabs import slice_scene
 
@@ -144,7 +145,7 @@ def test_images_change_steadily_with_the_depth(method, allowed):
     def naive(depth):
         image = np.zeros((5, 5, 10, 12), np.float32)
         planes = slice_scene(Scene([halved(depth)]), {}, absorption=False, dimming=set())
-        trace(planes, Optics(camera), "views", 27, image, thin=False)
+        trace(planes, OpticalPass(camera), "views", 27, image, finite_width=False)
         return image.astype(float)
 
     def ours(depth):

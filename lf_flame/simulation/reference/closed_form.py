@@ -62,10 +62,10 @@ def _open(layer: Layer, camera: PlenopticCamera) -> np.ndarray:
 def _hidden(front: Layer, behind: Layer, camera: PlenopticCamera) -> np.ndarray:
     """Light of a layer that another one hides."""
     rows, columns = (_crossings(front, behind, camera, axis) for axis in (0, 1))
-    hides = np.broadcast_to(front.hides, front.texture.shape)
+    opacity = np.broadcast_to(front.opacity, front.texture.shape)
     return sum(
-        rows[:, i] @ behind.texture @ np.tensordot(hides[i], columns, (0, 1)).T
-        for i in np.flatnonzero(hides.any(axis=1))
+        rows[:, i] @ behind.texture @ np.tensordot(opacity[i], columns, (0, 1)).T
+        for i in np.flatnonzero(opacity.any(axis=1))
     )
 
 

@@ -1,0 +1,75 @@
+"""How far bundles move: on a thick layer, in a chromatic lens, through misplaced lenslets."""
+
+import math
+
+import numpy as np
+
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import Footprint, trace_footprint
+from lf_flame.scenes.scene import Layer
+
+
+def rotation_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """How far a rotated array moves its corner lenslets along y and x, in mm."""
+    angle = abs(camera.lenslet_rotation_rad)
+    height, width = (n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+    sine, versine = math.sin(angle), 2 * math.sin(angle / 2) ** 2
+    return sine * width + versine * height, sine * height + versine * width
+
+
+def pitch_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """How far an error of the pitch moves the outermost lenslets along y and x, in mm."""
+    error = abs(camera.lenslet_pitch_error)
+    return tuple(error * n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+
+
+def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """How far rotation and pitch error together can move a lenslet along y and x, in mm."""
+    rotated, stretched = rotation_shifts_mm(camera), pitch_shifts_mm(camera)
+    return rotated[0] + stretched[0], rotated[1] + stretched[1]
+
+
+def focus_spread(camera: PlenopticCamera, layer: Layer) -> list[tuple[float, float]]:
+    """Depths and focal lengths, in mm, over which the light of a layer spreads."""
+    depth_steps = np.linspace(-0.5, 0.5, 5) if layer.thickness_mm else [0.0]
+    focal_steps = np.linspace(-0.5, 0.5, 3) if camera.chromatic_shift else [0.0]
+    return [
+        (
+            layer.depth_mm + layer.thickness_mm * depth,
+            camera.main_lens_focal_mm * (1 + camera.chromatic_shift * focal),
+        )
+        for depth in depth_steps
+        for focal in focal_steps
+    ]
+
+
+def farthest_move_mm(
+    camera: PlenopticCamera,
+    here: Footprint,
+    axis: int,
+    depth_mm: float,
+    focal_mm: float | None = None,
+) -> float:
+    """Farthest that a ray moves if the layer stood elsewhere or the lens had another focus.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    here : Footprint
+        Bundles on the layer as it stands.
+    axis : int
+    depth_mm : float
+    focal_mm : float, optional
+        Default: that of the camera.
+    """
+    there = trace_footprint(camera, depth_mm, axis, focal_mm)
+    widening = abs(there.lenslet_width_mm - here.lenslet_width_mm)
+    widening += abs(there.pixel_width_mm - here.pixel_width_mm)
+    return float(np.abs(there.centres_mm - here.centres_mm).max()) + widening / 2
+
+
+def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
+    """Half of a bundle's extent on a layer, and how far it wanders to a thick one's faces."""
+    faces = [layer.depth_mm + sign * layer.thickness_mm / 2 for sign in (-1, 1)]
+    wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
+    return here.half_width_mm + (max(wandering) if layer.thickness_mm else 0)

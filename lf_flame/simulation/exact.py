@@ -1,0 +1,97 @@
+"""The exact integrator: each pixel's ray bundle over the cells of a layer, in closed form."""
+
+import numpy as np
+
+from lf_flame.optics.ray_bundle import trapezoid_cdf
+from lf_flame.simulation import _kernels
+from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.slabs import Plane
+
+LINES_BYTES = 2**28
+"""Memory for planes that are integrated along x together."""
+
+
+def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+    """Add planes of light in closed form: ``Ky @ texture @ Kx.T`` for each, K banded.
+
+    K holds the exact integrals of a pixel's trapezoid over the cells. Exact as long as light only
+    adds and nothing but cos^4 weighs the rays of a bundle.
+
+    Parameters
+    ----------
+    planes : list of Plane
+    optics : OpticalPass
+        Without stops, skew and neighbour.
+    layout : {"views", "raw"}
+    out : ndarray of float32 or float64, shape (a, b, c, d)
+        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+    """
+    batch, used = [], 0
+    for plane in planes:
+        rows = plane.emission.shape[0]
+        if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
+            _integrate_batch(batch, optics, layout, out)
+            batch, used = [], 0
+        batch.append(plane)
+        used += rows * out.shape[1] * out.shape[3] * 8
+    _integrate_batch(batch, optics, layout, out)
+
+
+def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+    bands = [
+        [tuple(arrange(part, layout) for part in _band(plane, optics, axis)) for plane in planes]
+        for axis in (0, 1)
+    ]
+    heights = [plane.emission.shape[0] for plane in planes]
+    lines = np.empty((sum(heights), out.shape[1], out.shape[3]))
+    reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
+    top = 0
+    for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
+        reach[:, p] = seen_range(weight.any(axis=2))
+        part = lines[top : top + heights[p]]
+        _kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
+        bands[0][p] = (bands[0][p][0] + top, bands[0][p][1] * optics.share)
+        top += heights[p]
+    most = max(weight.shape[2] for _, weight in bands[0])
+    weights = np.zeros((len(planes), *bands[0][0][0].shape, most))
+    for p, (_, weight) in enumerate(bands[0]):
+        weights[p, ..., : weight.shape[2]] = weight
+    starts = np.stack([start for start, _ in bands[0]])
+    falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
+    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
+
+
+def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Share of each pixel's ray bundle that meets each cell, as (first cell, weights)."""
+    footprint = optics.footprint(plane.depth_mm, axis)
+    widths = [abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm) * optics.defocus]
+    return band_weights(plane.layer.cell_edges_mm(axis), footprint.centres_mm, *widths)
+
+
+def band_weights(edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: float):
+    """Exact integrals of trapezoids over cells: differences of their cumulative distribution.
+
+    Parameters
+    ----------
+    edges_mm : ndarray, shape (cells + 1,)
+        Evenly spaced edges of the cells.
+    centres_mm : ndarray of any shape
+        Where the trapezoids are centred.
+    lenslet_mm, pixel_mm : float
+        Widths of the two boxes whose convolution the trapezoid is.
+
+    Returns
+    -------
+    start : ndarray of int64, shape of `centres_mm`
+    weights : ndarray of float64, with a last axis of the band's cells
+        The cell ``start + k`` has weight ``weights[..., k]``; a trapezoid inside the cells has a
+        sum of 1.
+    """
+    cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
+    reach = (lenslet_mm + pixel_mm) / 2
+    band = int(min(cells, np.ceil(2 * reach / cell_mm) + 1))
+    start = np.floor((centres_mm - reach - edges_mm[0]) / cell_mm)
+    start = np.clip(start, 0, cells - band).astype(np.int64)
+    edges = edges_mm[start[..., None] + np.arange(band + 1)]
+    return start, np.diff(trapezoid_cdf(edges - centres_mm[..., None], lenslet_mm, pixel_mm))

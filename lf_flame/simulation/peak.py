@@ -1,0 +1,149 @@
+"""A lower bound on the brightest pixel of an image, without rendering it."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from lf_flame._common.arrays import centred
+from lf_flame.optics import diffraction
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import Footprint, trace_footprint
+from lf_flame.scenes.scene import Layer
+from lf_flame.simulation.bundle_shifts import focus_spread, reach_mm
+from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.exact import band_weights
+from lf_flame.simulation.slabs import self_absorbed
+from lf_flame.simulation.stops import round_stops, share_cut
+
+Footprints = Mapping[tuple[Layer, int], Footprint]
+"""Bundles of all pixels on each layer along each axis."""
+
+
+def peak_radiance(
+    camera: PlenopticCamera, layers: tuple[Layer, ...], footprints: Footprints
+) -> float:
+    """Lower bound on the brightest pixel, from the pixels that look at each layer's peak.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    layers : tuple of Layer
+    footprints : mapping of (Layer, int) to Footprint
+        For axis 0 (y) and 1 (x).
+
+    Returns
+    -------
+    float
+        0 or above, in the unit of the textures; no more than the full well of a sensor.
+    """
+    peak, clear = 0.0, _clear_of_stops(camera) * _undiffracted(camera)
+    for layer in layers:
+        glow = layer.texture * self_absorbed(layer.optical_thickness)
+        near = _nearest(camera, layer, glow, footprints)
+        brightest = _brightest(camera, layer, glow, near)
+        peak = max(peak, clear * brightest * _seen(camera, layers, layer, near, footprints))
+    sensor = camera.sensor
+    return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
+
+
+def _clear_of_stops(camera: PlenopticCamera) -> float:
+    """Share of the central view's light that the stops let pass, at the edge of the field."""
+    cut = sum(share_cut(camera, *stop, camera.views // 2) for stop in round_stops(camera))
+    return max(0.0, 1 - cut)
+
+
+def _undiffracted(camera: PlenopticCamera) -> float:
+    """Share of a point's light that stays where it would be without diffraction."""
+    if camera.wavelength_nm is None:
+        return 1.0
+    kernels = lenslet_kernel(camera), main_lens_kernel(camera)
+    return math.prod(1 - diffraction.share_leaving(kernel) for kernel in kernels)
+
+
+def _nearest(
+    camera: PlenopticCamera, layer: Layer, glow: np.ndarray, footprints: Footprints
+) -> list[slice]:
+    """Find nine lenslets that look at the brightest patch of a layer, in the central view."""
+    sizes, near = [], []
+    for axis in (0, 1):
+        edges = layer.cell_edges_mm(axis)
+        patch = 2 * footprints[layer, axis].half_width_mm / (edges[1] - edges[0])
+        sizes.append(int(np.clip(math.ceil(patch), 1, glow.shape[axis])))
+    cell = np.unravel_index(uniform_filter(glow, sizes, mode="constant").argmax(), glow.shape)
+    for axis in (0, 1):
+        edges = layer.cell_edges_mm(axis)
+        middle = (edges[cell[axis]] + edges[cell[axis] + 1]) / 2
+        centres = footprints[layer, axis].centres_mm[camera.views // 2]
+        nearest = int(np.abs(centres - middle).argmin())
+        near.append(slice(max(nearest - 1, 0), nearest + 2))
+    return near
+
+
+def _brightest(camera: PlenopticCamera, layer: Layer, glow: np.ndarray, near: list[slice]) -> float:
+    """Integrate some pixels of the central view; the brightest of them, at its dimmest."""
+    dimmest = min(_cos2(camera, near[axis], axis) for axis in (0, 1))
+    pixels = [
+        _integrate_pixels(camera, layer, glow, near, *place)
+        for place in focus_spread(camera, layer)
+    ]
+    return float(np.mean(pixels, axis=0).max()) * dimmest**2
+
+
+def _cos2(camera: PlenopticCamera, lenslets: slice, axis: int) -> float:
+    """cos^2 of a ray tilted along both axes as the lenslets' rays are along one."""
+    place = np.abs(centred(camera.lenslets[axis])[lenslets]).max()
+    height = place * camera.lenslet_pitch_mm + camera.view_step_mm / 2
+    return 1 / (1 + 2 * (height / camera.image_distance_mm) ** 2)
+
+
+def _integrate_pixels(
+    camera: PlenopticCamera,
+    layer: Layer,
+    glow: np.ndarray,
+    near: list[slice],
+    depth_mm: float,
+    focal_mm: float,
+) -> np.ndarray:
+    """Integrate some pixels of the central view, looking at a layer at a depth."""
+    bands = []
+    for axis in (0, 1):
+        footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
+        centres = footprint.centres_mm[camera.views // 2, near[axis]]
+        widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
+        bands.append(band_weights(layer.cell_edges_mm(axis), centres, *widths))
+    (rows, row_weight), (columns, column_weight) = bands
+    rows = rows[:, None] + np.arange(row_weight.shape[1])
+    columns = columns[:, None] + np.arange(column_weight.shape[1])
+    cells = glow[rows[:, None, :, None], columns[None, :, None, :]]
+    return np.einsum("ti,tsij,sj->ts", row_weight, cells, column_weight)
+
+
+def _seen(
+    camera: PlenopticCamera,
+    layers: tuple[Layer, ...],
+    layer: Layer,
+    near: list[slice],
+    footprints: Footprints,
+) -> float:
+    """Share of a layer's light that reaches some pixels through what stands before it."""
+    share, back = 1.0, layer.depth_mm + layer.thickness_mm / 2
+    for front in layers:
+        before = front.depth_mm - front.thickness_mm / 2 < back
+        if front is layer or not before:
+            continue
+        if all(_meets(camera, front, near, footprints[front, axis], axis) for axis in (0, 1)):
+            share *= 1 - np.max(front.opacity)
+            share *= math.exp(-front.optical_thickness.max())
+    return share
+
+
+def _meets(
+    camera: PlenopticCamera, front: Layer, near: list[slice], footprint: Footprint, axis: int
+) -> bool:
+    """Whether some pixels of the central view look at the matter of a layer, along one axis."""
+    low, high = front.extent_mm(front.optical_thickness + front.opacity, axis)
+    centres = footprint.centres_mm[camera.views // 2, near[axis]]
+    reach = reach_mm(camera, front, footprint, axis)
+    return bool(np.any((centres + reach > low) & (centres - reach < high)))

@@ -1,0 +1,382 @@
+"""The ray integrator: each pixel's ray bundle by tracing rays backward, with every effect."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from lf_flame.optics.ray_bundle import Footprint
+from lf_flame.simulation import _kernels
+from lf_flame.simulation.exact import band_weights
+from lf_flame.simulation.layouts import arrange, seen_range
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.ray_tables import (
+    PlaneTable,
+    RayTable,
+    SeenTable,
+    SkewTable,
+    StopTable,
+    WeightTable,
+)
+from lf_flame.simulation.slabs import Plane
+
+
+def trace(
+    planes: list[Plane],
+    optics: OpticalPass,
+    layout: str,
+    rays: int,
+    out: np.ndarray,
+    lines: slice = slice(None),
+    finite_width: bool = True,
+) -> None:
+    """Add planes of light by backward rays, about rays x rays for each pixel.
+
+    A ray stands for the part of the bundle around it: its box on a plane takes the mean of the
+    cells that it lies on. Without that an edge inside a pixel is off by up
+    to half a ray's share, and the error falls only as 1 / rays.
+
+    Parameters
+    ----------
+    planes : list of Plane
+        Front to back. If none dims another, each is traced alone, where it can be seen.
+    optics : OpticalPass
+    layout : {"views", "raw"}
+    rays : int
+        Rays along each axis, at least; rounded up so that they tile pixel and lenslet.
+    out : ndarray of float32 or float64, shape (a, b, c, d)
+        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+    lines : slice, optional
+        The lines c of the whole image that `out` holds.
+    finite_width : bool, optional
+        False for rays without breadth, the plain midpoint rule.
+    """
+    dims = any(plane.transmission is not None for plane in planes)
+    for group in [planes] if dims else [[plane] for plane in planes]:
+        grids = [ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1)]
+        _trace_group(group, optics, layout, grids, finite_width, out, lines)
+
+
+@dataclass(frozen=True, eq=False)
+class RayGrid:
+    """Rays of all bundles along one axis, on planes and stops, in the order of an image.
+
+    They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
+    tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
+
+    With e and f the image's axes along this one, (a, c) or (b, d), and g and h those along the
+    other, p the planes, k the stops and i the rays:
+
+    Attributes
+    ----------
+    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
+        Of the cells of each plane that the rays meet: the layer's, or wider ones where those are
+        finer than a ray's box.
+    positions : ndarray of float64, shape (p, e, f, i)
+        Middles of the rays' boxes, in cells from the first edge.
+    boxes : ndarray of float64, shape (p,)
+        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
+    shifts : ndarray of float64, shape (p, g, h)
+        How far a rotated array shifts the bundles, in cells.
+    stop_mm : ndarray of float64, shape (k, e, f, i)
+        Middles of the rays' boxes on the stops.
+    stop_boxes_mm : ndarray of float64, shape (k,)
+    stop_shifts_mm : ndarray of float64, shape (k, g, h)
+    seen : ndarray of bool, shape (e, f)
+        Whether a pixel can see any of the planes.
+    """
+
+    edges_mm: tuple[np.ndarray, ...]
+    positions: np.ndarray
+    boxes: np.ndarray
+    shifts: np.ndarray
+    stop_mm: np.ndarray
+    stop_boxes_mm: np.ndarray
+    stop_shifts_mm: np.ndarray
+    seen: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Rays of each pixel along this axis."""
+        return self.positions.shape[3]
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Cells of each plane along this axis, shape (p,)."""
+        return np.array([edges.size - 1 for edges in self.edges_mm])
+
+
+class Tiling(NamedTuple):
+    """Places of the rays on a pixel and on its lenslet, in widths of each.
+
+    Attributes
+    ----------
+    along_pixel, along_lenslet : ndarray of float64, shape (i,)
+        In [-1/2, 1/2].
+    on_pixel, on_lenslet : int
+        Tiles along each.
+    """
+
+    along_pixel: np.ndarray
+    along_lenslet: np.ndarray
+    on_pixel: int
+    on_lenslet: int
+
+
+def ray_grid(
+    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, finite_width: bool
+) -> RayGrid:
+    """Lay the rays of all bundles over some planes, along one axis.
+
+    Parameters
+    ----------
+    planes : list of Plane
+    optics : OpticalPass
+    layout : {"views", "raw"}
+    rays : int
+        At least so many for each pixel.
+    axis : int
+        0 for y, 1 for x.
+    finite_width : bool
+        False for rays without breadth.
+
+    Returns
+    -------
+    RayGrid
+    """
+    footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
+    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
+    layer_edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
+    cells = max(
+        abs(footprint.lenslet_width_mm) / (edges[1] - edges[0])
+        for footprint, edges in zip(footprints, layer_edges, strict=True)
+    )
+    spread = bool(optics.defocus or optics.stops)
+    tiling = _tile(rays, cells, _lenslet_power(planes), spread) if finite_width else _lattice(rays)
+    # Without defocus a plane sees the pixel as a point; a stop never does.
+    on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
+    on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
+    boxes_mm = np.array(
+        [
+            _box_mm(footprint, tiling, optics.defocus) if finite_width else 0.0
+            for footprint in footprints
+        ]
+    )
+    edges_mm = tuple(
+        _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
+    )
+    cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
+    positions = [
+        (hits - edges[0]) / width
+        for hits, edges, width in zip(on_planes, edges_mm, cell_mm, strict=True)
+    ]
+    # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
+    stop_tile = finite_width / tiling.on_pixel
+    seen = [
+        _meets(footprint, edges, optics, axis)
+        for footprint, edges in zip(footprints, layer_edges, strict=True)
+    ]
+    shape = optics.camera.views, optics.camera.lenslets[axis], tiling.along_pixel.size
+    return RayGrid(
+        edges_mm=edges_mm,
+        positions=_stack(positions, layout, shape),
+        boxes=np.minimum(boxes_mm / cell_mm, 1.0),
+        shifts=_shifts(footprints, cell_mm, optics, layout, axis),
+        stop_mm=_stack(on_stops, layout, shape),
+        stop_boxes_mm=np.array([abs(stop.pixel_width_mm) * stop_tile for stop in stops]),
+        stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
+        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+    )
+
+
+def _lenslet_power(planes: list[Plane]) -> float:
+    """Power of the rays that has to go to the lenslet's tiles.
+
+    Where a plane dims another, what both have in one box counts as unrelated, so that the boxes
+    have to shrink along pixel and lenslet, faster behind a hard edge than in a haze.
+    """
+    dimming = [plane for plane in planes if plane.transmission is not None]
+    if not dimming:
+        return 0.0
+    return 1 / 2 if any(plane.layer.opaque for plane in dimming) else 1 / 3
+
+
+def _tile(rays: int, cells: float, power: float, spread: bool) -> Tiling:
+    """Tile pixel and lenslet.
+
+    Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
+    all further rays go along the pixel.
+
+    rays: at least so many; cells: most that the lenslet's image covers; power: of the rays, along
+    the lenslet at least; spread: whether the pixel's width matters at all.
+    """
+    fewest = round(rays**power) if power else 1
+    on_lenslet = min(max(fewest, math.ceil(min(cells, rays**0.5))), rays)
+    on_pixel = math.ceil(rays / on_lenslet) if spread else 1
+    pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
+    return Tiling(
+        np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
+    )
+
+
+def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
+    """Trace all rays to a plane, [view, lenslet, i]; not `wide`: as if the pixel were a point."""
+    pixel_mm = footprint.pixel_width_mm * wide
+    offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
+    return footprint.centres_mm[..., None] + offsets
+
+
+def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
+    """Breadth of a box of the variance of a tile's image, itself of two boxes."""
+    pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
+    return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
+
+
+def _meets(
+    footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
+) -> np.ndarray:
+    """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
+    skewed = np.abs(optics.skew_mm(axis)).max()
+    reach = footprint.half_width_mm + skewed * abs(footprint.shift_per_lenslet_shift)
+    centres = footprint.centres_mm
+    return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
+
+
+def _shifts(footprints, unit_mm, optics: OpticalPass, layout: str, axis: int) -> np.ndarray:
+    """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
+    moved = arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout)
+    gains = np.array([f.shift_per_lenslet_shift for f in footprints]) / unit_mm
+    return moved[None] * gains[:, None, None]
+
+
+def _stack(tables: list[np.ndarray], layout: str, shape: tuple) -> np.ndarray:
+    """Tables [view, lenslet, i], arranged, one behind the other; of none, an empty one."""
+    if not tables:
+        return arrange(np.empty(shape), layout)[None][:0]
+    return np.stack([arrange(table, layout) for table in tables])
+
+
+def _trace_group(
+    planes: list[Plane],
+    optics: OpticalPass,
+    layout: str,
+    grids: list[RayGrid],
+    finite_width: bool,
+    out: np.ndarray,
+    lines: slice,
+) -> None:
+    """Trace planes that dim each other, or a single one, on some lines of the image."""
+    y, x = grids
+    table = _plane_table(planes, y, x)
+    skew = stops = weights = None
+    if optics.lenslet_skew:
+        rows, columns = y.positions, x.positions
+        skew = SkewTable(y.shifts, x.shifts, y.stop_shifts_mm, x.stop_shifts_mm)
+    else:  # positions become indices once, outside the ray loop
+        rows, down = _indices(y)
+        columns, right = _indices(x)
+        stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
+        rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
+        weights = WeightTable(down, right) if finite_width else None
+    if optics.stops:
+        radii = np.array([radius for _, radius in optics.stops])
+        stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)
+    rays = RayTable(rows, columns, y.boxes, x.boxes)
+    falloff, seen = optics.falloff_table(layout), SeenTable(y.seen, *seen_range(x.seen))
+    tables = _take_lines(lines, rays, weights, skew, stops, falloff, seen)
+    share = optics.share / (y.count * x.count)
+    _kernels.trace_planes(table, *tables, share, out)
+
+
+def _plane_table(planes: list[Plane], y: RayGrid, x: RayGrid) -> PlaneTable:
+    """Put the cells of all planes into one table, each on the edges of the rays' grids."""
+    height, width = y.cells, x.cells
+    sizes = (height + 2) * (width + 2)
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    edges = list(zip(y.edges_mm, x.edges_mm, strict=True))
+    emission = [
+        _bordered(_averaged(plane.emission, plane, new), 0.0)
+        for plane, new in zip(planes, edges, strict=True)
+    ]
+    transmission = _transmission(planes, edges)
+    return PlaneTable(np.concatenate(emission), transmission, first, width + 2, height, width)
+
+
+def _indices(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+    """First cell of each ray, counted from the border at 0, and the weight of the next."""
+    boxes, cells = grid.boxes[:, None, None, None], grid.cells[:, None, None, None]
+    start = np.floor(grid.positions - boxes / 2)
+    missed = (start < -1) | (start >= cells)
+    index = np.where(missed, 0, start + 1).astype(np.int64)
+    weight = (grid.positions + boxes / 2 - index) / np.maximum(boxes, 1e-12)
+    return index, np.where(missed, 0.0, np.clip(weight, 0.0, 1.0))
+
+
+def _take_lines(lines: slice, rays, weights, skew, stops, falloff, seen) -> tuple:
+    """Cut all tables along y down to some lines c of the image, kept contiguous."""
+
+    def cut(table, axis):
+        return np.ascontiguousarray(table[(slice(None),) * axis + (lines,)])
+
+    rays = rays._replace(rows=cut(rays.rows, 2))
+    if weights is not None:
+        weights = weights._replace(down=cut(weights.down, 2))
+    if skew is not None:
+        columns, stop_columns = cut(skew.columns, 2), cut(skew.stop_columns, 2)
+        skew = skew._replace(columns=columns, stop_columns=stop_columns)
+    if stops is not None:
+        stops = stops._replace(rows=cut(stops.rows, 2))
+    if falloff is not None:
+        falloff = falloff._replace(rows=cut(falloff.rows, 1))
+    return rays, weights, skew, stops, falloff, seen._replace(lines=cut(seen.lines, 1))
+
+
+def _lattice(rays: int) -> Tiling:
+    """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
+
+    The same midpoints along both, in an order along the lenslet that steps by about the golden
+    section, so that neither width alone, nor both together, is sampled unevenly.
+    """
+    step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
+    places = (np.arange(rays) + 0.5) / rays - 0.5
+    return Tiling(places, places[np.arange(rays) * step % rays], rays, rays)
+
+
+def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
+    if all(plane.transmission is None for plane in planes):
+        return None
+    found = []
+    for plane, new in zip(planes, edges, strict=True):
+        stopped = np.zeros_like(plane.emission)
+        if plane.transmission is not None:
+            stopped = 1 - plane.transmission
+        found.append(_bordered(1 - _averaged(stopped, plane, new), 1.0))
+    return np.concatenate(found)
+
+
+def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
+    """Keep the cells of a layer, or lay as few as wide as a ray's box over it."""
+    length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
+    if box_mm * cells <= length:
+        return edges_mm
+    count = math.ceil(length / box_mm)
+    return (edges_mm[0] + edges_mm[-1]) / 2 + (np.arange(count + 1) - count / 2) * box_mm
+
+
+def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
+    """Average cells over coarser ones, exactly; outside the plane there is nothing."""
+    for axis in (0, 1):
+        old, new = plane.layer.cell_edges_mm(axis), edges[axis]
+        if new.size == old.size and new[0] == old[0]:
+            continue
+        start, weight = band_weights(old, (new[1:] + new[:-1]) / 2, new[1] - new[0], 0.0)
+        lines = np.moveaxis(cells, axis, 0)
+        taken = lines[start[:, None] + np.arange(weight.shape[1])]
+        cells = np.moveaxis(np.einsum("ni,ni...->n...", weight, taken), 0, axis)
+    return cells
+
+
+def _bordered(cells: np.ndarray, border: float) -> np.ndarray:
+    """Cells with a border around them for rays that miss the plane, flat."""
+    return np.pad(cells, 1, constant_values=border).ravel()

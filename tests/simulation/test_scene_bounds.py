@@ -1,0 +1,71 @@
+"""Bounds that are found before rendering, against rendered images."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+from lf_flame import Layer, Scene, render
+from lf_flame.simulation.bundle_shifts import misplaced_mm, pitch_shifts_mm, rotation_shifts_mm
+from lf_flame.simulation.scene_bounds import bound_scene, displaced
+from lf_flame.simulation.stops import neighbours, round_stops, share_cut
+
+
+def glow(rng, depth=10.0, **matter):
+    return Layer(rng.uniform(0.2, 1.0, (8, 9)), depth, (1.6, 1.8), (0.05, -0.1), **matter)
+
+
+def card(depth=-10.0):
+    return Layer([[0.3]], depth, (0.8, 0.9), opaque=True)
+
+
+def test_the_brightest_pixel_lies_between_its_bounds(small_camera, rng):
+    for layers in ([glow(rng)], [glow(rng), card()], [glow(rng, optical_thickness=0.5)]):
+        bounds = bound_scene(Scene(layers), small_camera)
+        brightest = render(Scene(layers), small_camera, tolerance=0.02).views.max()
+        assert 0 < bounds.peak <= brightest * 1.02
+        assert brightest <= bounds.radiance
+        assert bounds.relative(bounds.peak) == 1
+        assert bounds.relative(0.0) == 0
+
+
+def test_only_matter_has_light_behind_it(small_camera, rng):
+    far, front = glow(rng, 20.0), card()
+    bounds = bound_scene(Scene([far, front]), small_camera)
+    assert bounds.behind == {front: far.texture.max(), far: 0.0}
+    aside = replace(front, centre_mm=(0.6, 2.6), size_mm=(0.05, 0.05))
+    assert bound_scene(Scene([glow(rng, 0.0), aside]), small_camera).behind[aside] == 0
+    steps = bounds.steps[front, 0]
+    assert steps.whole == pytest.approx(0.3 + far.texture.max())
+
+
+def test_a_moving_bundle_changes_a_pixel_by_no_more_than_its_bound(small_camera, rng):
+    layer, shift = glow(rng), 0.01
+    bounds = bound_scene(Scene([layer]), small_camera)
+    moved = replace(layer, centre_mm=(layer.centre_mm[0] + shift, layer.centre_mm[1]))
+    images = [render(Scene([one]), small_camera).views.astype(float) for one in (layer, moved)]
+    lenslet_mm = abs(bounds.footprints[layer, 0].lenslet_width_mm)
+    change = np.abs(images[0] - images[1]).max()
+    assert 0 < change <= displaced(bounds, layer, 0, shift, lenslet_mm)
+    assert displaced(bounds, layer, 0, 0.0, 0.0) == 0
+
+
+def test_stops_and_misplaced_lenslets_of_an_ideal_camera(small_camera):
+    assert round_stops(small_camera) == []
+    assert neighbours(small_camera) == 0
+    assert misplaced_mm(small_camera) == (0, 0)
+    wide = replace(small_camera, aperture_diameter_mm=90.0, rim_diameter_mm=80.0,
+                   rim_distance_mm=40.0, lenslet_rotation_rad=0.01,
+                   lenslet_pitch_error=0.01)  # fmt: skip
+    assert round_stops(wide) == [(0.0, 45.0), (40.0, 40.0)]
+    assert neighbours(wide) == 1
+    together = np.add(rotation_shifts_mm(wide), pitch_shifts_mm(wide))
+    np.testing.assert_array_equal(misplaced_mm(wide), together)
+    assert share_cut(wide, 0.0, 1e3) == 0
+    assert 0 < share_cut(wide, 0.0, 40.0) <= share_cut(wide, 0.0, 20.0) <= 1
+
+
+def test_bounds_do_not_change(small_camera, rng):
+    bounds = bound_scene(Scene([glow(rng)]), small_camera)
+    with pytest.raises(FrozenInstanceError):
+        bounds.peak = 0.0
