@@ -61,9 +61,11 @@ class InputEncoding:
     def chosen(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
         """Index the views that are shown, of rows x columns: ``views[encoding.chosen(v, u)]``."""
         if self.kind == "raw":
-            return np.ix_(range(rows), range(columns))
-        down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
-        return np.ix_(spread(rows, down), spread(columns, across))
+            v, u = np.ix_(range(rows), range(columns))
+        else:
+            down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
+            v, u = np.ix_(spread(rows, down), spread(columns, across))
+        return v, u
 
     def places(self, rows: int, columns: int) -> list[tuple[int, int]]:
         """List row and column of each view that is shown, of rows x columns."""
