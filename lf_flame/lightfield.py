@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 
@@ -55,7 +56,7 @@ class LightField:
         return light_field
 
     @classmethod
-    def from_raw(cls, raw, views: int = 15) -> "LightField":
+    def from_raw(cls, raw: ArrayLike, views: int = 15) -> "LightField":
         """Cut a raw lenslet image into its views.
 
         Parameters

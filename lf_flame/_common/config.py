@@ -8,11 +8,14 @@ import dataclasses
 import json
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 T = TypeVar("T")
 
@@ -75,7 +78,7 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
         raise InputError(f"{source}: {_first_problem(error)}") from None
 
 
-def to_json(config) -> dict[str, Any]:
+def to_json(config: "DataclassInstance") -> dict[str, Any]:
     """Turn a configuration dataclass into plain JSON values: the form in which it is stored."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
 

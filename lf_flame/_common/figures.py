@@ -1,6 +1,7 @@
 """Figures that go to files: no screen is needed, and the backend of a notebook stays as it is."""
 
 from pathlib import Path
+from typing import Any, Literal
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -8,7 +9,14 @@ from matplotlib.figure import Figure
 from lf_flame._common.atomic_files import atomic_write
 
 
-def subplots(rows: int = 1, columns: int = 1, *, figsize=None, layout=None, **options):
+def subplots(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    figsize: tuple[float, float] | None = None,
+    layout: Literal["constrained", "compressed", "tight"] | None = None,
+    **options: Any,
+) -> tuple[Figure, Any]:
     """Make a figure with axes, as `matplotlib.pyplot.subplots` does, but without pyplot.
 
     Parameters

@@ -3,9 +3,13 @@
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 from zipfile import is_zipfile
 
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    import keras
 
 
 def load_keras() -> None:
@@ -27,7 +31,7 @@ def load_keras() -> None:
             os.close(kept)
 
 
-def load_model(path: Path):
+def load_model(path: Path) -> "keras.Model":
     """Load a saved network for prediction; code that may come with it is not run.
 
     Raises

@@ -1,5 +1,6 @@
 """How far an image is from the truth: structural similarity and peak signal-to-noise ratio."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -24,7 +25,7 @@ def ssim(truth: np.ndarray, image: np.ndarray) -> float:
     )  # fmt: skip
 
 
-def _uniform_ssim(side: int):
+def _uniform_ssim(side: int) -> Callable[[np.ndarray, np.ndarray], float]:
     """SSIM in a square window of equal weights, scikit-image's other constants."""
     return partial(structural_similarity, data_range=1.0, win_size=side)
 

@@ -6,6 +6,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 import cloup
@@ -13,6 +14,10 @@ import cloup
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame.lightfield import LightField
+    from lf_flame.optics.camera import PlenopticCamera
 
 SLOPE_CONVENTIONS = (
     "motion", "hci", "lftoolbox", "liff", "plenopticam", "plenopticam-refined", "plenpy", "fdl"
@@ -107,7 +112,7 @@ APPEARANCE = cloup.option_group(
 """Options that say how refocused images are made."""
 
 
-def _refuse_options(what: str, **options) -> None:
+def _refuse_options(what: str, **options: Any) -> None:
     for name, value in options.items():
         if value is not None:
             raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
@@ -133,7 +138,7 @@ class Reading:
     pitch: float | None = None
     layout: str | None = None
 
-    def read(self, source: Path):
+    def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and tell what was found."""
         from tqdm import tqdm
 
@@ -174,11 +179,15 @@ class Focus:
         """Whether the sharpest slope is to be found: if asked for, or if nothing else is."""
         return self.search or not (self.slopes or self.depths or self.sweep or self.slope_map)
 
-    def asked_slopes(self, views: int, lens) -> list[float]:
+    def asked_slopes(self, views: int, lens: "PlenopticCamera | None") -> list[float]:
         """Slopes of shift-and-sum for the numbers and depths that were given."""
         from lf_flame.optics.slope_conventions import to_slope
 
         slopes = [to_slope(slope, self.slope_of, views) for slope in self.slopes]
+        if not self.depths:
+            return slopes
+        if lens is None:
+            raise InputError("--depth-mm needs the camera: --camera FILE.")
         return slopes + [lens.depth_to_slope(depth) for depth in self.depths]
 
 
@@ -194,7 +203,7 @@ class Appearance:
     movie: str = "gif"
     network: Path | None = None
 
-    def refuse_for_network(self, slope_map) -> None:
+    def refuse_for_network(self, slope_map: tuple[float, float] | None) -> None:
         """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
         plain = Appearance()
         changed = {
@@ -204,7 +213,7 @@ class Appearance:
         }
         _refuse_options("a network", **changed, map=slope_map)
 
-    def options(self, views: tuple[int, int], lens) -> dict:
+    def options(self, views: tuple[int, int], lens: "PlenopticCamera | None") -> dict[str, Any]:
         """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
         from lf_flame.commands.refocus_job import aperture_weights
 
@@ -362,8 +371,8 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
         sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"
         click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
     measure = "certain" if dense else "ms_ssim"
-    found = [{"slope": slope, measure: trust} for slope, trust in found]
-    write_regions(job, image, surface, regions, found, folder)
+    facts = [{"slope": slope, measure: trust} for slope, trust in found]
+    write_regions(job, image, surface, regions, facts, folder)
     folder.write_record(job)
     click.echo(f"{', '.join(folder.written)} are in {folder.folder}")
 

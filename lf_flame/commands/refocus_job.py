@@ -119,6 +119,8 @@ def aperture_weights(
     if f_number is not None:
         if diameter is not None or ring is not None:
             raise InputError("An f-number and a diameter of the aperture cannot both be given.")
+        if camera is None:
+            raise InputError(f"An f-number needs the camera, got f_number={f_number} alone.")
         if views != (camera.views, camera.views):
             raise InputError(
                 f"The camera has {camera.views} x {camera.views} views, "

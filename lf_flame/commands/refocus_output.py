@@ -113,7 +113,7 @@ def write_search(job: RefocusJob, out: PictureFolder) -> SlopeSearch:
 
 def write_sweep(
     job: RefocusJob,
-    ends: Sequence[float],
+    ends: tuple[float, float],
     movie: str,
     out: PictureFolder,
     progress: Callable = iter,
@@ -142,7 +142,7 @@ def write_sweep(
     out.facts["sweep"] = list(ends)
 
 
-def write_slope_map(job: RefocusJob, ends: Sequence[float], out: PictureFolder) -> float:
+def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: PictureFolder) -> float:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
 
     Returns

@@ -1,6 +1,7 @@
 """From a scene to the files a user looks at."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.rendering import render
 
 
-def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dict:
+def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options: Any) -> dict[str, Any]:
     """Render a scene, refocus it at the depth of each layer, and write everything.
 
     Parameters
@@ -43,9 +44,10 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     stack = shift_and_sum(light_field, slopes)
     white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
-    arrays = {"views": light_field.views, "refocused": stack, "slopes": slopes, "depths_mm": depths}
     with atomic_write(out / "light_field.npz") as aside:
-        np.savez_compressed(aside, **arrays)
+        np.savez_compressed(
+            aside, views=light_field.views, refocused=stack, slopes=slopes, depths_mm=depths
+        )
     record = {
         "camera": to_json(camera),
         "depths_mm": depths.tolist(),
@@ -60,7 +62,14 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options) -> dic
     return record
 
 
-def _write_images(light_field: LightField, stack, slopes, depths, white: float, out: Path) -> None:
+def _write_images(
+    light_field: LightField,
+    stack: np.ndarray,
+    slopes: np.ndarray,
+    depths: np.ndarray,
+    white: float,
+    out: Path,
+) -> None:
     raw = light_field.to_raw()
     write_image(out / "raw.tif", raw)
     write_image(out / "raw.png", to_preview(raw, white))

@@ -88,7 +88,8 @@ class DatasetConfig:
     @property
     def block(self) -> tuple[int, int]:
         """Lenslets that are averaged into one pixel, along (t, s)."""
-        return tuple(n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
+        down, across = (n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
+        return down, across
 
     @property
     def depths_mm(self) -> list[float]:
@@ -132,9 +133,9 @@ def read_config(path: str | Path) -> DatasetConfig:
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
     """Rebuild a configuration from the JSON values that are stored with a data set."""
-    template = TEMPLATES.get(values.get("kind"))
+    template = TEMPLATES.get(str(values.get("kind")))
     if template is not None and "template" in values:
         # Built first, by its kind, so that a mistake in it is told in the words of that kind.
-        built = build(template, values["template"], f"{source}: template")
+        built: Template = build(template, values["template"], f"{source}: template")
         values = {**values, "template": built}
     return build(DatasetConfig, values, source)

@@ -61,9 +61,11 @@ class InputEncoding:
     def _view_mesh(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
         """Open mesh of the views that are shown, of rows x columns: indexes ``views[v, u]``."""
         if self.kind == "raw":
-            return np.ix_(range(rows), range(columns))
-        down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
-        return np.ix_(spread(rows, down), spread(columns, across))
+            v, u = np.ix_(range(rows), range(columns))
+        else:
+            down, across = (1, CHANNELS) if self.kind == "views" else (self.grid, self.grid)
+            v, u = np.ix_(spread(rows, down), spread(columns, across))
+        return v, u
 
     def view_indices(self, rows: int, columns: int) -> list[tuple[int, int]]:
         """List row and column of each view that is shown, of rows x columns."""

@@ -7,7 +7,7 @@ from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
-from lf_flame.scenes.scene import Scene
+from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.plan import EffectPlan
 from lf_flame.simulation.rendering import render_plan
 
@@ -28,16 +28,17 @@ def search_slopes(config: DatasetConfig) -> list[SlopeSearch]:
     return [find_sharpest_slope(light_field, region=region) for region in regions]
 
 
-def _region(layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
+def _region(layer: Layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
     """Lenslets that a layer covers in the central view, and a few around them."""
     scale = camera.field_mm(layer.depth_mm)[0] / camera.lenslets[0]  # mm per lenslet
-    region = []
+    bounds = []
     for axis in (0, 1):
         middle = (camera.lenslets[axis] - 1) / 2
         edges = layer.cell_edges_mm(axis)[[0, -1]] / scale + middle
         low, high = np.clip((edges[0] - 6, edges[1] + 6), 0, camera.lenslets[axis])
-        region += [int(low), int(np.ceil(high))]
-    return tuple(region)
+        bounds += [int(low), int(np.ceil(high))]
+    top, bottom, left, right = bounds
+    return top, bottom, left, right
 
 
 def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
@@ -63,9 +64,9 @@ def make_dataset(
         _create(part, config, samples)
     group = zarr.open_group(part, mode="r+")
     _check_same(group, config, samples, part)
-    slopes = group.attrs["slopes"]
-    open_indices = np.flatnonzero(group["complete"][:] == 0).tolist()
-    finished = _run(config, slopes, part, open_indices, workers)
+    attrs: dict[str, Any] = dict(group.attrs)
+    open_indices = np.flatnonzero(np.asarray(_array(group, "complete")[:]) == 0).tolist()
+    finished = _run(config, attrs["slopes"], part, open_indices, workers)
     if progress is not None:
         finished = progress(finished, samples - len(open_indices), samples)
     for _ in finished:
@@ -123,16 +124,26 @@ def _is_laid_out(part: Path) -> bool:
         raise InputError(f"{part} is damaged ({error}); remove it to start again.") from None
 
 
+def _array(group: zarr.Group, name: str) -> zarr.Array:
+    """Array of a group, never a group inside it."""
+    array = group[name]
+    if not isinstance(array, zarr.Array):
+        raise InputError(f"{name} of a data set must be an array, got a group: it is damaged.")
+    return array
+
+
 def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
-    same = group.attrs.get("config") == to_json(config) and group["complete"].shape[0] == samples
-    if not same:
+    same = group.attrs.get("config") == to_json(config)
+    if not same or _array(group, "complete").shape[0] != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
         )
 
 
-def _run(config, slopes, part: Path, indices: list[int], workers: int) -> Iterable[int]:
+def _run(
+    config: DatasetConfig, slopes: list[float], part: Path, indices: list[int], workers: int
+) -> Iterable[int]:
     if workers == 1:
         group = zarr.open_group(part, mode="r+")
         for index in indices:
@@ -150,7 +161,7 @@ def _run(config, slopes, part: Path, indices: list[int], workers: int) -> Iterab
             pool.shutdown(cancel_futures=True)
 
 
-_worker = {}
+_worker: dict[str, Any] = {}
 
 
 def _start_worker(config: dict, slopes: list[float], part: str) -> None:
@@ -171,18 +182,19 @@ def _work(index: int) -> int:
 
 
 def _store(group: zarr.Group, index: int, sample: dict) -> None:
-    group["input"][index] = sample["input"]
-    group["target"][index] = sample["target"]
+    _array(group, "input")[index] = sample["input"]
+    _array(group, "target")[index] = sample["target"]
     for name, values in sample["parameters"].items():
-        group[f"parameters/{name}"][index] = values
-    group["complete"][index] = 1  # last: a sample without it is made again
+        _array(group, f"parameters/{name}")[index] = values
+    _array(group, "complete")[index] = 1  # last: a sample without it is made again
 
 
 def _digest(group: zarr.Group) -> str:
     digest = hashlib.sha256()
-    for index in range(group["complete"].shape[0]):
-        digest.update(np.ascontiguousarray(group["input"][index]))
-        digest.update(np.ascontiguousarray(group["target"][index]))
+    inputs, targets = _array(group, "input"), _array(group, "target")
+    for index in range(_array(group, "complete").shape[0]):
+        digest.update(np.ascontiguousarray(inputs[index]).data)
+        digest.update(np.ascontiguousarray(targets[index]).data)
     return digest.hexdigest()
 
 
@@ -210,9 +222,9 @@ class Dataset:
             )
         try:
             self._group = zarr.open_group(self.path, mode="r")
-            self.attrs = dict(self._group.attrs)
+            self.attrs: dict[str, Any] = dict(self._group.attrs)
             self.config = config_from_json(self.attrs["config"], self.path)
-            complete = self._group["complete"][:]
+            complete = np.asarray(_array(self._group, "complete")[:])
         except (KeyError, ValueError, TypeError, RuntimeError, OSError) as error:
             raise InputError(f"{path} is not a data set, or is damaged: {error}") from None
         if not np.all(complete == 1):
@@ -220,7 +232,7 @@ class Dataset:
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
 
     def __len__(self) -> int:
-        return self._group["complete"].shape[0]
+        return _array(self._group, "complete").shape[0]
 
     @property
     def scenes_sha256(self) -> str:
@@ -244,11 +256,11 @@ class Dataset:
         return self._read(f"parameters/{name}")
 
     def _read(self, name: str) -> np.ndarray:
-        array = self._group[name]
+        array = _array(self._group, name)
         samples = []
         for index in range(len(self)):
             try:
-                samples.append(array[index])
+                samples.append(np.asarray(array[index]))
             except (ValueError, RuntimeError, OSError) as error:
                 raise InputError(
                     f"Sample {index} of {self.path}/{name} is damaged ({error}); "

@@ -150,7 +150,8 @@ class FlameTemplate:
         n = len(self.objects)
         burners = np.array([o.burner_mm for o in self.objects], float)
         heights = np.array([o.height_mm for o in self.objects], float)
-        brightness, wrinkles = np.ones(n), [None] * n
+        brightness = np.ones(n)
+        wrinkles: list[np.ndarray | None] = [None] * n
         if rng is not None:
             swing = np.sqrt(2) * np.array([o.height_sd_mm for o in self.objects])
             heights += swing * np.sin(rng.uniform(0, 2 * np.pi, n))
@@ -164,7 +165,14 @@ class FlameTemplate:
         parameters = {"burner_mm": burners, "height_mm": heights, "brightness": brightness}
         return Scene(layers), parameters
 
-    def _layer(self, flame: FlameObject, burner, height, brightness, wrinkles) -> Layer:
+    def _layer(
+        self,
+        flame: FlameObject,
+        burner: np.ndarray,
+        height: float,
+        brightness: float,
+        wrinkles: np.ndarray | None,
+    ) -> Layer:
         texture = flame_texture(
             height, flame.radius_mm, wrinkles, self.sway * flame.radius_mm, self.swelling
         )
@@ -174,7 +182,7 @@ class FlameTemplate:
 
 
 Template = ShapeTemplate | FlameTemplate
-TEMPLATES: dict[str, type] = {"shapes": ShapeTemplate, "flames": FlameTemplate}
+TEMPLATES: dict[str, type[Template]] = {"shapes": ShapeTemplate, "flames": FlameTemplate}
 
 
 def _check_ranges(brightness: Pair, **spreads: float) -> None:

@@ -175,7 +175,7 @@ def _write_deep_png(path: Path, levels: np.ndarray) -> None:
         file.write(b"\x89PNG\r\n\x1a\n")
         for name, data in (
             (b"IHDR", header),
-            (b"IDAT", zlib.compress(filtered, level=6)),
+            (b"IDAT", zlib.compress(filtered.data, level=6)),
             (b"IEND", b""),
         ):
             check = zlib.crc32(name + data)

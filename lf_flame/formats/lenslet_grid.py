@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.number import Number
 from lf_flame.errors import InputError
 
 LAYOUTS = ("rectangular", "hexagonal")
@@ -23,7 +24,7 @@ EDGE_SLACK = 0.5
 """Pixels by which a micro-image may overhang the image and still count as whole."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class LensletGrid:
     """Where the micro-images of a raw lenslet image are.
 
@@ -51,17 +52,26 @@ class LensletGrid:
     x0: float
     y0: float
     pitch: float
-    rotation: float = 0.0
-    layout: str = "rectangular"
-    row_pitch: float | None = None
+    rotation: float
+    layout: str
+    row_pitch: float
 
-    def __post_init__(self):
-        check_layout(self.layout)
-        if self.row_pitch is None:
-            ratio = HEXAGONAL_ROW_PITCH if self.layout == "hexagonal" else 1.0
-            object.__setattr__(self, "row_pitch", ratio * self.pitch)
-        for name in ("x0", "y0", "pitch", "rotation", "row_pitch"):
-            object.__setattr__(self, name, float(getattr(self, name)))
+    def __init__(
+        self,
+        x0: float,
+        y0: float,
+        pitch: float,
+        rotation: float = 0.0,
+        layout: str = "rectangular",
+        row_pitch: float | None = None,
+    ):
+        check_layout(layout)
+        if row_pitch is None:
+            row_pitch = (HEXAGONAL_ROW_PITCH if layout == "hexagonal" else 1.0) * pitch
+        numbers = {"x0": x0, "y0": y0, "pitch": pitch, "rotation": rotation, "row_pitch": row_pitch}
+        for name, number in numbers.items():
+            object.__setattr__(self, name, float(number))
+        object.__setattr__(self, "layout", layout)
         for name in ("pitch", "row_pitch"):
             if not (getattr(self, name) >= 1 and math.isfinite(getattr(self, name))):
                 raise InputError(f"{name} must be at least 1 pixel, got {getattr(self, name)}.")
@@ -74,7 +84,7 @@ class LensletGrid:
                 f"rotation must lie within pi/4 rad; turn the image first, got {self.rotation}."
             )
 
-    def position(self, row, column):
+    def position(self, row: Number, column: Number) -> tuple[Number, Number]:
         """Centre ``(y, x)`` in pixels of the micro-image in a row and column of the array.
 
         Parameters
@@ -85,7 +95,7 @@ class LensletGrid:
         y, x = self.turned(self.row_pitch * row, self.pitch * (column + offset))
         return self.y0 + y, self.x0 + x
 
-    def turned(self, down, along):
+    def turned(self, down: Number, along: Number) -> tuple[Number, Number]:
         """Turn a vector across and along the array's rows into ``(y, x)`` of the image."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         return sin * along + cos * down, cos * along - sin * down
@@ -100,7 +110,7 @@ class LensletGrid:
         height = self.row_pitch if self.layout == "rectangular" else self.pitch
         return height, self.pitch
 
-    def block(self, shape) -> tuple[np.ndarray, np.ndarray]:
+    def block(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the array's largest block of whole micro-images in an image.
 
         Parameters
@@ -119,7 +129,8 @@ class LensletGrid:
             If no micro-image lies whole in the image.
         """
         rows, columns = self.indices(shape)
-        inside = self._is_whole(*self.position(rows[:, None], columns), shape)
+        y, x = self.position(rows[:, None], columns)
+        inside = self._is_whole(y, x, shape)
         first = np.where(inside.any(axis=1), inside.argmax(axis=1), len(columns))
         last = len(columns) - 1 - inside[:, ::-1].argmax(axis=1)
         top, bottom, left, right = _largest_block(first, last)
@@ -130,12 +141,12 @@ class LensletGrid:
             )
         return rows[top:bottom], columns[left:right]
 
-    def count(self, shape) -> tuple[int, int]:
+    def count(self, shape: tuple[int, ...]) -> tuple[int, int]:
         """Rows and columns of whole micro-images in an image of this shape."""
         rows, columns = self.block(shape)
         return len(rows), len(columns)
 
-    def centres(self, shape) -> np.ndarray:
+    def centres(self, shape: tuple[int, ...]) -> np.ndarray:
         """Centres ``(y, x)`` of the whole micro-images, shape (rows, columns, 2), float64."""
         rows, columns = self.block(shape)
         return np.stack(self.position(rows[:, None], columns), axis=-1)
@@ -158,17 +169,18 @@ class LensletGrid:
         x, y = self.pitch / 2, self.row_pitch  # of the nearest lenslet in the next row
         return offset[:, None] * y + offset * x <= (x**2 + y**2) / 2  # nearer to its own
 
-    def indices(self, shape) -> tuple[np.ndarray, np.ndarray]:
+    def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the array that may lie in the image, and a few more."""
         y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
         back = replace(self, rotation=-self.rotation)
         down, along = back.turned(y - self.y0, x - self.x0)
-        row, column = down / self.row_pitch, along / self.pitch
-        return tuple(
-            np.arange(math.floor(i.min()) - 1, math.ceil(i.max()) + 2) for i in (row, column)
+        rows, columns = (
+            np.arange(math.floor(i.min()) - 1, math.ceil(i.max()) + 2)
+            for i in (down / self.row_pitch, along / self.pitch)
         )
+        return rows, columns
 
-    def _is_whole(self, y, x, shape) -> np.ndarray:
+    def _is_whole(self, y: np.ndarray, x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         cos, sin = math.cos(self.rotation), abs(math.sin(self.rotation))
         height, width = self.window
         half_y, half_x = (cos * height + sin * width) / 2, (cos * width + sin * height) / 2
@@ -201,7 +213,12 @@ def _largest_block(first: np.ndarray, last: np.ndarray) -> tuple[int, int, int, 
 
 
 def grid_from_pitch(
-    shape, pitch: float, centre=None, rotation=0.0, layout="rectangular", row_pitch=None
+    shape: tuple[int, ...],
+    pitch: float,
+    centre: tuple[float, float] | None = None,
+    rotation: float = 0.0,
+    layout: str = "rectangular",
+    row_pitch: float | None = None,
 ) -> LensletGrid:
     """Grid of a stated pitch, where there is no white image.
 

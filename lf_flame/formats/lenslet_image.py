@@ -43,7 +43,9 @@ def read_lenslet_image(
     return LightField(cut_views(raw, views, path, keep))
 
 
-def cut_views(raw: np.ndarray, views: int | None, source, keep: int | None = None) -> np.ndarray:
+def cut_views(
+    raw: np.ndarray, views: int | None, source: str | Path, keep: int | None = None
+) -> np.ndarray:
     """Cut a raw lenslet array into views, and say what would fit where `views` does not."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = math.gcd(*raw.shape[:2])

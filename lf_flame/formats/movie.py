@@ -67,4 +67,5 @@ def _write_mp4(path: Path, frames: np.ndarray) -> None:
         raise InputError("An .mp4 needs frames of 2 x 2 pixels or more: write a .gif.")
     with imageio.get_writer(path, fps=FRAMES_PER_S, macro_block_size=2, quality=8) as movie:
         for frame in colour[:, :height, :width]:
-            movie.append_data(frame)
+            # imageio declares no more of a writer than what readers have too
+            movie.append_data(frame)  # type: ignore[attr-defined]

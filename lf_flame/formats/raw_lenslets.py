@@ -5,6 +5,7 @@ columns follow the array, so that a rotation of the array against the sensor is 
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from lf_flame._common.arrays import centred
@@ -26,7 +27,9 @@ MARGIN = 16
 """Pixels of repeated edge around an image: a spline forgets its end by 0.27 for each."""
 
 
-def decode_raw(raw, grid: LensletGrid, views: int | None = None, white=None) -> LightField:
+def decode_raw(
+    raw: ArrayLike, grid: LensletGrid, views: int | None = None, white: ArrayLike | None = None
+) -> LightField:
     """Resample the micro-images of a raw lenslet image into views.
 
     A micro-image is divided into views x views equal parts, so that a slope does not depend on
@@ -82,7 +85,7 @@ def decode_raw(raw, grid: LensletGrid, views: int | None = None, white=None) -> 
     return LightField(light_field if np.ndim(raw) == 3 else light_field[..., 0])
 
 
-def _as_image(image, name: str) -> np.ndarray:
+def _as_image(image: ArrayLike, name: str) -> np.ndarray:
     """Check an image and give it an axis of channels."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "uif":
@@ -113,14 +116,14 @@ def _count_views(grid: LensletGrid, views: int | None) -> int:
 def _cut(image: np.ndarray, grid: LensletGrid, views: int) -> np.ndarray:
     """Mean of the image over each part of each micro-image: [v, u, row, column, channel]."""
     centres = grid.centres(image.shape)
-    part = [side / views for side in grid.window]
-    down, along = grid.turned(part[0] * centred(views)[:, None], part[1] * centred(views))
+    height, width = (side / views for side in grid.window)
+    down, along = grid.turned(height * centred(views)[:, None], width * centred(views))
     out = np.empty((views, views, *centres.shape[:2], image.shape[2]), np.float32)
     for channel in range(image.shape[2]):
         table = _summed_area(image[..., channel])
         for row, centre in enumerate(centres):  # by rows of lenslets: near each other in memory
             y, x = np.add.outer(down, centre[:, 0]), np.add.outer(along, centre[:, 1])
-            out[:, :, row, :, channel] = _mean(table, y, x, *part)
+            out[:, :, row, :, channel] = _mean(table, y, x, height, width)
     return out
 
 
@@ -131,10 +134,12 @@ def _summed_area(image: np.ndarray) -> np.ndarray:
     return ndimage.spline_filter(sums)
 
 
-def _mean(table: np.ndarray, y, x, height: float, width: float) -> np.ndarray:
+def _mean(
+    table: np.ndarray, y: np.ndarray, x: np.ndarray, height: float, width: float
+) -> np.ndarray:
     """Mean over upright rectangles about y, x, from the sums at their corners."""
     first = MARGIN + 0.5  # the middle of pixel 0
-    total = 0.0
+    total = np.zeros(y.shape)
     for down, right in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         corner = [y + first + down * height / 2, x + first + right * width / 2]
         sums = ndimage.map_coordinates(table, corner, order=3, mode="mirror", prefilter=False)

@@ -110,11 +110,12 @@ def read_raw(
             f"A white image and a pitch decode a raw image, but {path} is a folder of views."
         )
     image = read_image(path)
+    white_image = None
     if white is not None:
-        white = read_image(white)
-        grid = estimate_grid(white, pitch, layout)
+        white_image = read_image(white)
+        grid = estimate_grid(white_image, pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
     else:
         raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
-    return decode_raw(image, grid, views, white), grid
+    return decode_raw(image, grid, views, white_image), grid

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
+from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
@@ -70,7 +71,7 @@ def read_view_stack(path: str | Path, order: str | None = None) -> LightField:
     return LightField(arranged(views, order or find_order(views).order))
 
 
-def write_focal_stack(stack, slopes, path: str | Path) -> None:
+def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:
     """Write refocused images as a TIFF file of float32 pages that ImageJ opens too.
 
     Parameters
@@ -87,18 +88,18 @@ def write_focal_stack(stack, slopes, path: str | Path) -> None:
         If stack and slopes do not fit together, or are larger than ImageJ can open.
     """
     stack = np.asarray(stack, np.float32)
-    slopes = [float(slope) for slope in np.atleast_1d(slopes)]
+    numbers = [float(slope) for slope in np.atleast_1d(slopes)]
     if stack.ndim == 4 and stack.shape[3] == 1:
         stack = stack[..., 0]
     if (
         stack.ndim not in (3, 4)
         or stack.size == 0
-        or len(stack) != len(slopes)
+        or len(stack) != len(numbers)
         or stack.shape[3:] > (MOST_CHANNELS,)
     ):
         raise InputError(
             f"A focal stack needs one image for each slope, in up to {MOST_CHANNELS} channels, got "
-            f"shape {stack.shape} and {len(slopes)} slopes."
+            f"shape {stack.shape} and {len(numbers)} slopes."
         )
     if stack.nbytes > LARGEST_IMAGEJ_BYTES:
         raise InputError(f"A focal stack must stay below 4 GiB, got {stack.nbytes / 2**30:.1f}.")
@@ -108,8 +109,8 @@ def write_focal_stack(stack, slopes, path: str | Path) -> None:
     channels = stack.shape[1] if stack.ndim == 4 else 1
     metadata = {
         "axes": axes,
-        "slopes": json.dumps(slopes),
-        "Labels": [f"slope {slope:g}" for slope in slopes for _ in range(channels)],
+        "slopes": json.dumps(numbers),
+        "Labels": [f"slope {slope:g}" for slope in numbers for _ in range(channels)],
     }
     with atomic_write(path) as aside:
         tifffile.imwrite(aside, stack, imagej=True, photometric="minisblack", metadata=metadata)
@@ -151,8 +152,8 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
         axes = "I" + alike[0].get_axes(squeeze=False)
-        pages = [one.asarray(squeeze=False) for one in alike]
-        pages = pages[0][None] if len(pages) == 1 else np.stack(pages)
+        arrays = [one.asarray(squeeze=False) for one in alike]
+        pages = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
     channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
     image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
     counted = [k for k in range(pages.ndim) if k not in image]

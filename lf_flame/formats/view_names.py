@@ -94,11 +94,11 @@ def _pair(numbers: np.ndarray, widths: np.ndarray) -> slice | None:
         full_enough = counts[0] * counts[1] <= 2 * len(numbers)
         if one_row and full_enough and len(np.unique(values, axis=0)) == len(numbers):
             found[k] = counts[0] * counts[1]
-    first = min(found, key=found.get, default=None)
+    first = min(found, key=found.__getitem__, default=None)
     return None if first is None else slice(first, first + 2)
 
 
-def _full_grid(files, numbers: np.ndarray, widths: np.ndarray) -> np.ndarray:
+def _full_grid(files: list[Path], numbers: np.ndarray, widths: np.ndarray) -> np.ndarray:
     """Put the files in their places and refuse a grid with gaps."""
     rows, columns = (_evenly(numbers[:, axis]) for axis in (0, 1))
     placed = {tuple(pair): path for pair, path in zip(numbers.tolist(), files, strict=True)}
@@ -111,7 +111,7 @@ def _full_grid(files, numbers: np.ndarray, widths: np.ndarray) -> np.ndarray:
     return _as_grid([placed[pair] for pair in wanted], (len(rows), len(columns)))
 
 
-def _square(files, numbers: np.ndarray, width: int) -> np.ndarray:
+def _square(files: list[Path], numbers: np.ndarray, width: int) -> np.ndarray:
     """Put files with one running number in a square, in its order."""
     side = isqrt(len(files))
     placed = dict(sorted(zip(numbers.tolist(), files, strict=True)))

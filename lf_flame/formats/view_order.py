@@ -120,7 +120,7 @@ def _grey(view: np.ndarray) -> np.ndarray:
     return view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
 
 
-def _explain(block: np.ndarray, scale: int):
+def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
     """Explained share of the change by the best and the second-best order, at one scale."""
     reduced = downscale_local_mean(block, (1, 1, scale, scale))
     views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))

@@ -1,11 +1,12 @@
 """A sheet of sub-aperture views, to look at."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from lf_flame._common.figures import subplots
 
 
-def view_sheet(views: np.ndarray, per_side: int = 5):
+def view_sheet(views: np.ndarray, per_side: int = 5) -> Figure:
     """Draw a sheet of sub-aperture views, spread evenly over the aperture.
 
     Parameters

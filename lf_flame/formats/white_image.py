@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft, ndimage, signal
 
 from lf_flame.errors import InputError
@@ -47,7 +48,9 @@ LARGEST_RESIDUAL = 0.1
 """Root-mean-square distance, in pitches, of micro-images from the grid that explains them."""
 
 
-def estimate_grid(white, pitch: float | None = None, layout: str | None = None) -> LensletGrid:
+def estimate_grid(
+    white: ArrayLike, pitch: float | None = None, layout: str | None = None
+) -> LensletGrid:
     """Find the micro-images in a white image: bright ones on darker gaps.
 
     The white image is divided by its local mean, which takes out vignetting. The nearest peaks of
@@ -100,7 +103,7 @@ def estimate_grid(white, pitch: float | None = None, layout: str | None = None) 
     return grid
 
 
-def _as_white(white) -> np.ndarray:
+def _as_white(white: ArrayLike) -> np.ndarray:
     white = np.asarray(white)
     if white.ndim not in (2, 3) or white.size == 0 or white.dtype.kind not in "uif":
         raise InputError(
@@ -176,7 +179,8 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
     across = [v for v in lags if abs((v.conjugate() * lags[0]).imag) > abs(v * lags[0]) / 2]
     if not across:
         raise _no_grid("it repeats itself in one direction only")
-    return tuple(_parabola_top(correlation, v, reach) for v in (lags[0], across[0]))
+    one, other = (_parabola_top(correlation, v, reach) for v in (lags[0], across[0]))
+    return one, other
 
 
 def _parabola_top(correlation: np.ndarray, lag: complex, reach: int) -> complex:
@@ -234,7 +238,8 @@ def _likeness(grid: LensletGrid, contrast: np.ndarray) -> np.ndarray:
     centres = grid.position(near[:, None], near)
     half = round(grid.pitch / 2)
     pixels = np.mgrid[-half : half + 1, -half : half + 1]
-    mean = _between(contrast, *map(np.add.outer, pixels, centres)).mean(axis=(2, 3))
+    y, x = (np.add.outer(pixel, centre) for pixel, centre in zip(pixels, centres, strict=True))
+    mean = _between(contrast, y, x).mean(axis=(2, 3))
     mean += mean[::-1, ::-1]
     even = ndimage.gaussian_filter(mean - mean.mean(), SHAPE_SMOOTHING * grid.pitch)
     return signal.oaconvolve(contrast, even, mode="same")
@@ -252,7 +257,7 @@ def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:
     return replace(grid, y0=float(grid.y0 + down[best]), x0=float(grid.x0 + along[best]))
 
 
-def _between(image: np.ndarray, y, x, order: int = 1) -> np.ndarray:
+def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) -> np.ndarray:
     """Values of an image, or for order 3 of its spline, between the pixels."""
     return ndimage.map_coordinates(image, [y, x], order=order, mode="mirror", prefilter=False)
 

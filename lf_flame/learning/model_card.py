@@ -8,7 +8,7 @@ card.
 import hashlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
@@ -19,6 +19,9 @@ from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.optics.camera import PlenopticCamera
+
+if TYPE_CHECKING:
+    import keras
 
 USAGE = (
     "network.predict(x)[..., 0] with x float32 [n, {}, {}, {}], from 0 to 1, linear in radiance, "
@@ -136,7 +139,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
     )
 
 
-def load_network(path: str | Path, card: NetworkCard):
+def load_network(path: str | Path, card: NetworkCard) -> "keras.Model":
     """Load a trained network; no code but Keras's own is run.
 
     Parameters

@@ -6,8 +6,10 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
@@ -20,6 +22,9 @@ from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
 from lf_flame.learning.model_card import NetworkCard
+
+if TYPE_CHECKING:
+    import keras
 
 ASPECT_TOLERANCE = 0.02
 """Share by which a picture's aspect ratio may differ from the network's."""
@@ -143,7 +148,7 @@ class Prediction:
         record = {
             "source": os.path.relpath(self.seen.source, out),  # from this record's folder
             "notes": self.seen.notes,
-            "input_sha256": hashlib.sha256(self.seen.image).hexdigest(),
+            "input_sha256": hashlib.sha256(self.seen.image.data).hexdigest(),
             "ms": round(self.ms, 3),
             "network": to_json(card),
             **provenance.environment(),
@@ -151,7 +156,7 @@ class Prediction:
         write_json(out / "prediction.json", record)
 
 
-def predict(network, inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:
+def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:
     """Let a network refocus pictures, one by one.
 
     Parameters
@@ -171,7 +176,7 @@ def predict(network, inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:
         yield Prediction(seen, stack, 1e3 * (time.perf_counter() - started))
 
 
-def _prediction_figure(prediction: Prediction, card: NetworkCard):
+def _prediction_figure(prediction: Prediction, card: NetworkCard) -> Figure:
     """Draw input and refocused images in a row, all from black at 0 to white at 1."""
     titles = ["input, as the network sees it"]
     titles += [

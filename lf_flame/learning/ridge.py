@@ -96,12 +96,17 @@ def ridge_regression(training: tuple, held_out: tuple) -> Regression:
     squares = np.maximum(squares, 0)
     across = (held_out[0] - mean) @ centred.T
     turned = directions.T.astype(np.float32) @ (logits - offset)
-    best = None
-    for strength in STRENGTHS:
+
+    def attempt(strength: float) -> tuple[float, float, np.ndarray]:
         gain = 1 / (squares + max(strength * squares.mean(), np.finfo(float).tiny))
         dual = (directions * gain).astype(np.float32) @ turned
         error = np.mean((expit(across @ dual + offset) - held_out[1]) ** 2, dtype=float)
-        if best is not None and error >= best[0]:
+        return float(error), strength, dual
+
+    best = attempt(STRENGTHS[0])
+    for strength in STRENGTHS[1:]:
+        found = attempt(strength)
+        if found[0] >= best[0]:
             break  # the error has one minimum: too little noise taken out before, too much after
-        best = error, strength, dual
+        best = found
     return Regression(centred, mean, best[2], offset, float(best[1]))

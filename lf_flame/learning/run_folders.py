@@ -42,9 +42,7 @@ class TrainedRun:
     @property
     def data(self) -> Path:
         """Where the data set was when the network was trained."""
-        stated = Path(self.record["data"])  # in older records from the working folder
-        beside = self.folder / stated
-        return beside if beside.exists() or not stated.exists() else stated
+        return _data_of(self.folder, self.record)
 
     def open_dataset(self) -> Dataset:
         """Open the data set.
@@ -61,6 +59,12 @@ class TrainedRun:
                 f"train it again."
             )
         return dataset
+
+
+def _data_of(folder: Path, record: dict) -> Path:
+    stated = Path(record["data"])  # in older records from the working folder
+    beside = folder / stated
+    return beside if beside.exists() or not stated.exists() else stated
 
 
 def describe_dataset(dataset: Dataset) -> dict:
@@ -97,7 +101,7 @@ def open_run(folder: str | Path) -> TrainedRun:
         raise InputError(f"{folder} holds no run of the paper's network.")
     known = record.get("dataset")
     if known is None:  # a run from before records said so
-        known = describe_dataset(Dataset(TrainedRun(folder, record, None, [], []).data))
+        known = describe_dataset(Dataset(_data_of(folder, record)))
     try:
         config = config_from_json(known["config"], folder / "run.json")
         return TrainedRun(folder, record, config, list(known["slopes"]), list(known["objects"]))

@@ -24,7 +24,7 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
     for truths, images in zip(
         np.swapaxes(targets, 0, 1), np.swapaxes(predictions, 0, 1), strict=True
     ):
-        row = {"n_test": len(truths)}
+        row: dict[str, float] = {"n_test": len(truths)}
         for name, measure in measures.items():
             values = pd.Series([measure(a, b) for a, b in zip(truths, images, strict=True)])
             row |= {

@@ -8,7 +8,7 @@ import os
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import keras
 import numpy as np
@@ -130,7 +130,7 @@ class TrainingConfig:
         return replace(self, model=replace(self.model, backbone_depth=depth))
 
 
-def read_training_config(path: str | Path, **model_options) -> TrainingConfig:
+def read_training_config(path: str | Path, **model_options: Any) -> TrainingConfig:
     """Read a training configuration, with those options of the model that are not None changed.
 
     They come before what recipes say of the model.
@@ -143,7 +143,9 @@ def read_training_config(path: str | Path, **model_options) -> TrainingConfig:
     return replace(config, model=replace(config.model, **options), presets=presets)
 
 
-def build_model(config: TrainingConfig, recipe: Recipe, dataset: Dataset):
+def build_model(
+    config: TrainingConfig, recipe: Recipe, dataset: Dataset
+) -> tuple[keras.Model, str]:
     """Build the network for a data set, falling back to a random backbone where that is allowed.
 
     Returns

@@ -11,9 +11,11 @@ scene and in the image; that leaves the sign of the slope as it is.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from lf_flame._common.number import Number
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics import ray_transfer
@@ -176,15 +178,17 @@ class PlenopticCamera:
     @cached_property
     def field_of_view_deg(self) -> tuple[float, float]:
         """Full angles (vertical, horizontal) that the recorded lenslets see, in degrees."""
-        return tuple(
+        height, width = (
             math.degrees(2 * math.atan(n * self.lenslet_pitch_mm / 2 / self.image_distance_mm))
             for n in self.lenslets
         )
+        return height, width
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
         """Height and width, in mm, of what the central view sees at a depth."""
         scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
-        return tuple(n * self.lenslet_pitch_mm * scale for n in self.lenslets)
+        height, width = (n * self.lenslet_pitch_mm * scale for n in self.lenslets)
+        return height, width
 
     def object_to_array(self, depth_mm: float, focal_mm: float | None = None) -> np.ndarray:
         """Ray transfer matrix from a layer at `depth_mm` to the microlens array.
@@ -239,7 +243,7 @@ class PlenopticCamera:
             ray_transfer.free_space(self.lenslet_focal_mm),
         )
 
-    def depth_to_slope(self, depth_mm):
+    def depth_to_slope(self, depth_mm: Number) -> Number:
         """Slope at which a layer is in focus.
 
         From ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the thin-lens equation put in,
@@ -262,7 +266,7 @@ class PlenopticCamera:
             vergence = np.where(np.isinf(depth), 1 / a0, depth / (a0 + depth) / a0)
         return _scalar(vergence * self.image_distance_mm / self._alpha_step)
 
-    def slope_to_depth(self, slope):
+    def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
 
         Infinite at the slope of infinity; beyond it no real layer is in focus and the depth is
@@ -273,7 +277,7 @@ class PlenopticCamera:
         with np.errstate(divide="ignore"):
             return _scalar(a0 * shift / (1 - shift))
 
-    def slope_to_alpha(self, slope):
+    def slope_to_alpha(self, slope: Number) -> Number:
         """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
 
         Infinite at ``slope = -view_step / pitch``, where the refocused image is at infinity.
@@ -281,7 +285,7 @@ class PlenopticCamera:
         with np.errstate(divide="ignore"):
             return _scalar(1 / (1 + np.asarray(slope, float) * self._alpha_step))
 
-    def alpha_to_slope(self, alpha):
+    def alpha_to_slope(self, alpha: Number) -> Number:
         """Slope for Ng's alpha; the inverse of `slope_to_alpha`, infinite alpha allowed."""
         with np.errstate(divide="ignore"):
             return _scalar((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
@@ -292,7 +296,7 @@ class PlenopticCamera:
         return self.lenslet_pitch_mm / self.view_step_mm
 
 
-def _scalar(array: np.ndarray):
+def _scalar(array: np.ndarray) -> Any:
     return array.item() if np.ndim(array) == 0 else array
 
 

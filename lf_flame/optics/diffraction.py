@@ -11,6 +11,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage, signal, special
 
 from lf_flame.errors import InputError
@@ -110,7 +111,7 @@ def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
     return kernel / kernel.sum()
 
 
-def blur_raw(raw, kernel: np.ndarray) -> np.ndarray:
+def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
     """Blur a raw image; beyond its border the outermost pixels go on.
 
     Parameters
@@ -139,7 +140,7 @@ def blur_raw(raw, kernel: np.ndarray) -> np.ndarray:
     return ndimage.convolve1d(along, kernel, axis=1, output=np.float32, mode="nearest")
 
 
-def blur_views(views, kernel: np.ndarray) -> np.ndarray:
+def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
     """Blur each sub-aperture view, as `blur_raw` does a raw image.
 
     Parameters
@@ -180,7 +181,7 @@ def share_leaving(kernel: np.ndarray) -> float:
     return 1 - centre ** (3 - kernel.ndim)
 
 
-def _samples_per_spread(spread_mm, sample_mm, tail, most: int) -> float:
+def _samples_per_spread(spread_mm: float, sample_mm: float, tail: float, most: int) -> float:
     """Spread in samples, 0 where float64 cannot tell the kernel from a point."""
     if not (math.isfinite(sample_mm) and sample_mm > 0):
         raise InputError(f"sample_mm must be a positive, finite length in mm, got {sample_mm}.")

@@ -88,7 +88,9 @@ def trace_stop(
     return _trace(camera, to_array, axis, lenslet_scale, neighbour)
 
 
-def _trace(camera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int):
+def _trace(
+    camera: PlenopticCamera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int
+) -> Footprint:
     """Compose the bundles' affine maps.
 
     With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor

@@ -11,6 +11,7 @@ from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
@@ -74,7 +75,9 @@ class Sensor:
         return self.full_well_e / (2**self.bits - 1)
 
 
-def expose(values, sensor: Sensor, kept: Set[str], rng: np.random.Generator) -> np.ndarray:
+def expose(
+    values: ArrayLike, sensor: Sensor, kept: Set[str], rng: np.random.Generator
+) -> np.ndarray:
     """Record an image with a sensor.
 
     Parameters
@@ -113,11 +116,13 @@ def expose(values, sensor: Sensor, kept: Set[str], rng: np.random.Generator) -> 
     return image
 
 
-def _record(electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams) -> np.ndarray:
+def _record(
+    electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams: list[np.random.Generator]
+) -> np.ndarray:
     """Electrons that the digital numbers stand for."""
-    *shot, read = streams
+    few, many, read = streams
     if "shot_noise" in kept:
-        electrons = _count(electrons, *shot)
+        electrons = _count(electrons, few, many)
     if "read_noise" in kept:
         electrons = electrons + sensor.read_noise_e * read.standard_normal(electrons.size)
     # after the read noise: EMVA 1288 finds saturation where the noise of the numbers breaks down
@@ -128,7 +133,9 @@ def _record(electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams) -> n
     return electrons
 
 
-def _count(electrons: np.ndarray, few: np.random.Generator, many: np.random.Generator):
+def _count(
+    electrons: np.ndarray, few: np.random.Generator, many: np.random.Generator
+) -> np.ndarray:
     """Poisson draws for means up to MOST_COUNTED, normal ones above, none below 0."""
     light = np.maximum(electrons, 0)
     counted = few.poisson(np.minimum(light, MOST_COUNTED)).astype(np.float64)

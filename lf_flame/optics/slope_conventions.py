@@ -12,9 +12,11 @@ them the views, by 180 degrees changes the sign of every number here.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from lf_flame._common.number import Number
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -40,11 +42,11 @@ class Convention:
     source: str
     stretch: Callable[[int], float] | None = None
 
-    def to_slope(self, number, views: int | None = None):
+    def to_slope(self, number: Number, views: int | None = None) -> Number:
         """Slope for the program's number; scalar or array."""
         return _scalar(np.asarray(number, float) * self._factor(views))
 
-    def from_slope(self, slope, views: int | None = None):
+    def from_slope(self, slope: Number, views: int | None = None) -> Number:
         """Give the program's number for a slope; scalar or array."""
         return _scalar(np.asarray(slope, float) / self._factor(views))
 
@@ -80,12 +82,12 @@ class AlphaConvention:
             if not np.isfinite(value) or value == 0:
                 raise InputError(f"{name} must be finite and not 0, got {value}.")
 
-    def to_slope(self, number, views: int | None = None):
+    def to_slope(self, number: Number, views: int | None = None) -> Number:
         """Slope for a distance, which may be infinite; the number of views does not matter."""
         with np.errstate(divide="ignore"):
             return _scalar(self.scale * (1 - self.z0 / np.asarray(number, float)))
 
-    def from_slope(self, slope, views: int | None = None):
+    def from_slope(self, slope: Number, views: int | None = None) -> Number:
         """Distance for a slope, infinite at ``slope = scale``."""
         with np.errstate(divide="ignore"):
             return _scalar(self.z0 / (1 - np.asarray(slope, float) / self.scale))
@@ -174,12 +176,14 @@ CONVENTIONS = {
 """Conventions by name."""
 
 
-def to_slope(number, convention, views: int | None = None):
+def to_slope(
+    number: Number, convention: str | Convention | AlphaConvention, views: int | None = None
+) -> Number:
     """Slope for a number of another program.
 
     Parameters
     ----------
-    number : float or array_like
+    number : float or ndarray
     convention : str or Convention or AlphaConvention
         A name in `CONVENTIONS`, or what `ng_alpha` or `plenoptomos_distance` return.
     views : int, optional
@@ -199,12 +203,14 @@ def to_slope(number, convention, views: int | None = None):
     return _named(convention).to_slope(number, views)
 
 
-def from_slope(slope, convention, views: int | None = None):
+def from_slope(
+    slope: Number, convention: str | Convention | AlphaConvention, views: int | None = None
+) -> Number:
     """Give the number of another program for a slope; the inverse of `to_slope`."""
     return _named(convention).from_slope(slope, views)
 
 
-def _named(convention):
+def _named(convention: str | Convention | AlphaConvention) -> Convention | AlphaConvention:
     if isinstance(convention, Convention | AlphaConvention):
         return convention
     if convention not in CONVENTIONS:
@@ -212,5 +218,5 @@ def _named(convention):
     return CONVENTIONS[convention]
 
 
-def _scalar(array: np.ndarray):
+def _scalar(array: np.ndarray) -> Any:
     return array.item() if np.ndim(array) == 0 else array

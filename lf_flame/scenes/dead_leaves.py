@@ -80,7 +80,8 @@ class DeadLeaves:
         """Draw the numbers of all leaves, nearest first, [leaf, number]; see the kernel."""
         n = self.leaves
         angle = rng.uniform(0, 2 * np.pi, n)
-        period = np.exp(rng.uniform(*np.log(self.wavelength), n))
+        shortest, longest = np.log(self.wavelength)
+        period = np.exp(rng.uniform(shortest, longest, n))
         direction = rng.uniform(0, 2 * np.pi, n)
         columns = {
             "y": rng.uniform(0, image[0], n),

@@ -73,11 +73,11 @@ class LayerEntry:
         """Make the layer, its image file looked for in `folder`."""
         if self.image is not None:
             texture, coverage = _read_grey(folder / self.image)
-        elif self.shape == "flame":
+        elif self.shape in SHAPES:
+            texture = coverage = shape_texture(self.shape, self.size_mm)
+        else:
             texture = flame_texture(self.size_mm[0], self.size_mm[1] / (2 * HALF_WIDTH))
             coverage = (texture > 0).astype(float)
-        else:
-            texture = coverage = shape_texture(self.shape, self.size_mm)
         return Layer(
             self.brightness * texture,
             self.depth_mm,

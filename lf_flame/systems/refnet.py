@@ -12,6 +12,8 @@ Alpha is not defined there either. Here alpha = 1 keeps the focus and an image i
 slopes from 0.875 down to -1.
 """
 
+from typing import Any
+
 import keras
 import numpy as np
 from keras import layers, ops
@@ -44,11 +46,11 @@ def build_refnet(seed: int = 0) -> keras.Model:
     """
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
-    def convolution(filters: int, side: int):
+    def convolution(filters: int, side: int) -> layers.Conv2D:
         initial = keras.initializers.HeNormal(seed=next(numbers))
         return layers.Conv2D(filters, side, padding="same", kernel_initializer=initial)
 
-    def block(x):
+    def block(x: Any) -> Any:
         y = layers.ELU()(convolution(NARROW, 1)(x))
         y = layers.ELU()(convolution(NARROW, 3)(y))
         y = layers.BatchNormalization()(convolution(WIDE, 1)(y))
@@ -62,7 +64,7 @@ def build_refnet(seed: int = 0) -> keras.Model:
     return keras.Model(seen, layers.Rescaling(0.5, offset=0.5)(x), name="refnet")
 
 
-def refnet_loss(truth, image):
+def refnet_loss(truth: Any, image: Any) -> Any:
     """0.85 (1 - SSIM) / 2 + 0.15 mean absolute error, for each sample."""
     error = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
     return 0.85 * (1 - ssim(truth, image)) / 2 + 0.15 * error
@@ -98,7 +100,7 @@ class RefNet(NetworkSystem):
         """Learn its own sixteen."""
         return SLOPES * block[0]
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Put the views behind one another, not aligned; one picture for all slopes.
 
         Slopes are in steps of the camera's views, of which the network sees but some: a last
@@ -112,7 +114,7 @@ class RefNet(NetworkSystem):
         """Put the sixteen images behind one another."""
         return np.moveaxis(stack, 0, -1)[None]
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         images = np.moveaxis(self.predict(self.show(views, slopes, block))[0], -1, 0)
         at = np.interp(slopes / block[0], SLOPES[::-1], np.arange(len(SLOPES))[::-1])
         below = np.clip(np.floor(at).astype(int), 0, len(SLOPES) - 2)

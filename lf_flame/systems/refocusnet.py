@@ -51,7 +51,7 @@ def build_refocusnet(seed: int = 0) -> keras.Model:
         Output (h, w, 3), not clipped.
     """
 
-    def convolution(number: int, filters: int, activation=None):
+    def convolution(number: int, filters: int, activation: str | None = None) -> layers.Conv2D:
         initial = keras.initializers.GlorotUniform(seed=1000 * seed + number)
         return layers.Conv2D(
             filters, 3, padding="same", activation=activation, kernel_initializer=initial,
@@ -117,7 +117,7 @@ class RefocusNet(NetworkSystem):
     name = "RefocusNet"
     smallest = RECEPTIVE_FIELD
 
-    def __init__(self, model, name: str | None = None, colours: int = 1):
+    def __init__(self, model: keras.Model, name: str | None = None, colours: int = 1):
         super().__init__(model, name)
         self.colours = colours
 
@@ -141,7 +141,7 @@ class RefocusNet(NetworkSystem):
         high = rows - 1 - low
         return [(centre, low), (low, centre), (centre, high), (high, centre)]
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Align the four views: red, green and blue of one after the other."""
         aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
         if views.ndim == 4:
@@ -153,6 +153,6 @@ class RefocusNet(NetworkSystem):
         """Repeat grey images in three colours."""
         return np.repeat(stack[..., None], COLOURS, axis=-1)
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         images = self.predict(self.show(views, slopes, block))
         return images if views.ndim == 5 else images.mean(axis=-1)

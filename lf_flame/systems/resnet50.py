@@ -3,7 +3,9 @@
 A network of this kind is for one camera and for the depths that it was trained on.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
 from lf_flame.systems.base import NetworkSystem, ViewIndices
+
+if TYPE_CHECKING:
+    import keras
 
 NEAR = 0.02
 """How far a slope that is asked for may be from the network's own, in lenslets per view step."""
@@ -32,7 +37,7 @@ class ResNet50(NetworkSystem):
 
     name = "ResNet-50 (the paper's)"
 
-    def __init__(self, model, config: DatasetConfig, slopes):
+    def __init__(self, model: "keras.Model", config: DatasetConfig, slopes: Sequence[float]):
         super().__init__(model)
         self.config, self.slopes = config, np.asarray(slopes, float)
 
@@ -66,11 +71,11 @@ class ResNet50(NetworkSystem):
                 known = ", ".join(f"{x:.2f}" for x in self.slopes)
                 raise InputError(f"{self.name} only does the slopes {known}, got {slope:.3g}.")
 
-    def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Encode the light field as in training."""
         return self.config.encode(LightField.trusted(views))[None]
 
-    def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
+    def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         views = np.ascontiguousarray(views, np.float32)
         planes = self.model.predict_on_batch(self.show(views, slopes, block))[0, ..., 0]
         return planes[[int(np.abs(self.slopes - slope).argmin()) for slope in slopes]]

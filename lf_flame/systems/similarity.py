@@ -5,6 +5,8 @@ scikit-image (`experiments.paper.tables`). Constants as Wang et al. have them: a
 11 x 11 pixels and standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
 """
 
+from typing import Any
+
 import numpy as np
 from keras import ops
 
@@ -18,7 +20,7 @@ SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 similarity for image quality assessment", Asilomar 2003."""
 
 
-def ssim(truth, image):
+def ssim(truth: Any, image: Any) -> Any:
     """Mean structural similarity (Z. Wang et al., IEEE Trans. Image Processing 13, 2004).
 
     Parameters
@@ -34,7 +36,7 @@ def ssim(truth, image):
     return ops.mean(luminance * structure, axis=(1, 2, 3))
 
 
-def ms_ssim(truth, image):
+def ms_ssim(truth: Any, image: Any) -> Any:
     """Structural similarity at several scales, each half the one before.
 
     Five scales need images of 176 pixels; smaller ones have as many scales as leave a window, and
@@ -80,7 +82,7 @@ def scales(size: tuple[int, int]) -> int:
     return count
 
 
-def _terms(truth, image):
+def _terms(truth: Any, image: Any) -> tuple[Any, Any]:
     """Luminance, and contrast times structure, in every window: two tensors."""
     mean, other = _blur(truth), _blur(image)
     # Population moments of the weighted window, as in Wang's own program.
@@ -90,7 +92,7 @@ def _terms(truth, image):
     return luminance, (2 * joint + C2) / (spread + C2)
 
 
-def _blur(x):
+def _blur(x: Any) -> Any:
     """Average each channel over the window, where it lies inside."""
     places = np.arange(WINDOW) - WINDOW // 2
     shares = np.exp(-(places**2) / (2 * DEVIATION**2))

@@ -219,9 +219,9 @@ def _draw_arrays(config: SystemsConfig, name: str, preset: str, system, show: bo
     }
     truth, arrays = NETWORKS[name].truth, {}
     for part, some in indices.items():
-        some = tqdm(some, f"training samples, {part}", unit="light field", disable=not show)
+        shown = tqdm(some, f"training samples, {part}", unit="light field", disable=not show)
         arrays[part] = draw_arrays(
-            config.training_samples, system, config.seed, some, truth, recipe.low_light
+            config.training_samples, system, config.seed, shown, truth, recipe.low_light
         )
     return arrays
 
@@ -334,7 +334,8 @@ def load_system(path: str | Path) -> NetworkSystem:
             f"A network is a run folder, or RefocusNet's weights (.npz), got the file {folder}."
         )
     record = load_run(folder)
-    name = OLD_NAMES.get(record.get("system"), record.get("system"))
+    stated = str(record.get("system"))
+    name = OLD_NAMES.get(stated, stated)
     if name not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
     model = load_model(folder / "model.keras")

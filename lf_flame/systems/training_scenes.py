@@ -5,6 +5,7 @@ nothing can be memorised; the rest are dead leaves, which look like photographs.
 should draw is what all views give, by shift-and-sum or by the Fourier slice.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,7 @@ from lf_flame.errors import InputError
 from lf_flame.optics.sensor import Sensor, expose
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.simulation.rendering import render_plan
+from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.formulas import REFERENCES, average
 
 BEYOND_MM = 3.0
@@ -24,6 +26,9 @@ BEYOND_MM = 3.0
 
 SEED_OF_SCENES = 7
 """Keeps these scenes apart from those of data sets, which are drawn from (seed, index)."""
+
+Drawn = tuple[np.ndarray, np.ndarray, tuple[int, int]]
+"""Views, slopes and block of a `TrainingSample`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,19 +119,19 @@ class TrainingSamples:
             seen = expose(views, light, {"shot_noise"}, rng)
         return TrainingSample(views, slopes, block, seen)
 
-    def _draw_leaves(self, rng: np.random.Generator):
+    def _draw_leaves(self, rng: np.random.Generator) -> Drawn:
         image = self.configs[0].image
-        views = self.look.draw((self.leaf_views,) * 2, image, rng).views
+        views = self.look.draw((self.leaf_views, self.leaf_views), image, rng).views
         return views, rng.uniform(*self.look.slopes, self.slopes), (1, 1)
 
-    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator):
+    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator) -> Drawn:
         scene, _ = config.template.draw(rng)
         own = np.array(config.depths_mm)
         depths = rng.permutation(own)
         if rng.uniform() < 0.5:
             depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
         placed = scene.at_depths(depths, config.camera)
-        light_field = render_plan(placed, config.camera, config.plan, seed=rng.integers(2**31))
+        light_field = render_plan(placed, config.camera, config.plan, seed=int(rng.integers(2**31)))
         sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
         low, high = sharp.min() - 0.2, sharp.max() + 0.2
         chosen = np.resize(rng.permutation(sharp), self.slopes // 2)
@@ -136,12 +141,12 @@ class TrainingSamples:
 
 def draw_arrays(
     training_samples: TrainingSamples,
-    system,
+    system: NetworkSystem,
     seed: int,
-    indices,
-    reference="shift-and-sum",
+    indices: Collection[int],
+    reference: str = "shift-and-sum",
     low_light: float = 0.0,
-):
+) -> tuple[np.ndarray, np.ndarray]:
     """Make what a network is shown, and what it should draw.
 
     Parameters
@@ -149,7 +154,7 @@ def draw_arrays(
     training_samples : TrainingSamples
     system : lf_flame.systems.base.NetworkSystem
     seed : int
-    indices : sequence of int
+    indices : collection of int
         Of the training samples.
     reference : str, optional
         What all views give: a key of `lf_flame.systems.formulas.REFERENCES`.
@@ -161,7 +166,7 @@ def draw_arrays(
     ndarray of float32, shape (n, h, w, channels)
     ndarray of float32, shape (n, h, w, channels)
     """
-    arrays = None
+    arrays: list[np.ndarray] = []
     for k, index in enumerate(indices):
         sample = training_samples.draw(seed, index, low_light)
         slopes = system.slopes_to_learn(sample.slopes, sample.block)
@@ -169,8 +174,9 @@ def draw_arrays(
             system.show(sample.seen, slopes, sample.block),
             system.truth(sample.truth(slopes, reference)),
         )
-        if arrays is None:  # at once for all: these are gigabytes
-            arrays = tuple(np.empty((len(indices), *x.shape), np.float32) for x in images)
+        if not arrays:  # at once for all: these are gigabytes
+            arrays = [np.empty((len(indices), *x.shape), np.float32) for x in images]
         for array, some in zip(arrays, images, strict=True):
             array[k] = some
-    return tuple(array.reshape(-1, *array.shape[2:]) for array in arrays)
+    shown, truth = (array.reshape(-1, *array.shape[2:]) for array in arrays)
+    return shown, truth

@@ -11,6 +11,7 @@ from skimage.io import imread
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame.commands import cli
 from lf_flame.commands.light_fields import SLOPE_CONVENTIONS
+from lf_flame.commands.refocus_job import aperture_weights
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
@@ -325,3 +326,8 @@ def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with pytest.raises(InputError, match="imageio-ffmpeg, which is not installed"):
         write_movie(tmp_path / "sweep.mp4", np.zeros((2, 4, 4), np.uint8))
+
+
+def test_an_f_number_without_a_camera_is_refused():
+    with pytest.raises(InputError, match="needs the camera"):
+        aperture_weights((5, 5), f_number=4.0)

@@ -184,6 +184,7 @@ def test_nothing_finished_is_overwritten(tiny, tmp_path):
         ("seed = 3", "", "seed is missing"),
         ("seed = 3", "seed = -1", "seed must be 0 or above"),
         ('kind = "shapes"', 'kind = "cats"', "kind: input should be 'shapes' or 'flames'"),
+        ('kind = "shapes"', 'kind = ["shapes"]', "kind: input should be 'shapes' or 'flames'"),
         ("= 150.0", "= -150.0", "camera: main_lens_focal_mm must be a positive.*-150"),
         ("= 326.0", "= 100.0", "camera: focus_distance_mm must exceed"),
         ("image = [8, 12]", "image = [7, 12]", "image must divide"),

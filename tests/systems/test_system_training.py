@@ -228,9 +228,10 @@ def test_a_folder_without_a_system_is_refused(tmp_path):
     keras.Sequential([keras.layers.Input((1,)), keras.layers.Dense(1)]).save(
         tmp_path / "model.keras"
     )
-    (tmp_path / "run.json").write_text("{}")
-    with pytest.raises(InputError, match="holds no run of a refocusing system"):
-        load_system(tmp_path)
+    for record in ("{}", '{"system": ["refocusnet"]}'):
+        (tmp_path / "run.json").write_text(record)
+        with pytest.raises(InputError, match="holds no run of a refocusing system"):
+            load_system(tmp_path)
 
 
 def test_the_experiment_names_every_network():
