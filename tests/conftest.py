@@ -15,6 +15,9 @@ from lf_flame.commands.cli import commands
 settings.register_profile("fixed", derandomize=True)
 settings.load_profile("fixed")
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # tests side by side: idle threads must not hold a core
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 
 @pytest.fixture
 def rng(request):

@@ -303,6 +303,16 @@ def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
     return out
 
 
+def _refuse_other_network(path: Path | None, network) -> None:
+    """Refuse a network that does not remove the ghosts of the cross."""
+    if network is None:
+        return
+    from lf_flame.systems.sparse_unet import SparseUNet
+
+    if not isinstance(network, SparseUNet):
+        raise InputError(f"{path} holds {network.name}, not the network of `volumetric`.")
+
+
 @cloup.command("refocus-regions")
 @click.argument("source", type=PATH)
 @click.option(
@@ -345,16 +355,15 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
       lf-flame refocus-regions buddha --region 100 180 60 140 --region 20 90 200 300 --slopes -1 2
       lf-flame refocus-regions buddha --region 100 180 60 140 --slopes -1 2 --network RUN
     """  # noqa: D301 - click reads the backspace
-    load_keras()
+    if cross or network:
+        load_keras()
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import PictureFolder, write_regions
     from lf_flame.systems.region_refocus import refocus_regions
-    from lf_flame.systems.sparse_unet import SparseUNet
 
     folder = PictureFolder(_folder_for(source, out, "-regions"), source)
     unet = _open_network(network)
-    if unet is not None and not isinstance(unet, SparseUNet):
-        raise InputError(f"{network} holds {unet.name}, not the network of `volumetric`.")
+    _refuse_other_network(network, unet)
     dense = not (cross or unet)
     folder.facts |= {
         "slopes_searched": slopes,

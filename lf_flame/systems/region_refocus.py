@@ -3,13 +3,13 @@
 T. Samarakoon, K. Abeywardena, C. U. S. Edussooriya, "Arbitrary Volumetric Refocusing of Dense and
 Sparse Light Fields", arXiv 2502.19238. From all views a region's slope is read off a slope map;
 from a cross of 17 it is the one at which the region looks most like the middle view, and the U-Net
-of `lf_flame.systems.sparse_unet` removes the ghosts.
+of `lf_flame.systems.sparse_unet` removes the ghosts. Only the cross needs Keras.
 """
 
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from keras import ops
 
 from lf_flame.errors import InputError
 from lf_flame.refocus import (
@@ -22,9 +22,10 @@ from lf_flame.refocus import (
 from lf_flame.refocus._arguments import as_views
 from lf_flame.refocus.depth_from_focus import TRUSTED
 from lf_flame.systems.formulas import ShiftAndSum
-from lf_flame.systems.similarity import ms_ssim, scales
-from lf_flame.systems.sparse_unet import ARM, SparseUNet
-from lf_flame.systems.view_selection import cross_of_views
+from lf_flame.systems.view_selection import ARM, cross_of_views
+
+if TYPE_CHECKING:
+    from lf_flame.systems.sparse_unet import SparseUNet
 
 STEP = 0.1
 """Between the slopes that are told apart, in pixels per view step."""
@@ -63,6 +64,10 @@ def search_region_slope(
         If the region does not lie in the image or is too small, or the range is empty.
     """
     views = as_views(views)
+    from keras import ops
+
+    from lf_flame.systems.similarity import ms_ssim, scales
+
     _check(views, region, slopes)
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
@@ -137,7 +142,7 @@ def refocus_regions(
     slopes: tuple[float, float],
     background: float | None = None,
     dense: bool = False,
-    unet: SparseUNet | None = None,
+    unet: "SparseUNet | None" = None,
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
     """Bring several regions into focus at once, whatever their depths; the rest is blurred.
 
@@ -199,7 +204,7 @@ def _region_slopes(views: np.ndarray, regions: list, slopes: tuple[float, float]
     return [most_common_slope(focus_map, region) for region in regions]
 
 
-def _without_ghosts(image: np.ndarray, unet: SparseUNet) -> np.ndarray:
+def _without_ghosts(image: np.ndarray, unet: "SparseUNet") -> np.ndarray:
     """Correct an image (t, s) or (t, s, channels) by the network, a channel at a time."""
     channels = np.moveaxis(np.atleast_3d(image), 2, 0)[..., None]
     corrected = np.moveaxis(unet.predict(channels)[..., 0], 0, 2)

@@ -13,11 +13,9 @@ from keras import layers, ops
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.similarity import ms_ssim
-from lf_flame.systems.view_selection import cross_of_views
+from lf_flame.systems.view_selection import ARM, cross_of_views
 
 FILTERS = (16, 32, 64)
-ARM = 4
-"""Views of the cross beside its middle, each way."""
 
 SSIM_WEIGHT, PSNR_WEIGHT = 0.65, 500.0
 """Of the loss, as published: 1 - MS-SSIM, with the rest of 1 for the absolute error; 1 / PSNR."""

@@ -6,6 +6,9 @@ from lf_flame._common.arrays import spread
 from lf_flame.errors import InputError
 from lf_flame.systems.base import ViewIndices
 
+ARM = 4
+"""Views of the cross beside its middle, each way."""
+
 
 def every_view(rows: int, columns: int) -> ViewIndices:
     """List all views."""
@@ -29,7 +32,7 @@ def _need_square(rows: int, columns: int, side: int) -> None:
         raise InputError(f"{side} x {side} views are needed, got {rows} x {columns}.")
 
 
-def cross_of_views(rows: int, columns: int, arm: int = 4) -> ViewIndices:
+def cross_of_views(rows: int, columns: int, arm: int = ARM) -> ViewIndices:
     """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
 
     With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).

@@ -120,7 +120,7 @@ def test_table_of_equal_images_has_no_nan(rng):
     predictions[:, 2] *= 0.9
     targets[:, 3] = predictions[:, 3] = 0
     table = score(targets, predictions)
-    lit = ["psnr_lit_db", "psnr_lit_sd"]
+    lit = ["psnr_foreground_db", "psnr_foreground_sd"]
     assert not table.drop(columns=lit).isna().any(axis=None)
     assert list(table[lit].isna().any(axis=1)) == [False, False, False, True]  # black: none is lit
     assert list(np.isinf(table.psnr_db)) == [True, True, False, True]
