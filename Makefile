@@ -98,7 +98,7 @@ latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trai
 	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames --out results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.
-STUDY = $(EXPERIMENT) study experiments/recipes/$*.toml --work runs/studies \
+STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does

@@ -5,7 +5,7 @@ import cloup
 from experiments.costs.commands import costs, latency
 from experiments.depth_test.commands import depth_test
 from experiments.paper.commands import evaluate, slopes, tables
-from experiments.recipes.commands import study
+from experiments.studies.commands import study
 from experiments.systems.commands import compare
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP

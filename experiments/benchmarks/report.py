@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from experiments.beside_reference import set_beside
 from lf_flame._common.atomic_files import write_json, write_text
 
 
@@ -28,4 +29,4 @@ def write_table(
     write_text(stem.with_suffix(".md"), text)
     write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
     write_json(stem.with_suffix(".json"), {**record, "rows": known.to_dict("records")})
-    sys.stdout.write(text)
+    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))

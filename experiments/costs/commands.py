@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.reference import set_beside
+from experiments.beside_reference import set_beside
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FOLDER, PATH, quiet_tensorflow
 from lf_flame.errors import InputError

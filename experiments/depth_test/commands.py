@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.reference import set_beside
+from experiments.beside_reference import set_beside
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FOLDER, quiet_tensorflow
 
@@ -32,4 +32,5 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     from experiments.depth_test.permutation import run_depth_test
     from lf_flame._common.progress import step_bar
 
-    click.echo(set_beside(run_depth_test(runs, out, samples, step_bar), "depth_test/depth_test.md"))
+    path = run_depth_test(runs, out, samples, step_bar)
+    click.echo(set_beside(path, "swap_test/swap_test.md"))  # its name when it was committed

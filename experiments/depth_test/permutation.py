@@ -2,7 +2,7 @@
 
 In the training images of the paper every object stands at the depth of its own. A network that has
 only learnt which object is sharp in which plane looks perfect there, and goes wrong where the
-objects stand otherwise. Here they do (`lf_flame.datasets.depth_scenarios`), in scenes that no
+objects stand otherwise. Here they do (`experiments.depth_scenarios`), in scenes that no
 network was trained on.
 
 Shift-and-sum is right by construction; its images are the truth. What a network would draw that
@@ -22,14 +22,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from experiments.depth_test.report import write_report
-from lf_flame.datasets.config import DatasetConfig
-from lf_flame.datasets.depth_scenarios import (
+from experiments.depth_scenarios import (
     DepthScenario,
     draw_scenario,
     make_scenarios,
     scene_settings,
 )
+from experiments.depth_test.report import write_report
+from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
@@ -214,7 +214,7 @@ def run_depth_test(
     Raises
     ------
     InputError
-        See `load_subjects` and `lf_flame.datasets.depth_scenarios.make_scenarios`; or if there are
+        See `load_subjects` and `experiments.depth_scenarios.make_scenarios`; or if there are
         no samples.
     """
     if samples < 1:

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.places import PAPER_VALUES
-from experiments.reference import set_beside
+from experiments.beside_reference import set_beside
+from experiments.paths import PAPER_VALUES
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER
 

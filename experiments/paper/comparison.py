@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from experiments.beside_reference import is_reference
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import TABLES, read_tables
-from experiments.reference import is_reference
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import read_record
@@ -93,7 +93,8 @@ def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -
         return Result(run, scores, {name: record[name] for name in REQUEST})
     except (KeyError, ValueError):
         raise InputError(
-            f"{path}, or the record beside it, is damaged; make it anew by `lf-flame evaluate`."
+            f"{path}, or the record beside it, is damaged; make it anew by "
+            f"`python -m experiments evaluate`."
         ) from None
 
 

@@ -6,7 +6,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter
 
 from lf_flame._common.figures import subplots
-from lf_flame.refocus.figures import _draw_searches, _shown
+from lf_flame.refocus.figures import draw_searches, shown_slope
 
 
 def result_figure(light_field_image, targets, predictions, depths_mm, title: str):
@@ -70,11 +70,11 @@ def sharpness_figure(panels):
     for axis, (title, layers) in zip(axes[:, 0], panels.items(), strict=True):
         width = max(len(label) for label, *_ in layers)
         rows = [
-            f"{label:{width}}{_shown(search.slope, 3):>8}{_shown(there, 3):>10}"
-            f"{_shown(printed, 2):>7}"
+            f"{label:{width}}{shown_slope(search.slope, 3):>8}{shown_slope(there, 3):>10}"
+            f"{shown_slope(printed, 2):>7}"
             for label, search, there, printed in layers
         ]
-        _draw_searches(axis, [search for _, search, *_ in layers], rows)
+        draw_searches(axis, [search for _, search, *_ in layers], rows)
         for k, (_, _, there, printed) in enumerate(layers):
             _mark_slopes(axis, there, printed, f"C{k}")
         axis.set_ylim(0, 1.25)

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.depth_scenarios import scene_settings
 from experiments.held_out import find_scenes
 from experiments.systems import report
+from experiments.systems.compared_sets import Scene, TestSet
 from experiments.systems.cost import measure_cost
 from experiments.systems.figures import figure, noise_figure
-from experiments.systems.test_sets import Scene, TestSet
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame.datasets.config import DatasetConfig
-from lf_flame.datasets.depth_scenarios import scene_settings
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run, open_run
 from lf_flame.learning.scoring import score
@@ -113,7 +113,7 @@ def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, co
     configs : sequence of DatasetConfig
         Data sets to be compared on.
     runs, count
-        As for `experiments.systems.test_sets.paper_sets`.
+        As for `experiments.systems.compared_sets.paper_sets`.
     """
     name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
     try:

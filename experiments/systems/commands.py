@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.places import DATA_SETS
-from experiments.reference import set_beside
+from experiments.beside_reference import set_beside
+from experiments.paths import DATA_SETS
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, quiet_tensorflow
 from lf_flame.errors import InputError
@@ -72,7 +72,7 @@ def compare(
     load_keras()
     quiet_tensorflow()
     from experiments.systems import benchmark
-    from experiments.systems.test_sets import paper_sets, photograph_set
+    from experiments.systems.compared_sets import paper_sets, photograph_set
     from lf_flame._common.progress import step_bar
     from lf_flame.datasets.config import read_config
     from lf_flame.formats import read_light_field

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from experiments.systems.test_sets import SIXTEEN
+from experiments.systems.compared_sets import SIXTEEN
 
 MISSING = "missing"
 

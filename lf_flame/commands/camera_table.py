@@ -1,4 +1,4 @@
-"""What the program prints and writes: reports put together from the parts of the package."""
+"""What follows from a camera, as tables for the terminal."""
 
 from collections.abc import Iterable
 

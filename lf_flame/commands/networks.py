@@ -1,4 +1,4 @@
-"""The commands of `lf-flame` that use a trained network: export, predict and latency.
+"""The commands for the paper's network: train, export and predict.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """

@@ -8,9 +8,9 @@ import numpy as np
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import atomic_write, write_json, write_text
 from lf_flame._common.config import to_json
+from lf_flame.commands.view_sheet import view_sheet
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_level, write_image
-from lf_flame.formats.view_sheet import view_sheet
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum

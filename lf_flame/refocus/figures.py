@@ -23,18 +23,18 @@ def search_figure(searches, labels=None):
     if labels is None:
         labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
     labels = [
-        f"{label}: {_shown(search.slope, 3)}, confidence {search.confidence:.2f}"
+        f"{label}: {shown_slope(search.slope, 3)}, confidence {search.confidence:.2f}"
         for search, label in zip(searches, labels, strict=True)
     ]
     figure, axis = subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
-    _draw_searches(axis, searches, labels)
+    draw_searches(axis, searches, labels)
     axis.set_ylim(bottom=0)
     axis.set_xlabel("slope (lenslets per view step)")
     figure.legend(fontsize=9, loc="outside lower center")
     return figure
 
 
-def _draw_searches(axis, searches, labels) -> None:
+def draw_searches(axis, searches, labels) -> None:
     """Draw the curves of searches, each relative to its peak."""
     for k, (search, label) in enumerate(zip(searches, labels, strict=True)):
         scale = max(search.sharpness.max(), np.finfo(float).tiny)
@@ -45,7 +45,7 @@ def _draw_searches(axis, searches, labels) -> None:
     axis.grid(alpha=0.3)
 
 
-def _shown(slope: float, digits: int) -> str:
+def shown_slope(slope: float, digits: int) -> str:
     """Write a slope out, without a minus before zero."""
     return f"{round(slope, digits) + 0.0:.{digits}f}"
 

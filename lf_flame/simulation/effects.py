@@ -13,7 +13,7 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.simulation.bundle_shifts import focus_spread, pitch_shifts_mm, rotation_shifts_mm
-from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
     displaced,

@@ -12,7 +12,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import focus_spread, reach_mm
-from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import round_stops, share_cut

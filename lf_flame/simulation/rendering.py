@@ -17,7 +17,7 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.diffraction_kernels import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import as_views, blank_image
 from lf_flame.simulation.optical_pass import OpticalPass

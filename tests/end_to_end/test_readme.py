@@ -219,7 +219,7 @@ def test_every_deviation_the_code_cites_is_listed():
     text = (ROOT / "experiments" / "DEVIATIONS.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
     files = [*ROOT.glob("lf_flame/**/*.py"), *ROOT.glob("experiments/**/*.py")]
-    files += [*ROOT.glob("*/*.toml"), *ROOT.glob("experiments/recipes/*.toml"), *TEXTS]
+    files += [*ROOT.glob("*/*.toml"), *ROOT.glob("experiments/studies/*.toml"), *TEXTS]
     cited = {
         number
         for path in files

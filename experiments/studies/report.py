@@ -1,4 +1,4 @@
-"""Table, text and figures of a learning study (`experiments.recipes.study`)."""
+"""Table, text and figures of a learning study (`experiments.studies.study`)."""
 
 import math
 from collections.abc import Sequence
@@ -46,8 +46,8 @@ def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, o
     ----------
     path : Path
         Study file.
-    study : experiments.recipes.study.Study
-    trials : sequence of experiments.recipes.study.Trial
+    study : experiments.studies.study.Study
+    trials : sequence of experiments.studies.study.Trial
     runs : Path
         Folder of the study's runs.
     paper : Path
@@ -125,7 +125,7 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; foreground: over the "
         f"pixels that are foreground in the truth.",
         "Bound: the test images projected on the first 256 principal components of the training "
-        "images (`experiments.recipes.pca_bound`), what a decoder of 256 pictures could reach if "
+        "images (`experiments.studies.pca_bound`), what a decoder of 256 pictures could reach if "
         "it were told the best numbers.",
         *["Seconds: reading the data set, backbone and start of the decoder + all epochs."]
         * study.timed,

@@ -19,7 +19,7 @@ from experiments.paper.tables import compare_with_paper, read_tables, score_wind
 from lf_flame import InputError
 from lf_flame.learning.scoring import score
 
-PAPER = Path(__file__).parents[2] / "experiments" / "paper_values.toml"
+PAPER = Path(__file__).parents[3] / "experiments" / "paper_values.toml"
 PRINTED = read_paper_values(PAPER, "table1")
 
 

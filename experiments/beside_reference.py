@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from experiments.places import REFERENCE
+from experiments.paths import REFERENCE
 from lf_flame._common.atomic_files import write_text
 
 HEADING = "## The reference result"

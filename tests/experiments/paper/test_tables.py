@@ -21,7 +21,7 @@ from lf_flame._common.metrics import psnr, psnr_foreground, ssim
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.scoring import score
 
-PAPER = Path(__file__).parents[2] / "experiments" / "paper_values.toml"
+PAPER = Path(__file__).parents[3] / "experiments" / "paper_values.toml"
 
 RUN = {
     "preset": "smoke", "epochs": 2, "best_epoch": 1, "recipe": {"batch_size": 2}, "model": {},

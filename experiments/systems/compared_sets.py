@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.depth_scenarios import draw_scenario, make_scenarios, scene_settings
 from experiments.held_out import find_scenes
 from lf_flame.datasets.config import DatasetConfig
-from lf_flame.datasets.depth_scenarios import draw_scenario, make_scenarios, scene_settings
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.errors import InputError
 from lf_flame.formats.images import white_level

@@ -1,14 +1,17 @@
 """A user's report stands above the committed one, which no run of his writes."""
 
-from experiments import reference
-from experiments.reference import is_reference, set_beside
+import re
+from pathlib import Path
+
+from experiments import beside_reference
+from experiments.beside_reference import is_reference, set_beside
 
 
 def test_the_committed_report_comes_under_the_users(tmp_path, monkeypatch):
     committed = tmp_path / "committed" / "costs"
     committed.mkdir(parents=True)
     (committed / "costs.md").write_text("# Costs\n\n3 ms\n\n![picture](costs.png)\n\n## More\n")
-    monkeypatch.setattr(reference, "REFERENCE", tmp_path / "committed")
+    monkeypatch.setattr(beside_reference, "REFERENCE", tmp_path / "committed")
     mine = tmp_path / "costs.md"
     mine.write_text("# Costs\n\n5 ms\n")
     first = set_beside(mine, "costs/costs.md")
@@ -25,5 +28,17 @@ def test_the_committed_report_comes_under_the_users(tmp_path, monkeypatch):
 
 
 def test_results_are_known_by_where_they_lie(tmp_path):
-    assert is_reference(reference.REFERENCE / "quick")
+    assert is_reference(beside_reference.REFERENCE / "quick")
     assert not is_reference(tmp_path / "quick")
+
+
+def test_every_report_has_a_committed_one():
+    experiments = Path(beside_reference.__file__).parent
+    named = set()
+    for path in experiments.rglob("commands.py"):
+        named |= set(re.findall(r'set_beside\([^)]*?, "([^"]+)"\)', path.read_text()))
+    assert {"compare/compare.md", "swap_test/swap_test.md", "quick/slopes.md"} <= named
+    named |= {f"costs/{name}.md" for name in ("costs", "refocusing", "latency")}
+    named |= {f"benchmarks/{name}.md" for name in ("speed", "refocusing", "training")}
+    for name in named:
+        assert (beside_reference.REFERENCE / name).is_file(), name

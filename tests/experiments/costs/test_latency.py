@@ -1,4 +1,4 @@
-"""`lf-flame latency`: what is timed is the network itself, in the precision that is said."""
+"""`python -m experiments latency`: the network itself is timed, in the precision that is said."""
 
 import json
 from pathlib import Path

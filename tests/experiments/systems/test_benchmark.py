@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.systems import benchmark, figures, test_sets
+from experiments.systems import benchmark, compared_sets, figures
 from experiments.systems.cost import measure_cost
 from lf_flame import InputError, LightField
 from lf_flame.datasets.config import read_config
@@ -23,7 +23,7 @@ def flames(coarse_data):
 
 @pytest.fixture(scope="module")
 def sets(flames):
-    return test_sets.paper_sets(flames, Path("no run"), 2)
+    return compared_sets.paper_sets(flames, Path("no run"), 2)
 
 
 class Dim(ShiftAndSum):
@@ -86,7 +86,7 @@ def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
 
 def test_the_border_of_photographs_is_not_scored():
     views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
-    photographs = test_sets.photograph_set("leaves", LightField(views), [-0.5, 0.5])
+    photographs = compared_sets.photograph_set("leaves", LightField(views), [-0.5, 0.5])
 
     class WrongAtTheEdge(ShiftAndSum):
         def _refocus(self, views, slopes, block):
@@ -104,7 +104,7 @@ def test_photographs_are_as_bright_as_systems_take_them():
     few = ShiftAndSum("few", benchmark.square_of_views)
     bright, plain = (
         benchmark.score_systems(
-            {"few": few}, test_sets.photograph_set("leaves", LightField(v), [0.5])
+            {"few": few}, compared_sets.photograph_set("leaves", LightField(v), [0.5])
         )
         for v in (1000 * views, views / views.max())
     )
@@ -115,14 +115,14 @@ def test_photographs_are_as_bright_as_systems_take_them():
 def test_a_photograph_too_small_to_be_scored_is_refused():
     """After the border is cut off, a window of the structural similarity must be left."""
     views = np.zeros((3, 3, 35, 35), np.float32)
-    (scene,) = test_sets.photograph_set("dark", LightField(views), [0.0]).scenes()
-    assert benchmark.score_systems({"all": ShiftAndSum()}, test_sets.photograph_set(
+    (scene,) = compared_sets.photograph_set("dark", LightField(views), [0.0]).scenes()
+    assert benchmark.score_systems({"all": ShiftAndSum()}, compared_sets.photograph_set(
         "dark", LightField(views), [0.0])).ssim.tolist() == [1.0]  # fmt: skip
     assert scene.views.shape == views.shape
     with pytest.raises(
         InputError, match="dark needs views of 35 pixels or more along each side, got 34 x 40"
     ):
-        test_sets.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
+        compared_sets.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
 
 
 def test_less_light_is_shot_noise_of_the_same_scenes(sets):

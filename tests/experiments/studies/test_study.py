@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.recipes.pca_bound import principal_component_bound, project
-from experiments.recipes.report import COLUMNS, find_crossing
-from experiments.recipes.study import read_study, run_study, run_trial
+from experiments.studies.pca_bound import principal_component_bound, project
+from experiments.studies.report import COLUMNS, find_crossing
+from experiments.studies.study import read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
@@ -18,7 +18,7 @@ from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
 from lf_flame.learning.scoring import score
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAPER = ROOT / "experiments" / "paper_values.toml"
 
 DATA = """
@@ -280,7 +280,7 @@ def test_a_file_may_stand_in_for_keras_imagenet_weights(folder, monkeypatch):
     path = write(folder, IMAGENET)
     asked = []
     monkeypatch.setattr(
-        "experiments.recipes.study.train",
+        "experiments.studies.study.train",
         lambda config, *_: asked.append(config.model.backbone_weights),
     )
     _, trials = read_study(path)
@@ -298,7 +298,7 @@ def test_an_unknown_variant_is_named(folder):
 
 
 @pytest.mark.parametrize(
-    "path", sorted(ROOT.glob("experiments/recipes/*.toml")), ids=lambda path: path.stem
+    "path", sorted(ROOT.glob("experiments/studies/*.toml")), ids=lambda path: path.stem
 )
 def test_every_study_can_be_built(path, monkeypatch):
     monkeypatch.chdir(ROOT)
@@ -312,7 +312,7 @@ def test_every_study_can_be_built(path, monkeypatch):
 
 def test_make_knows_every_study():
     text = (ROOT / "Makefile").read_text()
-    for path in ROOT.glob("experiments/recipes/*.toml"):
+    for path in ROOT.glob("experiments/studies/*.toml"):
         assert f" {path.stem}.study" in text
 
 

@@ -1,6 +1,6 @@
 """Learning studies: variants of a data set, a model and a recipe, trained alike, set side by side.
 
-A study file (experiments/recipes/*.toml) names a data set, a training configuration and a preset,
+A study file (experiments/studies/*.toml) names a data set, a training configuration and a preset,
 and what each variant changes of them. All variants are scored on the same light fields, those of
 the configuration's own test split. A work folder holds ``data/`` (data sets, by the hash of what
 they are made of, so that variants share them) and, for each variant, ``STUDY/VARIANT/``: a run of
@@ -20,8 +20,8 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from experiments.recipes.pca_bound import principal_component_bound
-from experiments.recipes.report import write_report
+from experiments.studies.pca_bound import principal_component_bound
+from experiments.studies.report import write_report
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, read_record, read_toml, to_json
 from lf_flame._common.strict import strict
@@ -102,7 +102,7 @@ class Axis:
 @strict
 @dataclass(frozen=True)
 class Study:
-    """A study; read from experiments/recipes/*.toml.
+    """A study; read from experiments/studies/*.toml.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def run_study(
     path : str or Path
         Study file; its name is the study's.
     out : Path
-        Folder for the report, see `experiments.recipes.report.write_report`.
+        Folder for the report, see `experiments.studies.report.write_report`.
     work : Path
         Folder for data sets and runs.
     paper_values : Path

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 import cloup
 
-from experiments.places import PAPER_VALUES
-from experiments.reference import set_beside
+from experiments.beside_reference import set_beside
+from experiments.paths import PAPER_VALUES
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, quiet_tensorflow
 from lf_flame.errors import InputError
@@ -38,7 +38,7 @@ def study(
 ) -> None:
     """Train the variants of a STUDY file, and set their scores side by side.
 
-    A variant changes a data set, a model or a recipe; experiments/recipes/ shows how. Each is
+    A variant changes a data set, a model or a recipe; experiments/studies/ shows how. Each is
     simulated, trained and scored on the same test light fields, and goes on where it was cut off;
     what is done is not done again.
 
@@ -49,7 +49,7 @@ def study(
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
     load_keras()
     quiet_tensorflow()
-    from experiments.recipes.study import run_study
+    from experiments.studies.study import run_study
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
 

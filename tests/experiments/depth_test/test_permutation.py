@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
+from experiments.depth_scenarios import make_scenarios
 from experiments.depth_test.permutation import run_depth_test, share_memorised
 from experiments.systems.benchmark import variant_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json, read_config
-from lf_flame.datasets.depth_scenarios import make_scenarios
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import make_dataset
@@ -125,7 +125,7 @@ def test_the_cases_exchange_move_and_leave_out(config):
     assert turned.depths_mm == (-40.0, 40.0)
     assert moved.depths_mm == (0.0, -80.0)
     assert alone.present == (0,)
-    four = make_scenarios(read_config(Path(__file__).parents[2] / "data_gen" / "flames.toml"))
+    four = make_scenarios(read_config(Path(__file__).parents[3] / "data_gen" / "flames.toml"))
     assert [scenario.depths_mm for scenario in four[:3]] == [
         (20.0, 10.0, 0.0, -10.0),
         (-10.0, 10.0, 0.0, 20.0),
