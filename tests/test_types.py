@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.slow
 
 RIGHT = """
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,25 @@ camera = PlenopticCamera(
     lenslets=(24, 30),
     sensor=Sensor(exposure_e=1000.0),
 )
-scene = Scene((Layer(np.ones((2, 2)), 10.0, (0.5, 0.5)),))
+flame = Layer(
+    texture=[[0.0, 1.0], [1.0, 0.5]], depth_mm=10.0, size_mm=(0.5, 0.5), optical_thickness=0.1
+)
+card = Layer(
+    texture=np.zeros((2, 2)),
+    depth_mm=-5.0,
+    size_mm=np.array([0.2, 0.2]),
+    centre_mm=[0.0, 0.1],
+    opaque=True,
+    coverage=[[1, 0], [1, 1]],
+)
+haze = Layer(np.zeros((2, 2)), 0.0, (0.5, 0.5), optical_thickness=np.full((2, 2), 0.2))
+scene = Scene([replace(flame, depth_mm=12.0, size_mm=(0.6, 0.6)), card])
+pair = Scene((flame, haze))
+layers = scene.layers
+texture = flame.texture
+layer_size = card.size_mm
+optical_thickness = flame.optical_thickness
+thickest: float = flame.optical_thickness.max()
 image_distance = PAPER_CAMERA.image_distance_mm
 slope = camera.depth_to_slope(10.0)
 slopes = camera.depth_to_slope(np.arange(3.0))
@@ -71,6 +90,10 @@ REVEALED = {
     "slope": "float",
     "slopes": r"numpy\.ndarray\[.*\]",
     "size": "tuple[float, float]",
+    "layers": "tuple[lf_flame.scenes.scene.Layer, ]",
+    "texture": r"numpy\.ndarray\[.*\]",
+    "layer_size": "tuple[float, float]",
+    "optical_thickness": r"numpy\.ndarray\[.*\]",
     "plan": "lf_flame.simulation.plan.EffectPlan",
     "light_field": "lf_flame.lightfield.LightField",
     "light_field.views": r"numpy\.ndarray\[.*\]",
@@ -86,8 +109,15 @@ WRONG = {
     "lf_flame.PlenopticCamera(150.0, 326.0, 0.4, 0.112, views=15, lenslets=8)": "lenslets",
     "lf_flame.PAPER_CAMERA.depth_to_slope('10 mm')": "depth_to_slope",
     "lf_flame.Sensor(exposure_e=None)": "exposure_e",
+    "lf_flame.Scene(5.0)": "Scene",
+    "lf_flame.Scene([1.0])": "Layer",
+    "lf_flame.Layer([[1.0]], '10 mm', (1.0, 1.0))": 'Argument 2 to "Layer"',
+    "lf_flame.Layer([[1.0]], 10.0, 1.0)": 'Argument 3 to "Layer"',
+    "lf_flame.Layer([[1.0]], 10.0, (1.0, 1.0), optical_thickness=None)": "optical_thickness",
+    "lf_flame.Layer([[1.0]], 10.0, (1.0, 1.0)).size_mm[2]": "index",
     "lf_flame.render([], lf_flame.PAPER_CAMERA)": "render",
     "lf_flame.read_light_field(15)": "read_light_field",
+    "lf_flame.refocus.shift_and_sum(None, 0.0)": "shift_and_sum",
     "lf_flame.shift_and_sum": "shift_and_sum",
 }
 """What must be reported, and a word of the report."""

@@ -95,7 +95,9 @@ class FactoredGradients:
         self.run_batch = _on_processor(self._run_batch)
         self.run_in_inference = _on_processor(self._run_in_inference)
 
-    def of_batch(self, arrays: ParameterArrays, features, targets):
+    def of_batch(
+        self, arrays: ParameterArrays, features: np.ndarray, targets: np.ndarray
+    ) -> tuple[float, list[np.ndarray | Product], list[np.ndarray]]:
         """Compute the loss of a batch in training, and what follows from it.
 
         Parameters
@@ -172,7 +174,7 @@ class ArrayAdam:
         self.steps = np.zeros((), np.int64)
         self.moments = [np.zeros((2, *x.shape), np.float32) for x in parameters]
 
-    def update(self, parameters: list[np.ndarray], gradients: list) -> None:
+    def update(self, parameters: list[np.ndarray], gradients: list[np.ndarray | Product]) -> None:
         """Take one step: `gradients` holds an array or a `Product` for each parameter."""
         constants = self._next_constants()
         for parameter, moments, gradient in zip(parameters, self.moments, gradients, strict=True):

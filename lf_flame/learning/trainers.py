@@ -7,6 +7,8 @@ the device for a whole epoch. Both use Keras's own layers and give, within round
 `keras.Model.train_on_batch` with `keras.optimizers.Adam`.
 """
 
+from abc import ABC, abstractmethod
+
 import keras
 import numpy as np
 
@@ -21,7 +23,9 @@ from lf_flame.learning.array_training import (
 EVALUATION_BATCH = 32
 
 
-def make_trainer(decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
+def make_trainer(
+    decoder: keras.Model, learning_rate, batch_size: int, arrays: dict
+) -> "ArrayTrainer | DeviceTrainer":
     """Choose the trainer for Keras's backend.
 
     Parameters
@@ -43,6 +47,7 @@ def make_trainer(decoder: keras.Model, learning_rate, batch_size: int, arrays: d
     InputError
         If the backend is another than TensorFlow or JAX.
     """
+    kinds: dict[str, type[ArrayTrainer | DeviceTrainer]]
     kinds = {"tensorflow": ArrayTrainer, "jax": DeviceTrainer}
     backend = keras.backend.backend()
     if backend not in kinds:
@@ -57,7 +62,7 @@ def decoder_variables(decoder: keras.Model) -> list[keras.Variable]:
     return [*decoder.trainable_variables, *decoder.non_trainable_variables]
 
 
-class _Trainer:
+class _Trainer(ABC):
     """What the trainers share."""
 
     def __init__(self, model: keras.Model, batch_size: int, arrays: dict):
@@ -66,6 +71,10 @@ class _Trainer:
     def train_epoch(self, rng: np.random.Generator) -> float:
         """Train on all samples once, in an order drawn at random; mean loss while doing so."""
         return self.train_in_order(rng.permutation(len(self.arrays["train"][0])))
+
+    @abstractmethod
+    def train_in_order(self, order: np.ndarray) -> float:
+        """Train on the samples in this order, once each; mean loss while doing so."""
 
 
 class ArrayTrainer(_Trainer):

@@ -1,15 +1,19 @@
 """Checks that all methods of refocusing share."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+
+Views = LightField | ArrayLike
+"""A light field, or its views alone."""
 
 READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 """Types of pixel that have kernels of their own."""
 
 
-def as_views(views) -> np.ndarray:
+def as_views(views: Views) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; whether they are finite is not checked."""
     views = views.views if isinstance(views, LightField) else np.asarray(views)
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
@@ -28,7 +32,7 @@ def as_readable(views: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(views)
 
 
-def as_slopes(slopes) -> np.ndarray:
+def as_slopes(slopes: ArrayLike) -> np.ndarray:
     try:
         slopes = np.atleast_1d(np.asarray(slopes, float))
     except (TypeError, ValueError):
@@ -45,7 +49,7 @@ def farthest_slope(views: np.ndarray) -> float:
     return min(limits, default=2 * max(views.shape[2:4]))
 
 
-def as_steps(slopes) -> np.ndarray:
+def as_steps(slopes: ArrayLike) -> np.ndarray:
     """Slopes to search: three or more, rising in equal steps."""
     slopes = as_slopes(slopes)
     steps = np.diff(slopes)
@@ -68,7 +72,7 @@ def refuse_not_finite(views: np.ndarray) -> None:
         raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
 
 
-def as_weights(weights, shape: tuple[int, int]) -> np.ndarray:
+def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     """Weights of the views, all 1 if none are given; float64, shape (v, u)."""
     if weights is None:
         return np.ones(shape)

@@ -3,16 +3,20 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus import _alignment_kernels
-from lf_flame.refocus._arguments import as_slopes, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import Views, as_slopes, as_views, refuse_not_finite
 from lf_flame.refocus.interpolation import shift_taps
 
 
 def align_views(
-    views, slopes, view_indices: Sequence[tuple[int, int]], block: tuple[int, int] = (1, 1)
+    views: Views,
+    slopes: ArrayLike,
+    view_indices: Sequence[tuple[int, int]],
+    block: tuple[int, int] = (1, 1),
 ) -> np.ndarray:
     """Shift some views so that what stands at a slope is at the same place in all of them.
 
@@ -61,7 +65,7 @@ def align_views(
     return out.reshape(*out.shape[:2], *size, *views.shape[4:])
 
 
-def _as_view_indices(view_indices, shape: tuple[int, int]) -> np.ndarray:
+def _as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
     """Rows and columns of views of a light field that has so many, [k, 2]."""
     indices = np.asarray(view_indices)
     if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":

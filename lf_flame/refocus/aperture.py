@@ -4,6 +4,8 @@ The views divide the square aperture of the main lens into as many squares. A sm
 annular aperture takes of each view the part of its square that lies inside.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lf_flame._common.arrays import centred
@@ -44,7 +46,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     return np.clip(inside * views[0] * views[1] * (diameter / 2) ** 2, 0, 1)
 
 
-def sparse_aperture(views: tuple[int, int], view_indices) -> np.ndarray:
+def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, int]]) -> np.ndarray:
     """Weights of the views where only some are used, all alike.
 
     Parameters

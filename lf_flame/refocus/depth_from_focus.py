@@ -14,11 +14,12 @@ variance over the views.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import as_steps, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import Views, as_steps, as_views, refuse_not_finite
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.methods import refocus
 from lf_flame.refocus.surface import refocus_surface
@@ -54,7 +55,7 @@ class FocusMap:
     all_in_focus: np.ndarray
 
 
-def depth_from_focus(stack, slopes, window: float = 3.0) -> FocusMap:
+def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, window: float = 3.0) -> FocusMap:
     """Find the slope at which each pixel is sharpest in a focal stack.
 
     Parameters
@@ -84,7 +85,11 @@ def depth_from_focus(stack, slopes, window: float = 3.0) -> FocusMap:
 
 
 def all_in_focus(
-    views, slopes, window: float = 3.0, interpolation: str = "linear", weights=None
+    views: Views,
+    slopes: ArrayLike,
+    window: float = 3.0,
+    interpolation: str = "linear",
+    weights: ArrayLike | None = None,
 ) -> FocusMap:
     """Find the slope map of a light field and refocus every pixel at its slope.
 
@@ -193,7 +198,8 @@ def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) ->
     """Image interpolated linearly between the slices next to each pixel's slope."""
     at = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
     below = np.minimum(at.astype(int), len(slopes) - 2)
-    rows, columns = np.indices(slope.shape, sparse=True)
+    height, width = slope.shape
+    rows, columns = np.indices((height, width), sparse=True)
     weight = (at - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
     near, far = stack[below, rows, columns], stack[below + 1, rows, columns]
     return ((1 - weight) * near + weight * far).astype(np.float32)

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 from numba import get_num_threads
+from numpy.typing import ArrayLike
 from scipy.fft import ifft2, irfft2, next_fast_len, rfft2
 from scipy.special import i0
 
@@ -11,6 +12,7 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
+    Views,
     as_slopes,
     as_views,
     as_weights,
@@ -33,7 +35,11 @@ OVERSAMPLING = 2
 
 
 def fourier_refocus(
-    views, slopes, interpolation: str = "sinc", edges: str = "wrap", weights=None
+    views: Views,
+    slopes: ArrayLike,
+    interpolation: str = "sinc",
+    edges: str = "wrap",
+    weights: ArrayLike | None = None,
 ) -> np.ndarray:
     """Refocus by the shift theorem: each view's spectrum times the phase factor of its shift.
 
@@ -86,7 +92,8 @@ def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.nda
     spectra = rfft2(views.astype(np.float64, copy=False), workers=get_num_threads())
     with np.errstate(invalid="ignore"):  # infinite pixels are refused below
         spectra *= (weights / weights.mean())[..., None, None]
-        stack = _shifted_means(spectra, *shifts, views.shape[3], interpolation)
+        down, right = shifts
+        stack = _shifted_means(spectra, down, right, views.shape[3], interpolation)
     images = irfft2(stack, views.shape[2:], workers=get_num_threads())
     images = images[:, t : t + height, s : s + width].astype(np.float32)
     if not np.all(np.isfinite(images)):
@@ -149,7 +156,13 @@ def _mean_by_factors(by_wave, down, right) -> np.ndarray:
     return total / (rows * by_wave.shape[2])
 
 
-def fourier_slice(views, slopes, width: int = 6, edges: str = "wrap", weights=None) -> np.ndarray:
+def fourier_slice(
+    views: Views,
+    slopes: ArrayLike,
+    width: int = 6,
+    edges: str = "wrap",
+    weights: ArrayLike | None = None,
+) -> np.ndarray:
     """Refocus by Ng's Fourier slice: photographs are slices of the light field's spectrum.
 
     R. Ng, "Fourier slice photography", ACM Trans. Graph. 24 (2005). The slice at a slope runs

@@ -1,8 +1,10 @@
 """Refocusing by whichever method is cheapest for what is asked."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
+from lf_flame.refocus._arguments import Views
 from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.refocus.shift import shift_and_sum
@@ -14,7 +16,11 @@ FINEST_SLICE = 8
 
 
 def refocus(
-    views, slopes, interpolation: str = "linear", method: str = "auto", weights=None
+    views: Views,
+    slopes: ArrayLike,
+    interpolation: str = "linear",
+    method: str = "auto",
+    weights: ArrayLike | None = None,
 ) -> np.ndarray:
     """Refocus a light field; edges are clamped, whatever the method.
 

@@ -12,7 +12,7 @@ so the gradients are low-passed; and as the slope changes light enters and leave
 fewer views see the lenslets near the edges of the image, which numerator and denominator share.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +42,12 @@ SLOPES_AT_ONCE = 8
 """Slopes that are refocused together: more would take more memory and hardly less time."""
 
 
-def semblance(views: np.ndarray, slopes: np.ndarray, regions: list, progress=None):
+def semblance(
+    views: np.ndarray,
+    slopes: np.ndarray,
+    regions: list,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Measure the semblance of each region at each slope.
 
     Parameters
@@ -79,11 +84,12 @@ def semblance(views: np.ndarray, slopes: np.ndarray, regions: list, progress=Non
         interval_of_region.append(which)
     batches = [slopes[i : i + SLOPES_AT_ONCE] for i in range(0, len(slopes), SLOPES_AT_ONCE)]
     gradients = _gradients(patch)
-    sums = _energies(gradients, axes, batches)
+    sums: Iterable[tuple] = _energies(gradients, axes, batches)
     if progress is not None:
         sums = progress(sums, 0, len(batches))
+    down, across = interval_of_region
     refocused, alike, seen = (
-        np.concatenate(batch)[:, *interval_of_region] for batch in zip(*sums, strict=True)
+        np.concatenate(batch)[:, down, across] for batch in zip(*sums, strict=True)
     )
     energy = alike / seen
     bright = energy > LEAK * np.linalg.norm(gradients) ** 2 / gradients.size
@@ -188,9 +194,9 @@ def _sum_energy(energy: np.ndarray, by_row: np.ndarray, by_column: np.ndarray) -
     by_row = np.ascontiguousarray(by_row.reshape(slopes * intervals, -1))  # [n i, v t]
     row_sums = np.empty((len(by_row), energy.shape[1]))  # [n i, u s]
     _semblance_kernels.multiply(by_row, energy, row_sums)
-    row_sums = row_sums.reshape(slopes, intervals, -1)  # [n, i, u s]
     by_column = by_column.reshape(slopes, -1, energy.shape[1])  # [n, j, u s]
-    return np.einsum("nix,njx->nij", row_sums, by_column)
+    by_interval = row_sums.reshape(slopes, intervals, -1)  # [n, i, u s]
+    return np.einsum("nix,njx->nij", by_interval, by_column)
 
 
 def _refocused(spectra: np.ndarray, down: np.ndarray, across: np.ndarray) -> np.ndarray:

@@ -9,12 +9,13 @@ from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 from scipy.signal import find_peaks
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import as_slopes, as_views, farthest_slope
+from lf_flame.refocus._arguments import Views, as_slopes, as_views, farthest_slope
 from lf_flame.refocus.semblance import semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
@@ -65,7 +66,9 @@ class SlopeSearch:
     region: Region
 
 
-def find_sharpest_slope(views, slopes=None, region: Region | None = None) -> SlopeSearch:
+def find_sharpest_slope(
+    views: Views, slopes: ArrayLike | None = None, region: Region | None = None
+) -> SlopeSearch:
     """Search the slope that makes a region sharpest.
 
     Parameters
@@ -109,8 +112,8 @@ def find_sharpest_slope(views, slopes=None, region: Region | None = None) -> Slo
 
 
 def find_sharpest_slopes(
-    views,
-    slopes=None,
+    views: Views,
+    slopes: ArrayLike | None = None,
     tiles: tuple[int, int] | None = None,
     regions: Iterable[Region] | None = None,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
@@ -142,13 +145,16 @@ def find_sharpest_slopes(
         If the arguments cannot be used, or a slope shifts views by more than the image.
     """
     views = as_views(views)
-    if (tiles is None) == (regions is None):
+    if tiles is not None and regions is None:
+        chosen = _tiles(tiles, views.shape[2:4])
+    elif regions is not None and tiles is None:
+        chosen = list(regions)
+    else:
         raise InputError("Give tiles or regions, and not both.")
-    regions = _tiles(tiles, views.shape[2:4]) if regions is None else list(regions)
-    if not regions:
+    if not chosen:
         raise InputError("regions must hold at least one region, got none.")
-    curves = _measure(views, slopes, regions, progress)
-    return [curves.search(k) for k in range(len(regions))]
+    curves = _measure(views, slopes, chosen, progress)
+    return [curves.search(k) for k in range(len(chosen))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +197,7 @@ class _Curves:
     def settled(self) -> bool:
         """Whether none rises at an end, and half of those that are not flat have a peak."""
         high = self.semblance.max(axis=0)[~self.flat] > min(CLEAR / self.views, 0.5)
-        return not self.rising.any() and 2 * np.count_nonzero(high) >= len(high)
+        return not self.rising.any() and 2 * int(np.count_nonzero(high)) >= len(high)
 
     def amid(self, outer: "_Curves") -> "_Curves":
         """Join these curves with those at slopes on both sides of theirs."""
@@ -238,7 +244,9 @@ def _confidence(curve: np.ndarray, unrelated: float) -> float:
     return float(max(1 - max(rivals.max(initial=unrelated), curve.min()) / top, 0))
 
 
-def _measure(views: np.ndarray, slopes, regions: list, progress=None) -> _Curves:
+def _measure(
+    views: np.ndarray, slopes: ArrayLike | None, regions: list[Region], progress=None
+) -> _Curves:
     """Measure the regions at the slopes, and between them where the number of views asks for it."""
     angular, size = views.shape[:2], views.shape[2:4]
     regions = [_checked(region, size) for region in regions]
@@ -283,7 +291,8 @@ def _checked(region: Region, size: tuple[int, int]) -> Region:
             f"region must be (t_start, t_stop, s_start, s_stop) inside the {size[0]} x {size[1]} "
             f"lenslets, got {tuple(region)}."
         )
-    return tuple(int(k) for k in region)
+    top, bottom, left, right = (int(k) for k in region)
+    return top, bottom, left, right
 
 
 def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:
@@ -293,5 +302,6 @@ def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:
             f"tiles must be rows and columns, at least 1 and at most the {size[0]} x {size[1]} "
             f"lenslets, got {tuple(tiles)}."
         )
-    rows, columns = (pairwise(np.arange(n + 1) * m // n) for n, m in zip(tiles, size, strict=True))
+    edges = ((np.arange(n + 1) * m // n).tolist() for n, m in zip(tiles, size, strict=True))
+    rows, columns = (pairwise(along) for along in edges)
     return [(*row, *column) for row, column in product(rows, columns)]

@@ -3,10 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
+    Views,
     as_readable,
     as_slopes,
     as_views,
@@ -26,7 +28,9 @@ JOBS = 4
 rows. A constant, so that the bits do not depend on the number of threads."""
 
 
-def shift_and_sum(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
+def shift_and_sum(
+    views: Views, slopes: ArrayLike, interpolation: str = "linear", weights: ArrayLike | None = None
+) -> np.ndarray:
     """Refocus by shifting in space, coordinates clamped at the edges.
 
     Interpolation is separable over the views, so each row of views is shifted and summed along s
@@ -187,7 +191,9 @@ def _next_multiple(length: int, multiple: int) -> int:
     return -(-length // multiple) * multiple
 
 
-def _chain(used: np.ndarray, at: np.ndarray, weights: np.ndarray):
+def _chain(
+    used: np.ndarray, at: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
     """Lay the views that count out in chains.
 
     Parameters

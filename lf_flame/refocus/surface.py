@@ -6,16 +6,17 @@ A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a
 a whole scene makes an image with everything in focus (`lf_flame.refocus.depth_from_focus`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import _surface_kernels
-from lf_flame.refocus._arguments import as_readable, as_views, as_weights, refuse_not_finite
+from lf_flame.refocus._arguments import Views, as_readable, as_views, as_weights, refuse_not_finite
 from lf_flame.refocus.interpolation import check_interpolation
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
@@ -25,7 +26,9 @@ WINDOW = 1.5
 """Half the window of a Gaussian that softens a slope map, in standard deviations: 15 x 15 for 5."""
 
 
-def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) -> np.ndarray:
+def refocus_surface(
+    views: Views, slopes: ArrayLike, interpolation: str = "linear", weights: ArrayLike | None = None
+) -> np.ndarray:
     """Refocus every pixel at a slope of its own.
 
     ``out[t, s]`` is the mean over v, u of ``L[v, u, t + slopes[t, s] (v - vc), s + slopes[t, s]
@@ -75,7 +78,9 @@ def refocus_surface(views, slopes, interpolation: str = "linear", weights=None) 
     return out.reshape(slopes.shape if grey else (*slopes.shape, -1))
 
 
-def planar_slopes(shape, at: float, gradient=(0.0, 0.0)) -> np.ndarray:
+def planar_slopes(
+    shape: Sequence[int], at: float, gradient: Sequence[float] | np.ndarray = (0.0, 0.0)
+) -> np.ndarray:
     """Slope map that is linear: a plane in object space, tilted or not.
 
     Parameters
@@ -103,7 +108,9 @@ def planar_slopes(shape, at: float, gradient=(0.0, 0.0)) -> np.ndarray:
     return _as_slope_maps(slopes, (height, width))
 
 
-def tilted_plane(camera: PlenopticCamera, depth_mm: float, tilt_rad) -> np.ndarray:
+def tilted_plane(
+    camera: PlenopticCamera, depth_mm: float, tilt_rad: Sequence[float] | np.ndarray
+) -> np.ndarray:
     """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
 
     Exact: the slope is linear in the inverse distance, and along the rays of the middle view,
@@ -137,7 +144,12 @@ def tilted_plane(camera: PlenopticCamera, depth_mm: float, tilt_rad) -> np.ndarr
     return planar_slopes(camera.lenslets, at, per_lenslet)
 
 
-def region_slopes(shape, regions: Iterable, background: float, soften: float = 0.0) -> np.ndarray:
+def region_slopes(
+    shape: Sequence[int],
+    regions: Iterable[tuple[ArrayLike, float]],
+    background: float,
+    soften: float = 0.0,
+) -> np.ndarray:
     """Slope map of regions of interest, each with a slope of its own.
 
     Parameters
@@ -177,14 +189,14 @@ def region_slopes(shape, regions: Iterable, background: float, soften: float = 0
     return gaussian_filter(slopes, soften, mode="nearest", radius=reach) if reach else slopes
 
 
-def _as_shape(shape) -> tuple[int, int]:
+def _as_shape(shape: Sequence[int]) -> tuple[int, int]:
     counts = tuple(shape)
     if len(counts) != 2 or any(n != int(n) or n < 1 for n in counts):
         raise InputError(f"shape must be two numbers of lenslets, (t, s), got {shape}.")
     return int(counts[0]), int(counts[1])
 
 
-def _as_mask(region, shape: tuple[int, int]) -> np.ndarray:
+def _as_mask(region: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
     """Mask of a region."""
     region = np.asarray(region)
     if region.dtype == bool and region.shape == shape:
@@ -202,7 +214,7 @@ def _as_mask(region, shape: tuple[int, int]) -> np.ndarray:
     )
 
 
-def _as_slope_maps(slopes, shape: tuple[int, int]) -> np.ndarray:
+def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     slopes = np.ascontiguousarray(slopes, dtype=float)
     if slopes.ndim not in (2, 3) or slopes.shape[-2:] != tuple(shape) or slopes.size == 0:
         raise InputError(

@@ -4,11 +4,12 @@ Layer coordinates are those of the upright image: y runs down with the texture's
 right with its columns, both in mm from the optical axis.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
@@ -16,8 +17,12 @@ from lf_flame.optics.camera import PlenopticCamera
 BRIGHTEST = 1e36
 """Radiance whose sums over some layers still are float32 numbers."""
 
+Lengths = Sequence[float] | np.ndarray
+"""Two lengths (y, x), as users give them."""
 
-@dataclass(frozen=True, eq=False)
+
+# Both classes have a constructor of their own, as they keep other types than they take.
+@dataclass(frozen=True, eq=False, init=False)
 class Layer:
     """A luminous rectangle perpendicular to the optical axis: a flat picture, a surface, a flame.
 
@@ -39,9 +44,10 @@ class Layer:
         Where an opaque layer is: 1, a share of a cell on its outline, 0 for a hole. Default: all
         of the rectangle, so that a texture of zeros is a black card.
     optical_thickness : float or array_like of shape (rows, columns), optional
-        Absorption along the line of sight, 0 or above: light from behind is weakened by
-        ``exp(-tau)``, its own by ``(1 - exp(-tau)) / tau`` (emission and absorption evenly mixed;
-        Modest, Radiative Heat Transfer, chapter on the equation of transfer).
+        Absorption along the line of sight, 0 or above, stored as float64 for each cell: light from
+        behind is weakened by ``exp(-tau)``, its own by ``(1 - exp(-tau)) / tau`` (emission and
+        absorption evenly mixed; Modest, Radiative Heat Transfer, chapter on the equation of
+        transfer).
     thickness_mm : float, optional
         Extent along the optical axis, over which light and absorption spread evenly.
 
@@ -54,54 +60,52 @@ class Layer:
     texture: np.ndarray
     depth_mm: float
     size_mm: tuple[float, float]
-    centre_mm: tuple[float, float] = (0.0, 0.0)
-    opaque: bool = False
-    coverage: np.ndarray | None = None
-    optical_thickness: np.ndarray | float = 0.0
-    thickness_mm: float = 0.0
+    centre_mm: tuple[float, float]
+    opaque: bool
+    coverage: np.ndarray | None
+    optical_thickness: np.ndarray
+    thickness_mm: float
 
-    def __post_init__(self):
-        texture = _checked_cells(self.texture, "texture")
-        if texture.max() > BRIGHTEST:
+    def __init__(
+        self,
+        texture: ArrayLike,
+        depth_mm: float,
+        size_mm: Lengths,
+        centre_mm: Lengths = (0.0, 0.0),
+        opaque: bool = False,
+        coverage: ArrayLike | None = None,
+        optical_thickness: ArrayLike = 0.0,
+        thickness_mm: float = 0.0,
+    ):
+        cells = _checked_cells(texture, "texture")
+        if cells.max() > BRIGHTEST:
             raise InputError(
                 f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
-                f"got {texture.max():g}."
+                f"got {cells.max():g}."
             )
-        object.__setattr__(self, "texture", texture)
-        for name, lowest in (("size_mm", 0.0), ("centre_mm", -np.inf)):
-            pair = tuple(float(value) for value in getattr(self, name))
-            if len(pair) != 2 or not all(np.isfinite(v) and v > lowest for v in pair):
-                raise InputError(
-                    f"{name} must be two finite lengths (y, x) in mm"
-                    f"{' above 0' if lowest == 0 else ''}, got {getattr(self, name)}."
-                )
-            object.__setattr__(self, name, pair)
-        if not np.isfinite(self.depth_mm):
-            raise InputError(f"depth_mm of a layer must be finite, got {self.depth_mm}.")
-        self._check_matter()
-
-    def _check_matter(self) -> None:
-        if self.coverage is not None:
-            coverage = _checked_cells(self.coverage, "coverage", self.texture.shape)
-            if not self.opaque or coverage.max() > 1:
-                raise InputError(
-                    f"coverage goes with opaque=True and lies between 0 and 1, "
-                    f"got opaque={self.opaque} and values up to {coverage.max():g}."
-                )
-            object.__setattr__(self, "coverage", coverage)
-        if np.ndim(self.optical_thickness) == 0:
-            tau = np.full(self.texture.shape, self.optical_thickness, dtype=np.float64)
-        else:
-            tau = self.optical_thickness
-        tau = _checked_cells(tau, "optical_thickness", self.texture.shape)
-        object.__setattr__(self, "optical_thickness", tau)
-        if not (np.isfinite(self.thickness_mm) and self.thickness_mm >= 0):
-            raise InputError(f"thickness_mm must be 0 or above, got {self.thickness_mm}.")
-        if self.opaque and (self.thickness_mm or tau.any()):
+        size = _checked_pair(size_mm, "size_mm", above=0.0)
+        centre = _checked_pair(centre_mm, "centre_mm")
+        if not np.isfinite(depth_mm):
+            raise InputError(f"depth_mm of a layer must be finite, got {depth_mm}.")
+        covered = None if coverage is None else _checked_coverage(coverage, cells.shape, opaque)
+        if np.ndim(optical_thickness) == 0:
+            optical_thickness = np.full(cells.shape, optical_thickness, dtype=np.float64)
+        tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
+        if not (np.isfinite(thickness_mm) and thickness_mm >= 0):
+            raise InputError(f"thickness_mm must be 0 or above, got {thickness_mm}.")
+        if opaque and (thickness_mm or tau.any()):
             raise InputError(
                 f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
-                f"got {self.thickness_mm} and up to {tau.max():g}."
+                f"got {thickness_mm} and up to {tau.max():g}."
             )
+        object.__setattr__(self, "texture", cells)
+        object.__setattr__(self, "depth_mm", depth_mm)
+        object.__setattr__(self, "size_mm", size)
+        object.__setattr__(self, "centre_mm", centre)
+        object.__setattr__(self, "opaque", opaque)
+        object.__setattr__(self, "coverage", covered)
+        object.__setattr__(self, "optical_thickness", tau)
+        object.__setattr__(self, "thickness_mm", thickness_mm)
 
     @property
     def opacity(self) -> np.ndarray | float:
@@ -125,7 +129,9 @@ class Layer:
         return (float(edges[filled[0]]), float(edges[filled[-1] + 1]))
 
 
-def _checked_cells(values, name: str, shape: tuple | None = None) -> np.ndarray:
+def _checked_cells(
+    values: ArrayLike, name: str, shape: tuple[int, ...] | None = None
+) -> np.ndarray:
     """Make float64 cells of an argument, read-only."""
     cells = np.asarray(values)
     if cells.ndim != 2 or cells.size == 0 or cells.dtype.kind not in "biuf":
@@ -147,14 +153,35 @@ def _checked_cells(values, name: str, shape: tuple | None = None) -> np.ndarray:
     return cells
 
 
-@dataclass(frozen=True, eq=False)
+def _checked_coverage(values: ArrayLike, shape: tuple[int, ...], opaque: bool) -> np.ndarray:
+    coverage = _checked_cells(values, "coverage", shape)
+    if not opaque or coverage.max() > 1:
+        raise InputError(
+            f"coverage goes with opaque=True and lies between 0 and 1, "
+            f"got opaque={opaque} and values up to {coverage.max():g}."
+        )
+    return coverage
+
+
+def _checked_pair(values: Lengths, name: str, above: float = -np.inf) -> tuple[float, float]:
+    pair = tuple(float(value) for value in values)
+    if len(pair) != 2 or not all(np.isfinite(v) and v > above for v in pair):
+        raise InputError(
+            f"{name} must be two finite lengths (y, x) in mm"
+            f"{' above 0' if above == 0 else ''}, got {values}."
+        )
+    y, x = pair
+    return y, x
+
+
+@dataclass(frozen=True, eq=False, init=False)
 class Scene:
     """Layers, whose light adds up except where one hides or dims another.
 
     Parameters
     ----------
     layers : sequence of Layer
-        At least one, in any order.
+        At least one, in any order; stored as a tuple.
 
     Raises
     ------
@@ -165,8 +192,8 @@ class Scene:
 
     layers: tuple[Layer, ...]
 
-    def __post_init__(self):
-        object.__setattr__(self, "layers", tuple(self.layers))
+    def __init__(self, layers: Sequence[Layer]):
+        object.__setattr__(self, "layers", tuple(layers))
         if not self.layers:
             raise InputError("A scene needs at least one layer, got none.")
         for (i, one), (j, other) in combinations(enumerate(self.layers, 1), 2):
@@ -194,8 +221,8 @@ class Scene:
                 replace(
                     layer,
                     depth_mm=float(depth),
-                    size_mm=tuple(length * ratio for length in layer.size_mm),
-                    centre_mm=tuple(length * ratio for length in layer.centre_mm),
+                    size_mm=(layer.size_mm[0] * ratio, layer.size_mm[1] * ratio),
+                    centre_mm=(layer.centre_mm[0] * ratio, layer.centre_mm[1] * ratio),
                 )
                 for layer, depth in zip(self.layers, depths_mm, strict=True)
                 for ratio in [camera.field_mm(depth)[0] / camera.field_mm(layer.depth_mm)[0]]

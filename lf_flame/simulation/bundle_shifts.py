@@ -20,7 +20,8 @@ def rotation_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
 def pitch_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
     """How far an error of the pitch moves the outermost lenslets along y and x, in mm."""
     error = abs(camera.lenslet_pitch_error)
-    return tuple(error * n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+    height, width = (error * n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
+    return height, width
 
 
 def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:

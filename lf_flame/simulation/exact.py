@@ -27,7 +27,8 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
     out : ndarray of float32 or float64, shape (a, b, c, d)
         In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
     """
-    batch, used = [], 0
+    batch: list[Plane] = []
+    used = 0
     for plane in planes:
         rows = plane.emission.shape[0]
         if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
@@ -48,7 +49,7 @@ def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) 
     reach = np.zeros((2, len(planes), out.shape[1]), np.int64)
     top = 0
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
-        reach[:, p] = seen_range(weight.any(axis=2))
+        reach[:, p] = seen_range(np.any(weight, axis=2))
         part = lines[top : top + heights[p]]
         _kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
         bands[0][p] = (bands[0][p][0] + top, bands[0][p][1] * optics.share)
@@ -69,7 +70,9 @@ def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.
     return band_weights(plane.layer.cell_edges_mm(axis), footprint.centres_mm, *widths)
 
 
-def band_weights(edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: float):
+def band_weights(
+    edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Exact integrals of trapezoids over cells: differences of their cumulative distribution.
 
     Parameters

@@ -8,6 +8,7 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 from tabulate import tabulate
@@ -249,7 +250,7 @@ def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float
     """Leave out effects, smallest bound first, while their sum stays within the allowance."""
     kept = {name for name, on in forced.items() if on}
     used = 0.0
-    for name in sorted((name for name in changes if name not in forced), key=changes.get):
+    for name in sorted((name for name in changes if name not in forced), key=changes.__getitem__):
         used += changes[name]
         if used > allowance:
             kept.add(name)
@@ -280,7 +281,7 @@ def _count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float) -> list[in
         )
 
     return [
-        _count_parts(lambda n, at=layer: change(at, n), allowance, "thickness", tolerance)
+        _count_parts(partial(change, layer), allowance, "thickness", tolerance)
         if layer.thickness_mm > 0
         else 1
         for layer in scene.layers
@@ -291,15 +292,12 @@ def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
     allowance = SLICING_SHARE * tolerance * bounds.peak
     band_mm = bounds.camera.chromatic_shift * bounds.camera.main_lens_focal_mm
 
+    def smear(layer: Layer, axis: int, colours: int) -> float:
+        return smeared(bounds, layer, axis, focal_mm=band_mm / colours)
+
     def change(colours: int) -> float:
         return sum(
-            _sliced_change(
-                bounds,
-                layer,
-                colours,
-                lambda axis, n, at=layer: smeared(bounds, at, axis, focal_mm=band_mm / n),
-            )
-            for layer in bounds.layers
+            _sliced_change(bounds, layer, colours, partial(smear, layer)) for layer in bounds.layers
         )
 
     return _count_parts(change, allowance, "chromatic", tolerance)
@@ -335,7 +333,9 @@ def _sliced_change(
     return min(first, (kinks + curvature / CURVATURE) / parts**2)
 
 
-def _count_parts(change, allowance: float, effect: str, tolerance: float) -> int:
+def _count_parts(
+    change: Callable[[int], float], allowance: float, effect: str, tolerance: float
+) -> int:
     """Smallest power of 2, or half between two, whose change is within the allowance."""
     parts = 2
     while change(parts) > allowance:
@@ -364,13 +364,14 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
     kept = plan.kept
     angle = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
     scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
-    stops, reach = [], 0
+    stops: list[tuple[float, float]] = []
+    reach = 0
     if "round_aperture" in plan.traced:
         mismatched = "f_number_mismatch" in plan.traced
-        width = camera.aperture_diameter_mm if mismatched else camera.aperture_mm
-        stops.append((0.0, width / 2))
+        width = camera.aperture_diameter_mm if mismatched else None
+        stops.append((0.0, (width or camera.aperture_mm) / 2))
         reach = neighbours(camera) if mismatched else 0
-    if "vignetting" in plan.traced:
+    if "vignetting" in plan.traced and camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
     lenslets = range(-reach, reach + 1)

@@ -9,9 +9,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import as_slopes, as_views
+from lf_flame.refocus._arguments import Views, as_slopes, as_views
 
 ViewIndices = Sequence[tuple[int, int]]
 """Row and column of each of some views."""
@@ -52,7 +53,9 @@ class RefocusingSystem(ABC):
         """Lowest and highest slope that it can do, in pixels of its images per view step."""
         return -np.inf, np.inf
 
-    def refocus(self, views, slopes, block: tuple[int, int] = (1, 1)) -> np.ndarray:
+    def refocus(
+        self, views: Views, slopes: ArrayLike, block: tuple[int, int] = (1, 1)
+    ) -> np.ndarray:
         """Refocus a light field.
 
         Parameters
@@ -80,7 +83,7 @@ class RefocusingSystem(ABC):
         self.check(views, slopes, block)
         return np.clip(self._refocus(views, slopes, block), 0, 1)
 
-    def check(self, views, slopes=(), block: tuple[int, int] = (1, 1)) -> None:
+    def check(self, views: Views, slopes: ArrayLike = (), block: tuple[int, int] = (1, 1)) -> None:
         """Refuse what `refocus` would refuse; slopes may be none yet.
 
         Raises
@@ -122,7 +125,7 @@ class RefocusingSystem(ABC):
             )
 
 
-def _check_block(block, lenslets: tuple[int, int]) -> None:
+def _check_block(block, lenslets: tuple[int, ...]) -> None:
     try:
         down, across = (operator.index(n) for n in block)
     except (TypeError, ValueError):

@@ -53,7 +53,7 @@ class FourierSlice(RefocusingSystem):
         return average(REFERENCES["Fourier slice"](views, slopes), block)
 
 
-REFERENCES = {
+REFERENCES: dict[str, Callable[..., np.ndarray]] = {
     "shift-and-sum": shift_and_sum,
     "Fourier slice": partial(fourier_slice, edges="clamp"),
 }
@@ -62,7 +62,8 @@ REFERENCES = {
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:
     """Average images [n, t, s] or [n, t, s, channels] over blocks."""
-    size = [n // m for n, m in zip(stack.shape[1:3], block, strict=True)]
+    height, width = (n // m for n, m in zip(stack.shape[1:3], block, strict=True))
+    size = height, width
     if stack.ndim == 3:
         return area_average(stack, size)
     return np.stack([area_average(stack[..., c], size) for c in range(stack.shape[3])], axis=-1)

@@ -19,7 +19,7 @@ from lf_flame.refocus import (
     region_slopes,
     sparse_aperture,
 )
-from lf_flame.refocus._arguments import as_views
+from lf_flame.refocus._arguments import Views, as_views
 from lf_flame.refocus.depth_from_focus import TRUSTED
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.view_selection import ARM, cross_of_views
@@ -35,7 +35,7 @@ SOFTEN = 5.0
 
 
 def search_region_slope(
-    views, region: tuple[int, int, int, int], slopes: tuple[float, float]
+    views: Views, region: tuple[int, int, int, int], slopes: tuple[float, float]
 ) -> tuple[float, float]:
     """Find the slope at which a region, refocused with the cross alone, looks most like the middle.
 
@@ -137,7 +137,7 @@ def _check(views: np.ndarray, region, slopes) -> None:
 
 
 def refocus_regions(
-    views,
+    views: Views,
     regions: Iterable[Sequence[int]],
     slopes: tuple[float, float],
     background: float | None = None,

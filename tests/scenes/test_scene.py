@@ -1,5 +1,6 @@
 """Scenes, flames and the two templates."""
 
+from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,32 @@ def test_layer_keeps_its_own_texture():
 def test_impossible_layers_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         Layer(**{"texture": [[1.0]], "depth_mm": 0.0, "size_mm": (1.0, 1.0), **values})
+
+
+@pytest.mark.parametrize("given", [0.25, [[0.25, 0.25]], np.full((1, 2), 0.25, np.float32)])
+def test_layer_keeps_one_type_of_what_is_given_in_many(given):
+    layer = Layer([[1, 2]], 3, [1, 2], np.array([0, 0.5]), optical_thickness=given)
+    for cells in (layer.texture, layer.optical_thickness):
+        assert cells.dtype == np.float64
+        assert cells.shape == (1, 2)
+    assert layer.optical_thickness.max() == 0.25
+    assert (layer.size_mm, layer.centre_mm) == ((1.0, 2.0), (0.0, 0.5))
+    assert (layer.opaque, layer.coverage, layer.thickness_mm) == (False, None, 0.0)
+
+
+def test_a_replaced_value_is_checked_and_the_others_stay():
+    layer = Layer([[1.0]], 3.0, (1.0, 2.0), (0.0, 0.5), optical_thickness=0.25, thickness_mm=2.0)
+    moved = replace(layer, depth_mm=4.0, optical_thickness=0.5)
+    assert moved.optical_thickness == [[0.5]]
+    others = [field.name for field in fields(Layer)]
+    others = [name for name in others if name not in ("depth_mm", "optical_thickness")]
+    assert all(getattr(moved, name) == getattr(layer, name) for name in others)
+    with pytest.raises(InputError, match="thickness_mm must be 0 or above"):
+        replace(layer, thickness_mm=-1.0)
+    with pytest.raises(FrozenInstanceError):
+        layer.depth_mm = 4.0
+    scene = replace(Scene([layer]), layers=[moved, layer])
+    assert scene.layers == (moved, layer)
 
 
 def test_empty_scene_is_refused():

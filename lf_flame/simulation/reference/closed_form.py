@@ -35,7 +35,8 @@ def closed_form(scene: Scene, camera: PlenopticCamera) -> np.ndarray:
     layers = scene.front_to_back
     if any(layer.thickness_mm or layer.optical_thickness.any() for layer in layers):
         raise InputError("The closed form takes layers that are flat and do not absorb.")
-    raw, cards = 0.0, []
+    raw: np.ndarray | float = 0.0
+    cards: list[Layer] = []
     for layer in layers:
         if layer.texture.any():
             if len(cards) > 1:

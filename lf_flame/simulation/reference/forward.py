@@ -73,7 +73,7 @@ def trace_forward(
     powers = np.array([_power(plane, camera) for plane in planes])
     counts = np.ceil(rays * powers / max(powers.sum(), np.finfo(float).tiny)).astype(int)
     image = np.zeros((camera.views, camera.views, *camera.lenslets))
-    for p in np.flatnonzero(counts):
+    for p in np.flatnonzero(counts).tolist():
         numbers = _draw(np.random.default_rng([seed, p]), counts[p], sequence)
         _send(planes[p], planes[:p], camera, to_array[p], numbers, 1 / counts[p], image)
     return image.astype(np.float32)
@@ -130,16 +130,16 @@ def _screens(front: list[Plane], camera: PlenopticCamera):
 
     A row of the last table: upper edge, cells per mm and cells along y, the same along x, distance.
     """
-    dimming = [plane for plane in front if plane.transmission is not None]
+    dimming = [(plane, plane.transmission) for plane in front if plane.transmission is not None]
     if not dimming:
         return None
     grids = []
-    for plane in dimming:
+    for plane, _ in dimming:
         edges = [plane.layer.cell_edges_mm(axis) for axis in (0, 1)]
         along = [(edge[0], 1 / (edge[1] - edge[0]), edge.size - 1) for edge in edges]
         grids.append([*along[0], *along[1], _distance_mm(plane, camera)])
-    cells = np.concatenate([plane.transmission.ravel() for plane in dimming])
-    first = np.cumsum([0] + [plane.transmission.size for plane in dimming])[:-1]
+    cells = np.concatenate([passing.ravel() for _, passing in dimming])
+    first = np.cumsum([0, *(passing.size for _, passing in dimming)])[:-1]
     return cells, first, np.array(grids)
 
 
