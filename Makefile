@@ -15,7 +15,7 @@ PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 0
 # Processes that run tests side by side.
-TEST_JOBS ?= -n auto
+TEST_JOBS ?= -n auto --dist loadfile
 
 BIN := $(VENV)/bin
 LF := $(BIN)/lf-flame

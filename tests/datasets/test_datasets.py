@@ -248,6 +248,7 @@ def test_shuffled_objects_stand_at_depths_of_others_but_look_the_same(tiny, tmp_
     )
 
 
+@pytest.mark.slow
 def test_scenes_are_named_by_what_was_asked_for(tiny, tmp_path):
     """Not by the bytes, which another machine may round otherwise."""
     make_dataset(tiny, 2, tmp_path / "a")

@@ -139,6 +139,7 @@ def test_weights_file_reaches_the_features(resnet_arrays, tmp_path, rng):
     np.testing.assert_allclose(np.array(found), np.array(expected), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_wrong_weights_files_are_refused(resnet_arrays, tmp_path):
     short = {k: v for k, v in resnet_arrays.items() if not k.startswith("conv5")}
     np.savez(tmp_path / "short.npz", **short)

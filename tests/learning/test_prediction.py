@@ -356,3 +356,12 @@ def test_a_run_from_before_finds_its_data_set_from_the_working_folder(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="There is no data set at"):
         read_card(tmp_path / "old")
+
+
+def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
+    shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint-*"))
+    record = json.loads((run_folder / "run.json").read_text())
+    changed = record | {"data": str(run_folder.parent / "shapes.zarr"), "data_sha256": "0"}
+    write_json(tmp_path / "run" / "run.json", changed)
+    with pytest.raises(InputError, match="shapes.zarr is not the data set that .*run was trained"):
+        predict_test_split(tmp_path / "run")

@@ -30,7 +30,7 @@ from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus
 
-pytestmark = pytest.mark.jit
+pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
 VALUES = {
     "kind": "shapes",

@@ -80,6 +80,7 @@ def runs(config, tmp_path_factory):
     return [folder / "raw", folder / "views"]
 
 
+@pytest.mark.slow
 def test_a_run_refocuses_light_fields_as_it_does_its_own_samples(runs):
     for folder in runs:
         system, dataset = ResNet50.of_run(folder), open_run(folder).open_dataset()
