@@ -35,7 +35,7 @@ BASELINES := .venv-baselines
 
 # Every target uses all cores.
 .NOTPARALLEL:
-.PHONY: help install dataset slopes train-shapes train-flame tables costs benchmarks baselines
+.PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
@@ -116,6 +116,9 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	$(BIN)/python -m experiments.benchmarks.refocusing --out results/benchmarks \
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
+
+installs: | $(INSTALLED)  ## install in new environments, with the oldest versions too, and test there (OTHER_PYTHONS=...)
+	$(BIN)/python -m experiments.benchmarks.installing --out results/benchmarks $(addprefix --python ,$(OTHER_PYTHONS))
 
 baselines: $(BASELINES)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
 $(BASELINES)/installed: experiments/benchmarks/baselines.txt

@@ -1,0 +1,165 @@
+"""Install the package in new environments: seconds, megabytes, and whether the tests pass there.
+
+The light and the learning installation with this Python; the oldest versions that ``setup.cfg``
+allows; and other Pythons. Each in an environment of its own, removed afterwards; in those with
+learning the quick tests run.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from configparser import ConfigParser
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from experiments.beside_reference import set_beside
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import write_json, write_text
+
+ROOT = Path(__file__).parents[2]
+
+TOOLS = ("pytest", "pytest-xdist", "hypothesis")
+"""What the quick tests need beside the package."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment to make.
+
+    Attributes
+    ----------
+    name : str
+    python : str
+        Interpreter.
+    extras : str
+        Of the package, in brackets.
+    oldest : bool
+        Whether the oldest versions are taken that the package allows.
+    tested : bool
+        Whether the quick tests run in it.
+    """
+
+    name: str
+    python: str = sys.executable
+    extras: str = ""
+    oldest: bool = False
+    tested: bool = True
+
+
+def oldest_versions(setup: Path) -> list[str]:
+    """Read the lower bounds of all dependencies, as constraints for pip."""
+    config = ConfigParser()
+    config.read(setup, encoding="utf-8")
+    lines = [config["options"]["install_requires"], *config["options.extras_require"].values()]
+    bounds = re.findall(r"^([\w.-]+)>=([\w.]+)", "\n".join(lines), re.MULTILINE)
+    return [f"{name}=={version}.*" for name, version in bounds]
+
+
+def measure(environment: Environment) -> dict:
+    """Make an environment, install into it, and run the quick tests there."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "venv"
+        subprocess.run([environment.python, "-m", "venv", place], check=True)
+        python = place / "bin" / "python"
+        pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        if environment.oldest:
+            constraints = Path(folder) / "oldest.txt"
+            constraints.write_text("\n".join(oldest_versions(ROOT / "setup.cfg")))
+            pip += ["--constraint", constraints]
+        started = time.perf_counter()
+        _run([*pip, f"{ROOT}{environment.extras}"])
+        row = {
+            "environment": environment.name,
+            "seconds": time.perf_counter() - started,
+            "megabytes": _size(place) / 1e6,
+        }
+        if environment.tested:
+            _run([*pip, *TOOLS])
+            row |= _test(python)
+        return row | {"python": _python(python), "versions": _versions(python)}
+
+
+def _test(python: Path) -> dict:
+    command = [python, "-m", "pytest", "-q", "-m", "not slow", "-n", "2", "--dist", "loadfile",
+               "-p", "no:cacheprovider"]  # fmt: skip
+    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    lines = found.stdout.strip().splitlines() or ["nothing was said"]
+    numbers = {word: int(n) for n, word in re.findall(r"(\d+) (passed|failed|error)", lines[-1])}
+    failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+    return {
+        "passed": numbers.get("passed", 0),
+        "failed": numbers.get("failed", 0) + numbers.get("error", 0),
+        "what_failed": "; ".join(failed),
+    }
+
+
+def _run(command: list) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, command))} failed:\n{done.stderr}")
+
+
+def _size(folder: Path) -> int:
+    """Bytes on disk of all files in a folder."""
+    return sum(
+        512 * os.lstat(Path(top) / name).st_blocks
+        for top, _, names in os.walk(folder)
+        for name in names
+    )
+
+
+def _python(python: Path) -> str:
+    code = "import platform; print(platform.python_version())"
+    return subprocess.run(
+        [python, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def _versions(python: Path) -> str:
+    frozen = [python, "-m", "pip", "list", "--format", "freeze", "--disable-pip-version-check"]
+    listed = subprocess.run(frozen, capture_output=True, text=True, check=True).stdout.split()
+    return " ".join(line for line in listed if not line.startswith("lf_flame"))
+
+
+def main() -> None:
+    """Measure all environments, write the table and its record."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--python", action="append", default=[], help="another interpreter")
+    asked = parser.parse_args()
+    learn = "[learn,movie]"
+    environments = [
+        Environment("light: pip install .", tested=False),
+        Environment("learning: pip install '.[learn]'", extras="[learn]", tested=False),
+        Environment("oldest versions allowed", extras=learn, oldest=True),
+        *(Environment(f"another Python: {Path(x).name}", x, learn) for x in asked.python),
+    ]
+    rows = []
+    for environment in environments:
+        sys.stderr.write(f"{environment.name} ...\n")
+        rows.append(measure(environment))
+    table = pd.DataFrame(rows).drop(columns=["versions", "what_failed"])
+    shown = table.astype(object).where(table.notna(), None)
+    record = {"installed": rows, **provenance.environment()}
+    stem = asked.out / "installing"
+    text = (
+        "### Installing, and the quick tests there\n\n"
+        + shown.to_markdown(index=False, floatfmt=".0f", missingval="-")
+        + "\n\nSeconds depend on the network and on what pip has in its cache; megabytes on disk. "
+        f"{record['machine']}, revision {record['git_revision']}. Versions are in the record, "
+        f"{stem.name}.json. Command: `{record['command']}`.\n"
+    )
+    write_text(stem.with_suffix(".md"), text)
+    write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
+    write_json(stem.with_suffix(".json"), record)
+    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
+
+
+if __name__ == "__main__":
+    main()
