@@ -72,16 +72,22 @@ def test_imports_go_down_from_floor_to_floor(path):
             assert RANK[there] < RANK[here], f"{here} is not above {there}"
 
 
+def circle_in(graph):
+    """Find modules that import each other in a circle; none where there is no circle."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
 def test_no_two_files_import_each_other():
     """Neither inside a room nor around a corner, in the library or in the experiments."""
     graph = {}
     for path in (*LIBRARY, *EXPERIMENTS):
         me = module_of(path)
         graph[me] = {name for name in imports_of(path) if name in MODULES and name != me}
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        pytest.fail(" -> ".join(error.args[1]))
+    assert circle_in(graph) == []
 
 
 def test_every_room_has_a_floor_and_tells_what_it_holds():

@@ -331,3 +331,31 @@ def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
 def test_an_f_number_without_a_camera_is_refused():
     with pytest.raises(InputError, match="needs the camera"):
         aperture_weights((5, 5), f_number=4.0)
+
+
+def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_path):
+    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    thesis = tmp_path / "thesis.txt"
+    thesis.write_text("mine")
+    record["files"] += ["../thesis.txt", str(thesis)]
+    (tmp_path / "out" / "refocus.json").write_text(json.dumps(record))
+    run(folder, "--slope", 0.25, "--out", tmp_path / "out")
+    assert thesis.read_text() == "mine"
+    assert not list((tmp_path / "out").glob("*slope+0.500.png"))  # its own are removed
+
+
+def test_a_folder_is_known_by_its_source_from_wherever_it_is_called(folder, tmp_path, monkeypatch):
+    """Records name the source from their own folder, older ones from the working folder."""
+    run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+    path = tmp_path / "out" / "refocus.json"
+    source = json.loads(path.read_text())["source"]
+    assert source.startswith("..")
+    assert (path.parent / source).resolve() == folder.resolve()
+    monkeypatch.chdir(folder.parent)
+    run(folder.name, "--slope", 0.25, "--out", tmp_path / "out")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"source": folder.name}))
+    run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"source": "other"}))
+    with pytest.raises(InputError, match="holds the pictures of other"):
+        run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
