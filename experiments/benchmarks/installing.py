@@ -20,7 +20,7 @@ import pandas as pd
 
 from experiments.beside_reference import set_beside
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import read_json, write_json, write_text
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,11 +78,18 @@ def measure(environment: Environment) -> dict:
             "environment": environment.name,
             "seconds": time.perf_counter() - started,
             "megabytes": _size(place) / 1e6,
+            "passed": None,
+            "failed": None,
         }
         if environment.tested:
             _run([*pip, *TOOLS])
             row |= _test(python)
-        return row | {"python": _python(python), "versions": _versions(python)}
+        known = provenance.environment()
+        return row | {
+            "python": _python(python),
+            "git_revision": known["git_revision"],
+            "versions": _versions(python),
+        }
 
 
 def _test(python: Path) -> dict:
@@ -114,7 +121,7 @@ def _size(folder: Path) -> int:
     )
 
 
-def _python(python: Path) -> str:
+def _python(python: Path | str) -> str:
     code = "import platform; print(platform.python_version())"
     return subprocess.run(
         [python, "-c", code], capture_output=True, text=True, check=True
@@ -132,33 +139,41 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--python", action="append", default=[], help="another interpreter")
+    parser.add_argument("--only", default="", help="environments whose name holds this")
     asked = parser.parse_args()
+    stem = asked.out / "installing"
     learn = "[learn,movie]"
     environments = [
         Environment("light: pip install .", tested=False),
         Environment("learning: pip install '.[learn]'", extras="[learn]", tested=False),
         Environment("oldest versions allowed", extras=learn, oldest=True),
-        *(Environment(f"another Python: {Path(x).name}", x, learn) for x in asked.python),
+        *(Environment(f"Python {_python(x)}", x, learn) for x in asked.python),
     ]
-    rows = []
+    path = stem.with_suffix(".json")
+    rows = {row["environment"]: row for row in (read_json(path)["rows"] if path.exists() else [])}
     for environment in environments:
-        sys.stderr.write(f"{environment.name} ...\n")
-        rows.append(measure(environment))
-    table = pd.DataFrame(rows).drop(columns=["versions", "what_failed"])
+        if asked.only in environment.name:
+            sys.stderr.write(f"{environment.name} ...\n")
+            rows[environment.name] = measure(environment)
+            write_report(stem, list(rows.values()))
+    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
+
+
+def write_report(stem: Path, rows: list[dict]) -> None:
+    """Write the table and its record; each row says by which revision it was measured."""
+    table = pd.DataFrame(rows).drop(columns=["versions", "what_failed"], errors="ignore")
     shown = table.astype(object).where(table.notna(), None)
-    record = {"installed": rows, **provenance.environment()}
-    stem = asked.out / "installing"
+    record = {"rows": rows, **provenance.environment()}
     text = (
         "### Installing, and the quick tests there\n\n"
-        + shown.to_markdown(index=False, floatfmt=".0f", missingval="-")
+        + shown.to_markdown(index=False, floatfmt=".0f", missingval="-", disable_numparse=[6, 7])
         + "\n\nSeconds depend on the network and on what pip has in its cache; megabytes on disk. "
-        f"{record['machine']}, revision {record['git_revision']}. Versions are in the record, "
-        f"{stem.name}.json. Command: `{record['command']}`.\n"
+        f"{record['machine']}. Versions, and what failed, are in the record, {stem.name}.json. "
+        f"Command: `{record['command']}`.\n"
     )
     write_text(stem.with_suffix(".md"), text)
     write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
     write_json(stem.with_suffix(".json"), record)
-    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
 
 
 if __name__ == "__main__":

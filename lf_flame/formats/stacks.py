@@ -151,8 +151,8 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
     with readable(path), tifffile.TiffFile(path) as file:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
-        axes = "I" + alike[0].get_axes(squeeze=False)
-        arrays = [one.asarray(squeeze=False) for one in alike]
+        axes = "I" + _whole(alike[0])[0]
+        arrays = [_whole(one)[1] for one in alike]
         pages = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
     channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
     image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
@@ -160,6 +160,13 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
     shape = [pages.shape[k] for k in counted if pages.shape[k] > 1]
     shape += [pages.shape[k] for k in image]
     return to_unit(pages.transpose(counted + image).reshape(shape), path), len(image), metadata
+
+
+def _whole(series: tifffile.TiffPageSeries) -> tuple[str, np.ndarray]:
+    """Letters of the axes and the pixels of a series, its axes of length one included."""
+    if hasattr(series, "get_axes"):
+        return series.get_axes(squeeze=False), series.asarray(squeeze=False)
+    return series.axes, series.asarray()  # tifffile from 2026.11 on leaves no axis out
 
 
 def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:

@@ -131,7 +131,7 @@ class FactoredGradients:
         """Loss, new other values, gradients of all but the dense layer's, and its two factors."""
         import tensorflow as tf
 
-        offset = tf.zeros((len(features), self._units))
+        offset = tf.zeros((tf.shape(features)[0], self._units))
         apart = (self._kernel, self._bias)
         watched = [x for k, x in enumerate(parameters) if k not in apart]
         with tf.GradientTape(watch_accessed_variables=False) as tape:
@@ -146,7 +146,7 @@ class FactoredGradients:
     def _run_in_inference(self, parameters, others, features, targets):
         import tensorflow as tf
 
-        inputs = [features, tf.zeros((len(features), self._units))]
+        inputs = [features, tf.zeros((tf.shape(features)[0], self._units))]
         (_, stack), _ = self.model.stateless_call(parameters, others, inputs, training=False)
         return mean_squared_error(targets, stack)
 
