@@ -51,6 +51,11 @@ def anchors(text):
     return found
 
 
+@pytest.mark.parametrize("path", TEXTS, ids=names(TEXTS))
+def test_no_figure_is_still_to_be_filled_in(path):
+    assert not re.findall(r"\b(?:SIZE|TIME)_[A-Z]+", path.read_text(encoding="utf-8"))
+
+
 def test_the_readme_is_one_page():
     assert len(README.read_bytes()) <= 8000
 
