@@ -114,7 +114,9 @@ def _trace(
     )
 
 
-def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:
+def trapezoid_cdf(
+    x: np.ndarray, width_a: float | np.ndarray, width_b: float | np.ndarray
+) -> np.ndarray:
     """Cumulative distribution of the sum of two centred uniform variables.
 
     Written for ``|x|`` in its linear and its quadratic part, so that nothing cancels and one
@@ -124,21 +126,23 @@ def trapezoid_cdf(x: np.ndarray, width_a: float, width_b: float) -> np.ndarray:
     ----------
     x : ndarray
     width_a, width_b : float
-        Full widths of the two boxes, 0 or above, in the unit of x.
+        Full widths of the two boxes, 0 or above, in the unit of x; or arrays that broadcast to
+        the shape of x.
 
     Returns
     -------
     ndarray of float64
         Rises from 0 to 1; 1/2 at x = 0.
     """
-    wide, narrow = max(width_a, width_b), min(width_a, width_b)
-    if wide == 0:
-        return 0.5 + 0.5 * np.sign(x)
+    wide, narrow = np.maximum(width_a, width_b), np.minimum(width_a, width_b)
+    if np.any(wide == 0):
+        stepped = trapezoid_cdf(x, np.where(wide == 0, 1.0, wide), narrow)
+        return np.where(wide == 0, 0.5 + 0.5 * np.sign(x), stepped)
     distance = np.abs(x)
     half = distance / wide
     rest = (wide + narrow) / 2 - distance
-    shoulder = rest < narrow
-    ramp = np.maximum(rest[shoulder], 0)
     # In this order no product of widths can underflow.
-    half[shoulder] = 0.5 - ramp / wide * (ramp / max(narrow, np.finfo(float).tiny)) / 2
+    ramp = np.clip(rest, 0, narrow)
+    ramp = ramp / wide * (ramp / np.maximum(narrow, np.finfo(float).tiny)) / 2
+    half = np.where(rest < narrow, 0.5 - ramp, half)
     return 0.5 + np.sign(x) * np.minimum(half, 0.5)

@@ -34,8 +34,8 @@ def _hit(planes, rays, weights, skew, p, a, c, i, b, d, j):
         if weights is None:
             return at, None, None
         return at, weights.down[p, a, c, i], weights.right[p, b, d, j]
-    row = rays.rows[p, a, c, i] + skew.rows[p, b, d]
-    column = rays.columns[p, b, d, j] + skew.columns[p, a, c]
+    row = rays.rows[p, a, c, i] + skew.rows[p, b, d] + skew.turned_rows[p, j]
+    column = rays.columns[p, b, d, j] + skew.columns[p, a, c] + skew.turned_columns[p, i]
     y, down = cell(row, rays.heights[p], planes.height[p])
     x, right = cell(column, rays.widths[p], planes.width[p])
     return planes.first[p] + y * planes.stride[p] + x, down, right
@@ -63,10 +63,14 @@ def _mean(values, stride, at, down, right):
 
 
 def _passes(stops, skew, a, c, i, b, d, j):
-    """Share of a ray's box that passes the round stops: their edges, taken as straight in it."""
+    """Share of a ray's box that passes the round stops: their edges, taken as straight in it.
+
+    All stops have one axis. Two that cut a box from the same side leave the smaller share of it;
+    from opposite sides, what is left of both.
+    """
     if stops is None:
         return 1.0
-    share = 1.0
+    share, cut_y, cut_x = 1.0, 0.0, 0.0
     for k in range(stops.radii.size):
         y, x = stops.rows[k, a, c, i], stops.columns[k, b, d, j]
         if skew is not None:
@@ -74,16 +78,44 @@ def _passes(stops, skew, a, c, i, b, d, j):
             x += skew.stop_columns[k, a, c]
         radius, tall, wide = stops.radii[k], stops.heights[k], stops.widths[k]
         squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
+        here = 1.0
         if edge > radius:  # a stop within a box or two: as a square of the same area
             half = 0.5 * math.sqrt(math.pi) * radius
-            share *= overlap(y, tall, half) * overlap(x, wide, half)
+            here = overlap(y, tall, half) * overlap(x, wide, half)
         elif squared > (radius + edge) * (radius + edge):
             return 0.0
         elif squared > (radius - edge) * (radius - edge):
             distance = math.sqrt(squared)
             breadth = (abs(y) * tall + abs(x) * wide) / distance
-            share *= min(max((radius - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
+            here = min(max((radius - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
+        if here < 1.0:
+            if share < 1.0 and y * cut_y + x * cut_x < 0.0:
+                share = max(share + here - 1.0, 0.0)
+            else:
+                share = min(share, here)
+            cut_y, cut_x = y, x
     return share
+
+
+def _reaches(micro_images, a, c, b, d):
+    """Whether light can reach a pixel through the lenslet of this pass."""
+    if micro_images is None:
+        return True
+    y = micro_images.rows[a, c] + micro_images.shift_rows[b, d]
+    x = micro_images.columns[b, d] + micro_images.shift_columns[a, c]
+    return abs(y) <= micro_images.reach and abs(x) <= micro_images.reach
+
+
+def _inside(micro_images, square, a, c, i, b, d, j):
+    """Share of a ray's box on the sensor that lies in the square micro-image of its lenslet."""
+    if square is None:
+        return 1.0
+    y = micro_images.rows[a, c] + micro_images.shift_rows[b, d] + square.down[i]
+    x = micro_images.columns[b, d] + micro_images.shift_columns[a, c] + square.right[j]
+    along = overlap(square.cosine * y - square.sine * x, square.height, square.half)
+    if along == 0.0:
+        return 0.0
+    return along * overlap(square.cosine * x + square.sine * y, square.width, square.half)
 
 
 def _overlap(position, breadth, half):
@@ -94,15 +126,23 @@ def _overlap(position, breadth, half):
     return max(high - low, 0.0) / breadth
 
 
-def _shade(falloff, a, c, b, d):
+def _shade(falloff, skew, a, c, b, d):
     """cos^4 of the angle at which a pixel's central ray leaves the main lens."""
     if falloff is None:
         return 1.0
-    cos2 = 1.0 / (1.0 + falloff.rows[a, c] + falloff.columns[b, d])
+    if skew is None:
+        squared = falloff.rows[a, c] + falloff.columns[b, d]
+    else:
+        down = falloff.rows[a, c] + skew.rows[b, d]
+        right = falloff.columns[b, d] + skew.columns[a, c]
+        squared = down * down + right * right + skew.patch
+    cos2 = 1.0 / (1.0 + squared)
     return cos2 * cos2
 
 
-def _trace_planes(planes, rays, weights, skew, stops, falloff, seen, share, out):
+def _trace_planes(
+    planes, rays, weights, skew, stops, micro_images, square, falloff, tilt, seen, share, out
+):
     """Add the mean over a grid of backward rays to each pixel, out[a, b, c, d].
 
     The pixel's place along y is (a, c), along x (b, d): (v, u, t, s) for views, and for the raw
@@ -112,7 +152,7 @@ def _trace_planes(planes, rays, weights, skew, stops, falloff, seen, share, out)
     (Numba prunes a branch on ``None`` only if that is an argument of the function, so a member of
     a table that may be None is handed on as an argument.)
 
-    share: of a pixel's light in one ray.
+    tilt: the skew of `falloff`; share: of a pixel's light in one ray.
     """
     rays_y, rays_x = rays.rows.shape[3], rays.columns.shape[3]
     lines = seen.lines
@@ -122,14 +162,17 @@ def _trace_planes(planes, rays, weights, skew, stops, falloff, seen, share, out)
             continue
         for b in range(seen.first.size):
             for d in range(seen.first[b], seen.last[b]):
+                if not reaches(micro_images, a, c, b, d):
+                    continue
                 light = 0.0
                 for i in range(rays_y):
                     for j in range(rays_x):
                         weight = passes(stops, skew, a, c, i, b, d, j)
+                        weight *= inside(micro_images, square, a, c, i, b, d, j)
                         light += weight * radiance(
                             planes, planes.transmission, rays, weights, skew, a, c, i, b, d, j
                         )
-                out[a, b, c, d] += light * share * shade(falloff, a, c, b, d)
+                out[a, b, c, d] += light * share * shade(falloff, tilt, a, c, b, d)
 
 
 def _integrate_columns(texture, start, weight, first, last, out):
@@ -175,13 +218,15 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
+                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, None, a, c, b, d))
 
 
 # Each is compiled where it is called, for the types that it meets there.
 shade = njit(_shade)
 overlap = njit(_overlap)
 passes = njit(_passes)
+reaches = njit(_reaches)
+inside = njit(_inside)
 cell = njit(_cell)
 hit = njit(_hit)
 mean = njit(_mean)

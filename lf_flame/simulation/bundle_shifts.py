@@ -30,6 +30,17 @@ def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:
     return rotated[0] + stretched[0], rotated[1] + stretched[1]
 
 
+def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
+    """How far aside at most the lenslet nearest to a micro-image stands, along y and x, in mm.
+
+    A lenslet that is farther off than half a pitch leaves the micro-image to another one.
+    """
+    half = camera.lenslet_pitch_mm * (1 + max(camera.lenslet_pitch_error, 0)) / 2
+    half *= 1 + abs(math.tan(camera.lenslet_rotation_rad))  # of a square that is turned
+    y, x = misplaced_mm(camera)
+    return min(y, half), min(x, half)
+
+
 def focus_spread(camera: PlenopticCamera, layer: Layer) -> list[tuple[float, float]]:
     """Depths and focal lengths, in mm, over which the light of a layer spreads."""
     depth_steps = np.linspace(-0.5, 0.5, 5) if layer.thickness_mm else [0.0]

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
-from lf_flame.simulation.bundle_shifts import focus_spread, pitch_shifts_mm, rotation_shifts_mm
+from lf_flame.simulation.bundle_shifts import (
+    focus_spread,
+    misplaced_mm,
+    pitch_shifts_mm,
+    rotation_shifts_mm,
+)
 from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
@@ -22,7 +27,7 @@ from lf_flame.simulation.scene_bounds import (
     stopped_inside,
 )
 from lf_flame.simulation.slabs import self_absorbed
-from lf_flame.simulation.stops import neighbours, share_cut
+from lf_flame.simulation.stops import crosstalk, neighbours, share_cut, true_pitch_mm
 
 
 @dataclass(frozen=True)
@@ -110,21 +115,27 @@ def _cos4(bounds: SceneBounds) -> Estimate:
     cos4 = 1 / (1 + squared) ** 2
     change = (1 - cos4) / cos4  # relative to the dimmed image too
     angle = math.degrees(math.atan(math.sqrt(squared)))
-    return Estimate(
-        bounds.relative(change * bounds.radiance), f"rays tilted up to {angle:.2f} degrees"
-    )
+    words = f"rays tilted up to {angle:.2f} degrees"
+    return Estimate(bounds.relative(change * bounds.brightest_raw), words)
 
 
 def squared_tangent(camera: PlenopticCamera) -> float:
-    """Largest squared tangent of a pixel's central ray behind the main lens."""
-    return sum(
-        (
-            ((lenslets - 1) * camera.lenslet_pitch_mm + (camera.views - 1) * camera.view_step_mm)
-            / (2 * camera.image_distance_mm)
-        )
-        ** 2
+    """Largest squared tangent of a pixel's central ray behind the main lens, and of its patch.
+
+    The ray crosses the main lens on the patches that the pixels of a lenslet see, or where a
+    wider aperture is, and the array where the outermost lenslet stands.
+    """
+    seen, pitch_mm, farther = (camera.views - 1) * camera.view_step_mm, true_pitch_mm(camera), 0.0
+    if max(misplaced_mm(camera)) > 0 or neighbours(camera):
+        widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm) + camera.view_step_mm
+        seen = widest * (1 + abs(camera.lenslet_pitch_error)) + 2 * pitch_mm
+        farther = pitch_mm
+    height = [
+        ((lenslets - 1) * camera.lenslet_pitch_mm + seen) / 2 + farther
         for lenslets in camera.lenslets
-    )
+    ]
+    patch = 2 * camera.view_step_mm**2 / 12
+    return (height[0] ** 2 + height[1] ** 2 + patch) / camera.image_distance_mm**2
 
 
 def _round_aperture(bounds: SceneBounds) -> Estimate:
@@ -133,6 +144,8 @@ def _round_aperture(bounds: SceneBounds) -> Estimate:
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: square and matched")
     share = share_cut(camera, 0.0, camera.aperture_mm / 2)
+    if camera.lenslet_pitch_error < 0:  # it is too wide for such lenslets
+        share = min(1.0, share + crosstalk(camera))
     words = f"cuts up to {share:.3g} of a pixel's light"
     return Estimate(bounds.relative(share * bounds.radiance), words)
 

@@ -8,6 +8,9 @@ from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.slabs import Plane
 
+Width = float | np.ndarray
+"""One width for all, or one for each."""
+
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
 
@@ -22,7 +25,7 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
     ----------
     planes : list of Plane
     optics : OpticalPass
-        Without stops, skew and neighbour.
+        Without stops and skew.
     layout : {"views", "raw"}
     out : ndarray of float32 or float64, shape (a, b, c, d)
         In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
@@ -66,12 +69,19 @@ def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) 
 def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Share of each pixel's ray bundle that meets each cell, as (first cell, weights)."""
     footprint = optics.footprint(plane.depth_mm, axis)
-    widths = [abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm) * optics.defocus]
-    return band_weights(plane.layer.cell_edges_mm(axis), footprint.centres_mm, *widths)
+    edges, centres = plane.layer.cell_edges_mm(axis), footprint.centres_mm
+    lenslet_mm = abs(footprint.lenslet_width_mm)
+    pixel_mm: Width = abs(footprint.pixel_width_mm) * optics.defocus
+    if not optics.square_micro_images:
+        return band_weights(edges, centres, lenslet_mm, pixel_mm)
+    middle, share = optics.lit_parts(axis)
+    centres = centres - middle * (footprint.pixel_width_mm / optics.camera.pixel_mm)
+    start, weights = band_weights(edges, centres, lenslet_mm, pixel_mm * share)
+    return start, weights * share[..., None]
 
 
 def band_weights(
-    edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: float
+    edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: Width
 ) -> tuple[np.ndarray, np.ndarray]:
     """Exact integrals of trapezoids over cells: differences of their cumulative distribution.
 
@@ -82,7 +92,8 @@ def band_weights(
     centres_mm : ndarray of any shape
         Where the trapezoids are centred.
     lenslet_mm, pixel_mm : float
-        Widths of the two boxes whose convolution the trapezoid is.
+        Widths of the two boxes whose convolution the trapezoid is; that of the pixel may be an
+        array of the centres' shape.
 
     Returns
     -------
@@ -93,8 +104,9 @@ def band_weights(
     """
     cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
     reach = (lenslet_mm + pixel_mm) / 2
-    band = int(min(cells, np.ceil(2 * reach / cell_mm) + 1))
+    band = int(min(cells, np.ceil(2 * np.max(reach) / cell_mm) + 1))
     start = np.floor((centres_mm - reach - edges_mm[0]) / cell_mm)
     start = np.clip(start, 0, cells - band).astype(np.int64)
     edges = edges_mm[start[..., None] + np.arange(band + 1)]
-    return start, np.diff(trapezoid_cdf(edges - centres_mm[..., None], lenslet_mm, pixel_mm))
+    widths = pixel_mm[..., None] if isinstance(pixel_mm, np.ndarray) else pixel_mm
+    return start, np.diff(trapezoid_cdf(edges - centres_mm[..., None], lenslet_mm, widths))

@@ -1,5 +1,6 @@
 """A lower bound on the brightest pixel of an image, without rendering it."""
 
+import itertools
 import math
 from collections.abc import Mapping
 
@@ -11,7 +12,7 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import focus_spread, reach_mm
+from lf_flame.simulation.bundle_shifts import aside_mm, focus_spread, misplaced_mm, reach_mm
 from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.slabs import self_absorbed
@@ -49,8 +50,14 @@ def peak_radiance(
 
 
 def _clear_of_stops(camera: PlenopticCamera) -> float:
-    """Share of the central view's light that the stops let pass, at the edge of the field."""
-    cut = sum(share_cut(camera, *stop, camera.views // 2) for stop in round_stops(camera))
+    """Share of the central view's light that the stops let pass, at the edge of the field.
+
+    Where the array does not stand as the sensor is read, another view of each lenslet is central,
+    to half a pixel.
+    """
+    y, x = aside_mm(camera)
+    aside = min(y, camera.pixel_mm / 2), min(x, camera.pixel_mm / 2)
+    cut = sum(share_cut(camera, *stop, camera.views // 2, aside) for stop in round_stops(camera))
     return max(0.0, 1 - cut)
 
 
@@ -84,17 +91,32 @@ def _nearest(
 def _brightest(camera: PlenopticCamera, layer: Layer, glow: np.ndarray, near: list[slice]) -> float:
     """Integrate some pixels of the central view; the brightest of them, at its dimmest."""
     dimmest = min(_cos2(camera, near[axis], axis) for axis in (0, 1))
-    pixels = [
-        _integrate_pixels(camera, layer, glow, near, *place)
-        for place in focus_spread(camera, layer)
-    ]
-    return float(np.mean(pixels, axis=0).max()) * dimmest**2
+    brightest = []
+    for moved in _moves(camera):
+        pixels = [
+            _integrate_pixels(camera, layer, glow, near, moved, *place)
+            for place in focus_spread(camera, layer)
+        ]
+        brightest.append(np.mean(pixels, axis=0).max())
+    return float(min(brightest)) * dimmest**2
+
+
+def _moves(camera: PlenopticCamera) -> list[tuple[float, float]]:
+    """Ways in which bundles may lie between those of an array that stands as it is read.
+
+    Along y and x, in parts of the way by which misplaced lenslets can move them.
+    """
+    parts = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    steps = [parts if aside > 0 else (0.0,) for aside in misplaced_mm(camera)]
+    return list(itertools.product(*steps))
 
 
 def _cos2(camera: PlenopticCamera, lenslets: slice, axis: int) -> float:
     """cos^2 of a ray tilted along both axes as the lenslets' rays are along one."""
     place = np.abs(centred(camera.lenslets[axis])[lenslets]).max()
     height = place * camera.lenslet_pitch_mm + camera.view_step_mm / 2
+    if max(misplaced_mm(camera)) > 0:  # another view is central, of a lenslet beside this one
+        height += camera.view_step_mm / 2 + camera.lenslet_pitch_mm
     return 1 / (1 + 2 * (height / camera.image_distance_mm) ** 2)
 
 
@@ -103,6 +125,7 @@ def _integrate_pixels(
     layer: Layer,
     glow: np.ndarray,
     near: list[slice],
+    moved: tuple[float, float],
     depth_mm: float,
     focal_mm: float,
 ) -> np.ndarray:
@@ -111,6 +134,7 @@ def _integrate_pixels(
     for axis in (0, 1):
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
         centres = footprint.centres_mm[camera.views // 2, near[axis]]
+        centres = centres + moved[axis] * _most_moved_mm(camera, footprint, axis)
         widths = abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm)
         bands.append(band_weights(layer.cell_edges_mm(axis), centres, *widths))
     (rows, row_weight), (columns, column_weight) = bands
@@ -118,6 +142,18 @@ def _integrate_pixels(
     columns = columns[:, None] + np.arange(column_weight.shape[1])
     cells = glow[rows[:, None, :, None], columns[None, :, None, :]]
     return np.einsum("ti,tsij,sj->ts", row_weight, cells, column_weight)
+
+
+def _most_moved_mm(camera: PlenopticCamera, footprint: Footprint, axis: int) -> float:
+    """How far from a nominal bundle the nearest one of a misplaced array can lie on a layer.
+
+    No farther than lenslets move it, and than half of the way to the bundles of the next lenslet
+    and the next pixel.
+    """
+    moved = abs(footprint.shift_per_lenslet_shift) * misplaced_mm(camera)[axis]
+    centres = footprint.centres_mm[camera.views // 2]
+    spacing = abs(centres[1] - centres[0]) if centres.size > 1 else math.inf
+    return min(moved, (spacing + abs(footprint.pixel_width_mm)) / 2)
 
 
 def _seen(

@@ -7,7 +7,7 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,6 @@ from lf_flame.simulation.scene_bounds import (
     change_rate,
     smeared,
 )
-from lf_flame.simulation.stops import neighbours
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -365,31 +364,31 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
     angle = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
     scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
     stops: list[tuple[float, float]] = []
-    reach = 0
     if "round_aperture" in plan.traced:
         mismatched = "f_number_mismatch" in plan.traced
         width = camera.aperture_diameter_mm if mismatched else None
         stops.append((0.0, (width or camera.aperture_mm) / 2))
-        reach = neighbours(camera) if mismatched else 0
     if "vignetting" in plan.traced and camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
+    ideal = OpticalPass(
+        camera,
+        share=1 / plan.colours,
+        defocus="defocus" in kept,
+        falloff="cos4" in kept and not camera.falloff_corrected,
+        lenslet_scale=scale * math.cos(angle),
+        lenslet_skew=scale * math.sin(angle),
+        stops=tuple(stops),
+        square_micro_images="round_aperture" not in plan.traced and (angle != 0 or scale != 1),
+    )
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
-    lenslets = range(-reach, reach + 1)
     return [
-        OpticalPass(
-            camera,
+        replace(
+            ideal,
             focal_mm=camera.main_lens_focal_mm * (1 + camera.chromatic_shift * middle),
-            share=1 / plan.colours,
-            defocus="defocus" in kept,
-            falloff="cos4" in kept and not camera.falloff_corrected,
-            lenslet_scale=scale * math.cos(angle),
-            lenslet_skew=scale * math.sin(angle),
-            stops=tuple(stops),
-            neighbour=(row, column),
+            neighbour=neighbour,
         )
         for middle in middles
-        for row in lenslets
-        for column in lenslets
+        for neighbour in ideal.lit_neighbours()
     ]
 
 

@@ -74,12 +74,17 @@ class SkewTable(NamedTuple):
     ----------
     rows, columns : ndarray of float64, shapes (p, b, d) and (p, a, c)
         Shift down, and to the right, in cells of each plane.
+    turned_rows, turned_columns : ndarray of float64, shapes (p, j) and (p, i)
+        What the turn of each lenslet's own square adds, by the ray's place on the other axis.
     stop_rows, stop_columns : ndarray of float64, shapes (k, b, d) and (k, a, c)
-        The same on each stop, in mm.
+        Shift down, and to the right, on each stop, in mm. (The turn of a lenslet's own square is
+        a ten thousandth of a stop at most.)
     """
 
     rows: np.ndarray
     columns: np.ndarray
+    turned_rows: np.ndarray
+    turned_columns: np.ndarray
     stop_rows: np.ndarray
     stop_columns: np.ndarray
 
@@ -104,16 +109,79 @@ class StopTable(NamedTuple):
     widths: np.ndarray
 
 
-class FalloffTable(NamedTuple):
-    """Squared tangents of the pixels' central rays behind the main lens, for cos^4.
+class FalloffSkew(NamedTuple):
+    """What a turned array adds to the tangents of the pixels' central rays.
 
     Attributes
     ----------
-    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
+    rows, columns : ndarray of float64, shapes (b, d) and (a, c)
+        To the tangents along y, and along x.
+    patch : float
+        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
     """
 
     rows: np.ndarray
     columns: np.ndarray
+    patch: float
+
+
+class FalloffTable(NamedTuple):
+    """Tangents of the pixels' central rays behind the main lens, for cos^4.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
+        Squared, with the patch in `rows`; with a skew, as they are.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+class SquareTable(NamedTuple):
+    """Where the square micro-image of a lenslet ends, and the rays on a pixel.
+
+    None where round stops end the micro-images.
+
+    Attributes
+    ----------
+    half : float
+        Half of its side, in mm.
+    cosine, sine : float
+        Of the angle by which it is turned.
+    down, right : ndarray of float64, shapes (i,) and (j,)
+        Middles of the rays' boxes on the sensor, from the pixel's, in mm.
+    height, width : float
+        Of a ray's box on the sensor, in mm.
+    """
+
+    half: float
+    cosine: float
+    sine: float
+    down: np.ndarray
+    right: np.ndarray
+    height: float
+    width: float
+
+
+class MicroImageTable(NamedTuple):
+    """Pixels that light can reach through the lenslet of a pass, where that is not all of them.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
+        Places of the pixels from the middle of the micro-image, in mm.
+    shift_rows, shift_columns : ndarray of float64, shapes (b, d) and (a, c)
+        What a turned array adds to them.
+    reach : float
+        Along each axis no pixel farther off gets any light, in mm.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    shift_rows: np.ndarray
+    shift_columns: np.ndarray
+    reach: float
 
 
 class SeenTable(NamedTuple):

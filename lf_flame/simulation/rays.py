@@ -12,10 +12,12 @@ from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.ray_tables import (
+    MicroImageTable,
     PlaneTable,
     RayTable,
     SeenTable,
     SkewTable,
+    SquareTable,
     StopTable,
     WeightTable,
 )
@@ -85,6 +87,9 @@ class RayGrid:
     stop_shifts_mm : ndarray of float64, shape (k, g, h)
     seen : ndarray of bool, shape (e, f)
         Whether a pixel can see any of the planes.
+    lenslet_cells : ndarray of float64, shape (p,)
+        Image of the lenslet in cells, signed as the rays' places on it.
+    tiling : Tiling
     """
 
     edges_mm: tuple[np.ndarray, ...]
@@ -95,6 +100,8 @@ class RayGrid:
     stop_boxes_mm: np.ndarray
     stop_shifts_mm: np.ndarray
     seen: np.ndarray
+    lenslet_cells: np.ndarray
+    tiling: "Tiling"
 
     @property
     def count(self) -> int:
@@ -152,7 +159,7 @@ def ray_grid(
         abs(footprint.lenslet_width_mm) / (edges[1] - edges[0])
         for footprint, edges in zip(footprints, layer_edges, strict=True)
     )
-    spread = bool(optics.defocus or optics.stops)
+    spread = bool(optics.defocus or optics.stops or optics.square_micro_images)
     tiling = _tile(rays, cells, _lenslet_power(planes), spread) if finite_width else _lattice(rays)
     # Without defocus a plane sees the pixel as a point; a stop never does.
     on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
@@ -187,6 +194,8 @@ def ray_grid(
         stop_boxes_mm=np.array([abs(stop.pixel_width_mm) * stop_tile for stop in stops]),
         stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
         seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+        lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
+        tiling=tiling,
     )
 
 
@@ -239,6 +248,7 @@ def _meets(
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
     skewed = np.abs(optics.skew_mm(axis)).max()
     reach = footprint.half_width_mm + skewed * abs(footprint.shift_per_lenslet_shift)
+    reach += abs(optics.lenslet_tangent * footprint.lenslet_width_mm) / 2
     centres = footprint.centres_mm
     return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
 
@@ -272,7 +282,7 @@ def _trace_group(
     skew = stops = weights = None
     if optics.lenslet_skew:
         rows, columns = y.positions, x.positions
-        skew = SkewTable(y.shifts, x.shifts, y.stop_shifts_mm, x.stop_shifts_mm)
+        skew = _skew_table(y, x, optics)
     else:  # positions become indices once, outside the ray loop
         rows, down = _indices(y)
         columns, right = _indices(x)
@@ -283,10 +293,59 @@ def _trace_group(
         radii = np.array([radius for _, radius in optics.stops])
         stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)
     rays = RayTable(rows, columns, y.boxes, x.boxes)
-    falloff, seen = optics.falloff_table(layout), SeenTable(y.seen, *seen_range(x.seen))
-    tables = _take_lines(lines, rays, weights, skew, stops, falloff, seen)
+    micro_images = _micro_image_table(optics, layout)
+    falloff, tilt = optics.falloff_table(layout), optics.falloff_skew(layout)
+    seen = SeenTable(y.seen, *seen_range(x.seen))
+    rays, weights, skew, stops, micro_images, falloff, tilt, seen = _take_lines(
+        lines, rays, weights, skew, stops, micro_images, falloff, tilt, seen
+    )
+    effects = skew, stops, micro_images, _square_table(grids, optics, finite_width), falloff, tilt
     share = optics.share / (y.count * x.count)
-    _kernels.trace_planes(table, *tables, share, out)
+    _kernels.trace_planes(table, rays, weights, *effects, seen, share, out)
+
+
+def _skew_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> SkewTable:
+    """Shifts by a turned array, and by the turn of each lenslet's own square."""
+    tangent = optics.lenslet_tangent
+    return SkewTable(
+        y.shifts,
+        x.shifts,
+        tangent * y.lenslet_cells[:, None] * x.tiling.along_lenslet,
+        -tangent * x.lenslet_cells[:, None] * y.tiling.along_lenslet,
+        y.stop_shifts_mm,
+        x.stop_shifts_mm,
+    )
+
+
+def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable | None:
+    """Which pixels light can reach through the pass's lenslet; None for all pixels."""
+    reach, views = optics.micro_image_reach_mm, optics.camera.views
+    if not optics.displaced or not math.isfinite(reach):
+        return None
+    rows, columns = (arrange(optics.offsets_mm(axis), layout) for axis in (0, 1))
+    shift_rows, shift_columns = (
+        arrange(np.tile(optics.offset_skew_mm(axis), (views, 1)), layout) for axis in (0, 1)
+    )
+    return MicroImageTable(rows, columns, shift_rows, shift_columns, reach)
+
+
+def _square_table(
+    grids: list[RayGrid], optics: OpticalPass, finite_width: bool
+) -> SquareTable | None:
+    """Where square micro-images end; None where they do not."""
+    if not (optics.square_micro_images and optics.displaced):
+        return None
+    turned, pixel_mm = math.atan(optics.lenslet_tangent), optics.camera.pixel_mm
+    y, x = (grid.tiling for grid in grids)
+    return SquareTable(
+        optics.micro_image_mm / 2,
+        math.cos(turned),
+        math.sin(turned),
+        pixel_mm * y.along_pixel,
+        pixel_mm * x.along_pixel,
+        pixel_mm / y.on_pixel * finite_width,
+        pixel_mm / x.on_pixel * finite_width,
+    )
 
 
 def _plane_table(planes: list[Plane], y: RayGrid, x: RayGrid) -> PlaneTable:
@@ -313,7 +372,9 @@ def _indices(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     return index, np.where(missed, 0.0, np.clip(weight, 0.0, 1.0))
 
 
-def _take_lines(lines: slice, rays, weights, skew, stops, falloff, seen) -> tuple:
+def _take_lines(
+    lines: slice, rays, weights, skew, stops, micro_images, falloff, tilt, seen
+) -> tuple:
     """Cut all tables along y down to some lines c of the image, kept contiguous."""
 
     def cut(table, axis):
@@ -327,9 +388,15 @@ def _take_lines(lines: slice, rays, weights, skew, stops, falloff, seen) -> tupl
         skew = skew._replace(columns=columns, stop_columns=stop_columns)
     if stops is not None:
         stops = stops._replace(rows=cut(stops.rows, 2))
+    if micro_images is not None:
+        shifts = cut(micro_images.shift_columns, 1)
+        micro_images = micro_images._replace(rows=cut(micro_images.rows, 1), shift_columns=shifts)
     if falloff is not None:
         falloff = falloff._replace(rows=cut(falloff.rows, 1))
-    return rays, weights, skew, stops, falloff, seen._replace(lines=cut(seen.lines, 1))
+    if tilt is not None:
+        tilt = tilt._replace(columns=cut(tilt.columns, 1))
+    seen = seen._replace(lines=cut(seen.lines, 1))
+    return rays, weights, skew, stops, micro_images, falloff, tilt, seen
 
 
 def _lattice(rays: int) -> Tiling:

@@ -15,7 +15,7 @@ from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.bundle_shifts import farthest_move_mm, reach_mm
 from lf_flame.simulation.peak import peak_radiance
-from lf_flame.simulation.stops import neighbours, round_stops, share_crossing
+from lf_flame.simulation.stops import crosstalk, round_stops, share_crossing, true_pitch_mm
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
         layers=layers,
         footprints=footprints,
         radiance=radiance,
-        brightest_raw=radiance * (1 + _crosstalk(camera)),
+        brightest_raw=radiance * (1 + crosstalk(camera)),
         peak=peak_radiance(camera, layers, footprints),
         behind=behind,
         steps={
@@ -116,14 +116,6 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
             for axis in (0, 1)
         },
     )
-
-
-def _crosstalk(camera: PlenopticCamera) -> float:
-    """Light that comes through neighbouring lenslets, relative to that through a pixel's own."""
-    if camera.aperture_diameter_mm is None:
-        return 0.0
-    excess = max(0.0, camera.aperture_diameter_mm - camera.aperture_mm) / 2
-    return min(4 * excess / camera.view_step_mm, (1 + 2 * neighbours(camera)) ** 2 - 1)
 
 
 def _light_behind(camera, layers, layer: Layer, footprints) -> float:
@@ -241,15 +233,31 @@ def smeared(
 
 
 def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float:
-    """Bound on the relative change when lenslets move by up to `shifts_mm` over the sensor."""
-    camera, change = bounds.camera, 0.0
+    """Bound on the relative change when lenslets move by up to `shifts_mm` over the sensor.
+
+    A pixel sees another place of a layer, through its own lenslet, which moved, and in the share
+    of it that another lenslet's micro-image covers now, a place that is farther by a pitch.
+    """
+    camera, change, pitch_mm = bounds.camera, 0.0, true_pitch_mm(bounds.camera)
     for layer in bounds.layers:
         for axis in (0, 1):
             footprint, box = bounds.footprints[layer, axis], box_mm(bounds, layer, axis)
-            shift = abs(footprint.shift_per_lenslet_shift) * shifts_mm[axis]
+            aside = min(shifts_mm[axis], pitch_mm)
+            gain = abs(footprint.shift_per_lenslet_shift)
             stretch = shifts_mm[axis] / camera.lenslets[axis]  # of the lenslet itself
-            shift += stretch * abs(footprint.lenslet_width_mm) / camera.lenslet_pitch_mm
-            change += displaced(bounds, layer, axis, shift, box)
-    for distance_mm, _ in round_stops(camera):
-        change += bounds.brightest_raw * share_crossing(camera, distance_mm, shifts_mm)
+            shift = gain * aside + stretch * abs(footprint.lenslet_width_mm) / pitch_mm
+            moved = displaced(bounds, layer, axis, shift, box)
+            exchanged = _share_exchanged(camera, shifts_mm[axis])
+            moved += exchanged * displaced(bounds, layer, axis, gain * pitch_mm, box)
+            change += min(moved, bounds.steps[layer, axis].whole)
+    for distance_mm, radius_mm in round_stops(camera):
+        crossing = share_crossing(camera, distance_mm, radius_mm, shifts_mm)
+        change += min(1.0, crossing) * bounds.brightest_raw
     return bounds.relative(change)
+
+
+def _share_exchanged(camera: PlenopticCamera, shift_mm: float) -> float:
+    """Share of an outermost pixel that another micro-image covers when all move by a shift."""
+    ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
+    gap_mm = (camera.micro_image_pitch_mm - camera.views * camera.pixel_mm) / 2
+    return min(1.0, max(0.0, shift_mm * ratio - gap_mm) / camera.pixel_mm)

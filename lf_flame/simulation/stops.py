@@ -6,7 +6,7 @@ import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_stop
-from lf_flame.simulation.bundle_shifts import misplaced_mm
+from lf_flame.simulation.bundle_shifts import aside_mm
 
 GRID = 48
 """Points along each axis of a bundle by which the share that passes a stop is counted."""
@@ -23,14 +23,20 @@ def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
 
 
 def share_cut(
-    camera: PlenopticCamera, distance_mm: float, radius_mm: float, view: int | None = None
+    camera: PlenopticCamera,
+    distance_mm: float,
+    radius_mm: float,
+    view: int | None = None,
+    aside: tuple[float, float] | None = None,
 ) -> float:
     """Share of the worst bundle that a round stop cuts off, of all views or of one.
 
     The worst bundle lies farthest from the axis along both. Counted on a grid of points,
     with a margin for the grid cells that the stop's edge crosses.
+
+    aside: how far aside lenslets stand along y and x, in mm; default: as the camera's do.
     """
-    places, misplaced = [], misplaced_mm(camera)
+    places, misplaced = [], aside_mm(camera) if aside is None else aside
     for axis in (0, 1):
         footprint = trace_stop(camera, distance_mm, axis)
         centres = np.abs(footprint.centres_mm)
@@ -45,22 +51,52 @@ def share_cut(
 
 
 def share_crossing(
-    camera: PlenopticCamera, distance_mm: float, shifts_mm: tuple[float, float]
+    camera: PlenopticCamera,
+    distance_mm: float,
+    radius_mm: float,
+    shifts_mm: tuple[float, float],
 ) -> float:
-    """Share of a bundle that lenslets which move by `shifts_mm` can carry across a stop's edge."""
-    moved = 0.0
+    """Change of a pixel's light, in bundles, as lenslets move by `shifts_mm` behind a stop.
+
+    The edge of each micro-image moves over the pixel; inside a square of side w an arc is at most
+    2 w long. Several micro-images may meet in one pixel.
+    """
+    moved, edges = 0.0, 1
     for axis in (0, 1):
         footprint = trace_stop(camera, distance_mm, axis)
         shift = abs(footprint.shift_per_lenslet_shift) * shifts_mm[axis]
-        moved += 2 * shift / max(footprint.half_width_mm, 1e-300)
-    return min(1.0, moved)
+        moved += 2 * shift / max(abs(footprint.pixel_width_mm), 1e-300)
+        spacing = abs(footprint.shift_per_lenslet_shift) * true_pitch_mm(camera)
+        edges *= 1 + math.floor(2 * (radius_mm + footprint.half_width_mm) / max(spacing, 1e-300))
+    return edges * moved
+
+
+def true_pitch_mm(camera: PlenopticCamera) -> float:
+    """Pitch of the lenslets with its error."""
+    return camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
+
+
+def crosstalk(camera: PlenopticCamera) -> float:
+    """Light that comes through other lenslets, relative to that of a pixel that one lights.
+
+    Square micro-images and matched round ones do not overlap. A wider aperture lights a ring of
+    each neighbour; inside a square of side w an arc is at most 2 w long, and four may meet in it.
+    """
+    if camera.aperture_diameter_mm is None:
+        return 0.0
+    matched = camera.aperture_mm * (1 + camera.lenslet_pitch_error)
+    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
+    excess = max(0.0, widest - matched) / 2
+    return min(4 * excess / camera.view_step_mm, (1 + 2 * neighbours(camera)) ** 2 - 1)
 
 
 def neighbours(camera: PlenopticCamera) -> int:
     """How many lenslets away light can come from, through the round aperture."""
     if camera.aperture_diameter_mm is None:
         return 0
-    spread = camera.aperture_diameter_mm / 2 + camera.view_step_mm * camera.views / 2
-    spread += camera.lenslet_pitch_mm
+    widest = max(camera.aperture_diameter_mm, camera.aperture_mm)
+    spread = widest / 2 + camera.view_step_mm * camera.views / 2 + camera.lenslet_pitch_mm / 2
+    spread += max(aside_mm(camera)) * camera.image_distance_mm / camera.lenslet_focal_mm
     period = camera.micro_image_pitch_mm * camera.image_distance_mm / camera.lenslet_focal_mm
-    return max(0, math.ceil(spread / period) - 1)
+    period *= 1 + camera.lenslet_pitch_error
+    return max(0, math.ceil(spread / period - 1e-9) - 1)
