@@ -202,7 +202,7 @@ class OpticalPass:
         skew = [
             arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout) for axis in (0, 1)
         ]
-        return FalloffSkew(*skew, self._patch)
+        return FalloffSkew(skew[0], skew[1], self._patch)
 
     @property
     def _patch(self) -> float:

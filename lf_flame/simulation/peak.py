@@ -107,8 +107,8 @@ def _moves(camera: PlenopticCamera) -> list[tuple[float, float]]:
     Along y and x, in parts of the way by which misplaced lenslets can move them.
     """
     parts = (-1.0, -0.5, 0.0, 0.5, 1.0)
-    steps = [parts if aside > 0 else (0.0,) for aside in misplaced_mm(camera)]
-    return list(itertools.product(*steps))
+    y, x = (parts if aside > 0 else (0.0,) for aside in misplaced_mm(camera))
+    return list(itertools.product(y, x))
 
 
 def _cos2(camera: PlenopticCamera, lenslets: slice, axis: int) -> float:
