@@ -11,31 +11,33 @@ import numpy as np
 from numba import njit, prange
 
 
-def _radiance(planes, transmission, rays, weights, skew, a, c, i, b, d, j):
+def _radiance(planes, transmission, rays, weights, shifts, m, n, a, c, i, b, d, j):
     """Radiance along one ray: what each plane adds, front to back, through those before it."""
     if transmission is None:
-        at, down, right = hit(planes, rays, weights, skew, 0, a, c, i, b, d, j)
+        at, down, right = hit(planes, rays, weights, shifts, m, n, 0, a, c, i, b, d, j)
         return mean(planes.emission, planes.stride[0], at, down, right)
     light, clear = 0.0, 1.0
     for p in range(planes.first.size):
-        at, down, right = hit(planes, rays, weights, skew, p, a, c, i, b, d, j)
+        at, down, right = hit(planes, rays, weights, shifts, m, n, p, a, c, i, b, d, j)
         light += clear * mean(planes.emission, planes.stride[p], at, down, right)
         clear *= mean(transmission, planes.stride[p], at, down, right)
     return light
 
 
-def _hit(planes, rays, weights, skew, p, a, c, i, b, d, j):
+def _hit(planes, rays, weights, shifts, m, n, p, a, c, i, b, d, j):
     """Cell that a ray meets on plane p, and the weights of the next cells down and right.
 
-    Without weights these are None: the ray takes all from the one cell.
+    Without weights these are None: the ray takes all from the one cell. m, n: how far on the
+    lenslet stands through which the ray comes, in pitches along y and x.
     """
-    if skew is None:
+    if shifts is None:
         at = int(rays.rows[p, a, c, i] + rays.columns[p, b, d, j])
         if weights is None:
             return at, None, None
         return at, weights.down[p, a, c, i], weights.right[p, b, d, j]
-    row = rays.rows[p, a, c, i] + skew.rows[p, b, d] + skew.turned_rows[p, j]
-    column = rays.columns[p, b, d, j] + skew.columns[p, a, c] + skew.turned_columns[p, i]
+    row = rays.rows[p, a, c, i] + shifts.rows[p, b, d] + shifts.turned_rows[p, j]
+    column = rays.columns[p, b, d, j] + shifts.columns[p, a, c] + shifts.turned_columns[p, i]
+    row, column = row + m * shifts.pitch_rows[p], column + n * shifts.pitch_columns[p]
     y, down = cell(row, rays.heights[p], planes.height[p])
     x, right = cell(column, rays.widths[p], planes.width[p])
     return planes.first[p] + y * planes.stride[p] + x, down, right
@@ -62,7 +64,7 @@ def _mean(values, stride, at, down, right):
     return upper + down * (lower - upper)
 
 
-def _passes(stops, skew, a, c, i, b, d, j):
+def _passes(stops, shifts, m, n, a, c, i, b, d, j):
     """Share of a ray's box that passes the round stops: their edges, taken as straight in it.
 
     All stops have one axis. Two that cut a box from the same side leave the smaller share of it;
@@ -73,9 +75,9 @@ def _passes(stops, skew, a, c, i, b, d, j):
     share, cut_y, cut_x = 1.0, 0.0, 0.0
     for k in range(stops.radii.size):
         y, x = stops.rows[k, a, c, i], stops.columns[k, b, d, j]
-        if skew is not None:
-            y += skew.stop_rows[k, b, d]
-            x += skew.stop_columns[k, a, c]
+        if shifts is not None:
+            y += shifts.stop_rows[k, b, d] + m * shifts.stop_pitch[k]
+            x += shifts.stop_columns[k, a, c] + n * shifts.stop_pitch[k]
         radius, tall, wide = stops.radii[k], stops.heights[k], stops.widths[k]
         squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
         here = 1.0
@@ -97,25 +99,28 @@ def _passes(stops, skew, a, c, i, b, d, j):
     return share
 
 
-def _reaches(micro_images, a, c, b, d):
-    """Whether light can reach a pixel through the lenslet of this pass."""
-    if micro_images is None:
-        return True
+def _on_array(micro_images, a, c, b, d):
+    """Place of a pixel from the middle of its lenslet's micro-image, along the array's own axes.
+
+    In the pitch of the micro-images, so that those of other lenslets are whole numbers apart.
+    """
     y = micro_images.rows[a, c] + micro_images.shift_rows[b, d]
     x = micro_images.columns[b, d] + micro_images.shift_columns[a, c]
-    return abs(y) <= micro_images.reach and abs(x) <= micro_images.reach
+    cosine, sine = micro_images.cosine, micro_images.sine
+    return cosine * y - sine * x, cosine * x + sine * y
 
 
-def _inside(micro_images, square, a, c, i, b, d, j):
-    """Share of a ray's box on the sensor that lies in the square micro-image of its lenslet."""
-    if square is None:
+def _inside(squares, micro_images, down, right, i, j):
+    """Share of a ray's box on the sensor that lies in a square micro-image.
+
+    down, right: of the pixel from the middle of the micro-image, in its sides.
+    """
+    if squares is None:
         return 1.0
-    y = micro_images.rows[a, c] + micro_images.shift_rows[b, d] + square.down[i]
-    x = micro_images.columns[b, d] + micro_images.shift_columns[a, c] + square.right[j]
-    along = overlap(square.cosine * y - square.sine * x, square.height, square.half)
-    if along == 0.0:
-        return 0.0
-    return along * overlap(square.cosine * x + square.sine * y, square.width, square.half)
+    y, x = squares.down[i], squares.right[j]
+    cosine, sine = micro_images.cosine, micro_images.sine
+    along = overlap(down + cosine * y - sine * x, squares.height, 0.5)
+    return along * overlap(right + cosine * x + sine * y, squares.width, 0.5)
 
 
 def _overlap(position, breadth, half):
@@ -126,22 +131,91 @@ def _overlap(position, breadth, half):
     return max(high - low, 0.0) / breadth
 
 
-def _shade(falloff, skew, a, c, b, d):
-    """cos^4 of the angle at which a pixel's central ray leaves the main lens."""
+def _whole(squares, down, right):
+    """Whether all of a pixel lies in a square micro-image, however it is turned."""
+    return squares is not None and max(abs(down), abs(right)) < 0.5 - 0.75 * squares.pixel
+
+
+def _lit_middle(squares, position):
+    """Middle of the part of a pixel that lies in a square micro-image, from the pixel's own."""
+    if squares is None:
+        return 0.0
+    half = squares.pixel / 2
+    low, high = max(-0.5 - position, -half), min(0.5 - position, half)
+    return (low + high) / 2
+
+
+def _shade(falloff, tilt, down, right, a, c, b, d):
+    """cos^4 of the angle at which a pixel's central ray leaves the main lens.
+
+    down, right: to be added to its tangents, where they are tilted.
+    """
     if falloff is None:
         return 1.0
-    if skew is None:
+    if tilt is None:
         squared = falloff.rows[a, c] + falloff.columns[b, d]
     else:
-        down = falloff.rows[a, c] + skew.rows[b, d]
-        right = falloff.columns[b, d] + skew.columns[a, c]
-        squared = down * down + right * right + skew.patch
+        down += falloff.rows[a, c] + tilt.rows[b, d]
+        right += falloff.columns[b, d] + tilt.columns[a, c]
+        squared = down * down + right * right + tilt.patch
     cos2 = 1.0 / (1.0 + squared)
     return cos2 * cos2
 
 
+def _tilted(tilt, squares, pitches, position):
+    """Tangent that a lenslet some pitches further on adds to a pixel's central ray."""
+    if tilt is None:
+        return 0.0
+    return pitches * tilt.pitch + lit_middle(squares, position) * tilt.micro_image
+
+
+def _bundle(planes, rays, weights, shifts, stops, squares, micro_images, m, n, down, right,
+            a, c, b, d):  # fmt: skip
+    """Sum over the rays of a pixel through one lenslet."""
+    light = 0.0
+    for i in range(rays.rows.shape[3]):
+        for j in range(rays.columns.shape[3]):
+            weight = passes(stops, shifts, m, n, a, c, i, b, d, j)
+            weight *= inside(squares, micro_images, down, right, i, j)
+            if weight == 0.0:
+                continue
+            light += weight * radiance(
+                planes, planes.transmission, rays, weights, shifts, m, n, a, c, i, b, d, j
+            )
+    return light
+
+
+def _pixel(planes, rays, weights, shifts, stops, micro_images, squares, falloff, tilt,
+           a, c, b, d):  # fmt: skip
+    """Light of a pixel, through its own lenslet or through every one that can send it any."""
+    if micro_images is None:
+        light = bundle(planes, rays, weights, shifts, stops, squares, micro_images,
+                       0.0, 0.0, 0.0, 0.0, a, c, b, d)  # fmt: skip
+        return light * shade(falloff, tilt, 0.0, 0.0, a, c, b, d)
+    light = 0.0
+    down, right = on_array(micro_images, a, c, b, d)
+    reach, cosine, sine = micro_images.reach, micro_images.cosine, micro_images.sine
+    for k in range(math.ceil(down - reach), math.floor(down + reach) + 1):
+        for h in range(math.ceil(right - reach), math.floor(right + reach) + 1):
+            m, n = k * cosine + h * sine, h * cosine - k * sine
+            if whole(squares, down - k, right - h):
+                through = bundle(
+                    planes, rays, weights, shifts, stops, None, micro_images,
+                    m, n, down - k, right - h, a, c, b, d
+                )  # fmt: skip
+            else:
+                through = bundle(
+                    planes, rays, weights, shifts, stops, squares, micro_images,
+                    m, n, down - k, right - h, a, c, b, d
+                )  # fmt: skip
+            tilt_y = tilted(tilt, squares, m, down - k)
+            tilt_x = tilted(tilt, squares, n, right - h)
+            light += through * shade(falloff, tilt, tilt_y, tilt_x, a, c, b, d)
+    return light
+
+
 def _trace_planes(
-    planes, rays, weights, skew, stops, micro_images, square, falloff, tilt, seen, share, out
+    planes, rays, weights, shifts, stops, micro_images, squares, falloff, tilt, seen, share, out
 ):
     """Add the mean over a grid of backward rays to each pixel, out[a, b, c, d].
 
@@ -152,9 +226,8 @@ def _trace_planes(
     (Numba prunes a branch on ``None`` only if that is an argument of the function, so a member of
     a table that may be None is handed on as an argument.)
 
-    tilt: the skew of `falloff`; share: of a pixel's light in one ray.
+    share: of a pixel's light in one ray.
     """
-    rays_y, rays_x = rays.rows.shape[3], rays.columns.shape[3]
     lines = seen.lines
     for k in prange(lines.size):
         a, c = k // lines.shape[1], k % lines.shape[1]
@@ -162,17 +235,9 @@ def _trace_planes(
             continue
         for b in range(seen.first.size):
             for d in range(seen.first[b], seen.last[b]):
-                if not reaches(micro_images, a, c, b, d):
-                    continue
-                light = 0.0
-                for i in range(rays_y):
-                    for j in range(rays_x):
-                        weight = passes(stops, skew, a, c, i, b, d, j)
-                        weight *= inside(micro_images, square, a, c, i, b, d, j)
-                        light += weight * radiance(
-                            planes, planes.transmission, rays, weights, skew, a, c, i, b, d, j
-                        )
-                out[a, b, c, d] += light * share * shade(falloff, tilt, a, c, b, d)
+                light = pixel(planes, rays, weights, shifts, stops, micro_images, squares,
+                              falloff, tilt, a, c, b, d)  # fmt: skip
+                out[a, b, c, d] += light * share
 
 
 def _integrate_columns(texture, start, weight, first, last, out):
@@ -218,19 +283,26 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, None, a, c, b, d))
+                out[a, b, c, d] += out.dtype.type(
+                    total[d] * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+                )
 
 
 # Each is compiled where it is called, for the types that it meets there.
+whole = njit(_whole)
+lit_middle = njit(_lit_middle)
+tilted = njit(_tilted)
 shade = njit(_shade)
 overlap = njit(_overlap)
 passes = njit(_passes)
-reaches = njit(_reaches)
+on_array = njit(_on_array)
 inside = njit(_inside)
 cell = njit(_cell)
 hit = njit(_hit)
 mean = njit(_mean)
 radiance = njit(_radiance)
+bundle = njit(_bundle)
+pixel = njit(_pixel)
 
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)

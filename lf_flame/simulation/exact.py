@@ -1,5 +1,7 @@
 """The exact integrator: each pixel's ray bundle over the cells of a layer, in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from lf_flame.optics.ray_bundle import trapezoid_cdf
@@ -30,6 +32,12 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
     out : ndarray of float32 or float64, shape (a, b, c, d)
         In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
     """
+    for neighbour in optics.lit_neighbours():
+        _integrate(planes, replace(optics, neighbour=neighbour), layout, out)
+
+
+def _integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+    """Add the light that comes through one lenslet for each pixel, in batches of planes."""
     batch: list[Plane] = []
     used = 0
     for plane in planes:

@@ -1,5 +1,6 @@
 """A pass of light through the camera: the effects that are kept, one colour, one lenslet."""
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -9,7 +10,7 @@ from lf_flame._common.arrays import centred
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint, trace_stop
 from lf_flame.simulation.layouts import arrange
-from lf_flame.simulation.ray_tables import FalloffSkew, FalloffTable
+from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,13 @@ class OpticalPass:
         Distance in front of the main lens and radius of round stops, in mm.
     neighbour : (int, int), optional
         Light that comes through the lenslet this many rows and columns further on.
-    square_micro_images : bool, optional
-        Whether a pixel gets light of a lenslet only where it lies in the lenslet's micro-image,
-        the square about the point on the sensor that the lenslet images the middle of the main
-        lens on. These squares tile the sensor: an ideal square aperture, for an array that does
-        not stand as the sensor is read. Where it does, pixels lie in their own micro-images.
+    every_lenslet : bool, optional
+        Whether light of every lenslet that can send some to a pixel adds up. A round stop at
+        distance 0 ends the micro-images of the lenslets. Without one they are squares about the
+        points that the lenslets image the middle of the main lens on, which tile the sensor: an
+        ideal square aperture, matched to the array as it stands. Default: a pixel gets light
+        through one lenslet only, as an ideal aperture lets it where the array stands as the
+        sensor is read.
     """
 
     camera: PlenopticCamera
@@ -49,7 +52,7 @@ class OpticalPass:
     lenslet_skew: float = 0.0
     stops: tuple[tuple[float, float], ...] = ()
     neighbour: tuple[int, int] = field(default=(0, 0))
-    square_micro_images: bool = False
+    every_lenslet: bool = False
 
     def footprint(self, depth_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a layer."""
@@ -86,52 +89,38 @@ class OpticalPass:
         return self.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm)
 
     @property
-    def micro_image_reach_mm(self) -> float:
-        """Distance along each axis from a micro-image's middle beyond which no pixel gets light.
-
-        Infinite where neither squares nor a round aperture end the micro-images.
-        """
-        camera, corner = self.camera, 1 + abs(self.lenslet_tangent)  # of a square that is turned
-        radii = [radius for distance, radius in self.stops if distance == 0]
-        if self.square_micro_images:
-            half = self.micro_image_mm / 2 * corner
-        elif radii:
-            widest = min(radii) + self.lenslet_pitch_mm / 2 * corner
-            half = widest * camera.lenslet_focal_mm / camera.image_distance_mm
-        else:
-            return math.inf
-        return half + camera.pixel_mm / 2
+    def square_micro_images(self) -> bool:
+        """Whether light through every lenslet counts, and no round aperture bounds it."""
+        return self.every_lenslet and all(distance != 0 for distance, _ in self.stops)
 
     @property
-    def displaced(self) -> bool:
-        """Whether the pass's lenslets stand elsewhere than the sensor is read by."""
-        return bool(self.lenslet_skew) or self.lenslet_scale != 1 or any(self.neighbour)
+    def micro_image_reach_mm(self) -> float:
+        """Distance along the array's axes from a micro-image's middle where light ends.
+
+        Of pixels' centres: no pixel farther off gets any light of the lenslet.
+        """
+        camera, turned = self.camera, 1 + abs(self.lenslet_tangent)
+        half = self.micro_image_mm / 2
+        if not self.square_micro_images:
+            radius = min(radius for distance, radius in self.stops if distance == 0)
+            lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
+            half = (radius + self.lenslet_pitch_mm / 2 * turned) * lens_to_sensor
+        return half + camera.pixel_mm / 2 * turned
 
     def lit_neighbours(self) -> list[tuple[int, int]]:
-        """Lenslets through which light reaches some pixel: rows and columns from its own."""
-        camera = self.camera
-        reach = self.micro_image_reach_mm + (camera.views - 1) / 2 * camera.pixel_mm
-        if not math.isfinite(reach):
+        """Lenslets through which light reaches some pixel: rows and columns from its own.
+
+        Of an array that is not turned.
+        """
+        if not self.every_lenslet:
             return [(0, 0)]
-        moved = []
-        for axis in (0, 1):
-            own = -self.offsets_mm(axis).mean(axis=0)
-            skew = -self.offset_skew_mm(axis)
-            moved.append(np.add.outer(own, skew) if axis == 0 else np.add.outer(skew, own))
-        pitch, turned = self.micro_image_mm, math.atan(self.lenslet_tangent)
-        down, right = pitch * math.cos(turned), pitch * math.sin(turned)
-        farthest = max(np.abs(part).max() for part in moved) * math.sqrt(2) + reach
-        steps = range(-math.ceil(farthest / down), math.ceil(farthest / down) + 1)
-        closest = reach - 1e-9 * pitch  # squares that only touch do not meet
-        return [
-            (row, column)
-            for row in steps
-            for column in steps
-            if np.any(
-                (np.abs(moved[0] + row * down + column * right) < closest)
-                & (np.abs(moved[1] + column * down - row * right) < closest)
-            )
-        ]
+        # Squares that only touch do not meet.
+        reach = self.micro_image_reach_mm / self.micro_image_mm - 1e-9
+        rows, columns = (
+            range(math.ceil(offsets.min() - reach), math.floor(offsets.max() + reach) + 1)
+            for offsets in (self.offsets_mm(axis) / self.micro_image_mm for axis in (0, 1))
+        )
+        return list(itertools.product(rows, columns))
 
     def offsets_mm(self, axis: int) -> np.ndarray:
         """Pixel centres from the middles of the lenslet's micro-images, shape (view, lenslet).
@@ -176,8 +165,6 @@ class OpticalPass:
         further = self.neighbour[axis] * self.lenslet_scale * camera.lenslet_pitch_mm
         towards_lenslet = (nominal * self.lenslet_scale + further) / camera.image_distance_mm
         offsets = self.offsets_mm(axis)
-        if self.square_micro_images and not self.lenslet_skew:
-            offsets = offsets + self.lit_parts(axis)[0]
         return towards_lenslet + offsets / camera.lenslet_focal_mm
 
     def falloff_table(self, layout: str) -> FalloffTable | None:
@@ -189,20 +176,30 @@ class OpticalPass:
         """
         if not self.falloff:
             return None
-        tangents = [arrange(self.tangents(axis), layout) for axis in (0, 1)]
-        if self.lenslet_skew:
-            return FalloffTable(*tangents)
-        return FalloffTable(tangents[0] ** 2 + self._patch, tangents[1] ** 2)
+        tangents = [self.tangents(axis) for axis in (0, 1)]
+        if self.square_micro_images:  # of the part of a pixel that is lit
+            for axis in (0, 1):
+                tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
+        rows, columns = (arrange(table, layout) for table in tangents)
+        return FalloffTable(rows**2 + self._patch, columns**2)
 
-    def falloff_skew(self, layout: str) -> FalloffSkew | None:
-        """Add to the tangents what a turned array does; None without cos^4 or skew."""
-        if not (self.falloff and self.lenslet_skew):
-            return None
+    def tilt_tables(self, layout: str) -> tuple[FalloffTable, TiltTable] | tuple[None, None]:
+        """Tangents that are not squared, and what misplaced lenslets add to them."""
+        if not self.falloff:
+            return None, None
         views, focal_mm = self.camera.views, self.camera.lenslet_focal_mm
-        skew = [
+        rows, columns = (arrange(self.tangents(axis), layout) for axis in (0, 1))
+        turned_rows, turned_columns = (
             arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout) for axis in (0, 1)
-        ]
-        return FalloffSkew(skew[0], skew[1], self._patch)
+        )
+        tilt = TiltTable(
+            turned_rows,
+            turned_columns,
+            pitch=-self.lenslet_pitch_mm / focal_mm,
+            micro_image=self.micro_image_mm / focal_mm,
+            patch=self._patch,
+        )
+        return FalloffTable(rows, columns), tilt
 
     @property
     def _patch(self) -> float:

@@ -359,15 +359,16 @@ def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> t
 
 
 def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPass]:
-    """Set up the camera as a plan leaves it: a pass for each colour and neighbouring lenslet."""
+    """Set up the camera as a plan leaves it: a pass for each colour."""
     kept = plan.kept
     angle = camera.lenslet_rotation_rad if "lenslet_rotation" in plan.traced else 0.0
     scale = 1 + (camera.lenslet_pitch_error if "lenslet_pitch_error" in kept else 0.0)
     stops: list[tuple[float, float]] = []
+    width = camera.aperture_mm
     if "round_aperture" in plan.traced:
-        mismatched = "f_number_mismatch" in plan.traced
-        width = camera.aperture_diameter_mm if mismatched else None
-        stops.append((0.0, (width or camera.aperture_mm) / 2))
+        if "f_number_mismatch" in plan.traced:
+            width = camera.aperture_diameter_mm or width
+        stops.append((0.0, width / 2))
     if "vignetting" in plan.traced and camera.rim_diameter_mm is not None:
         stops.append((camera.rim_distance_mm, camera.rim_diameter_mm / 2))
     ideal = OpticalPass(
@@ -378,18 +379,11 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
         lenslet_scale=scale * math.cos(angle),
         lenslet_skew=scale * math.sin(angle),
         stops=tuple(stops),
-        square_micro_images="round_aperture" not in plan.traced and (angle != 0 or scale != 1),
+        every_lenslet=angle != 0 or scale != 1 or width > camera.aperture_mm,
     )
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
-    return [
-        replace(
-            ideal,
-            focal_mm=camera.main_lens_focal_mm * (1 + camera.chromatic_shift * middle),
-            neighbour=neighbour,
-        )
-        for middle in middles
-        for neighbour in ideal.lit_neighbours()
-    ]
+    focal = [camera.main_lens_focal_mm * (1 + camera.chromatic_shift * place) for place in middles]
+    return [replace(ideal, focal_mm=focal_mm) for focal_mm in focal]
 
 
 def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, trace: bool) -> dict:

@@ -41,7 +41,7 @@ class RayTable(NamedTuple):
     Attributes
     ----------
     rows, columns : ndarray of int32, shapes (p, a, c, i) and (p, b, d, j)
-        Their sum is the cell of plane p in which the box of ray (i, j) begins. With a skew:
+        Their sum is the cell of plane p in which the box of ray (i, j) begins. With shifts:
         float64, the middle of the box in cells of the plane without its border.
     heights, widths : ndarray of float64, shape (p,)
         Of a ray's box, in cells, at most 1.
@@ -67,26 +67,34 @@ class WeightTable(NamedTuple):
     right: np.ndarray
 
 
-class SkewTable(NamedTuple):
-    """How far a rotated array shifts bundles along one axis, by their place on the other.
+class ShiftTable(NamedTuple):
+    """How far lenslets that stand elsewhere than the sensor is read by shift bundles.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (p, b, d) and (p, a, c)
-        Shift down, and to the right, in cells of each plane.
+        Shift down, and to the right, by a turned array, in cells of each plane: by the lenslet's
+        place on the other axis.
     turned_rows, turned_columns : ndarray of float64, shapes (p, j) and (p, i)
         What the turn of each lenslet's own square adds, by the ray's place on the other axis.
+    pitch_rows, pitch_columns : ndarray of float64, shape (p,)
+        Shift for each lenslet pitch, in cells.
     stop_rows, stop_columns : ndarray of float64, shapes (k, b, d) and (k, a, c)
         Shift down, and to the right, on each stop, in mm. (The turn of a lenslet's own square is
         a ten thousandth of a stop at most.)
+    stop_pitch : ndarray of float64, shape (k,)
+        Shift for each lenslet pitch, in mm.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     turned_rows: np.ndarray
     turned_columns: np.ndarray
+    pitch_rows: np.ndarray
+    pitch_columns: np.ndarray
     stop_rows: np.ndarray
     stop_columns: np.ndarray
+    stop_pitch: np.ndarray
 
 
 class StopTable(NamedTuple):
@@ -109,79 +117,85 @@ class StopTable(NamedTuple):
     widths: np.ndarray
 
 
-class FalloffSkew(NamedTuple):
-    """What a turned array adds to the tangents of the pixels' central rays.
-
-    Attributes
-    ----------
-    rows, columns : ndarray of float64, shapes (b, d) and (a, c)
-        To the tangents along y, and along x.
-    patch : float
-        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    patch: float
-
-
 class FalloffTable(NamedTuple):
     """Tangents of the pixels' central rays behind the main lens, for cos^4.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Squared, with the patch in `rows`; with a skew, as they are.
+        Squared, with a pixel's patch of the main lens in `rows`; with a `TiltTable`, as they are.
     """
 
     rows: np.ndarray
     columns: np.ndarray
 
 
-class SquareTable(NamedTuple):
-    """Where the square micro-image of a lenslet ends, and the rays on a pixel.
-
-    None where round stops end the micro-images.
+class TiltTable(NamedTuple):
+    """What lenslets that stand elsewhere add to the tangents of the pixels' central rays.
 
     Attributes
     ----------
-    half : float
-        Half of its side, in mm.
-    cosine, sine : float
-        Of the angle by which it is turned.
-    down, right : ndarray of float64, shapes (i,) and (j,)
-        Middles of the rays' boxes on the sensor, from the pixel's, in mm.
-    height, width : float
-        Of a ray's box on the sensor, in mm.
+    rows, columns : ndarray of float64, shapes (b, d) and (a, c)
+        Along y, and along x, by a turned array.
+    pitch : float
+        For each lenslet pitch.
+    micro_image : float
+        For each pitch of the micro-images by which the lit part of a pixel is off its middle.
+    patch : float
+        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
     """
 
-    half: float
-    cosine: float
-    sine: float
-    down: np.ndarray
-    right: np.ndarray
-    height: float
-    width: float
+    rows: np.ndarray
+    columns: np.ndarray
+    pitch: float
+    micro_image: float
+    patch: float
 
 
 class MicroImageTable(NamedTuple):
-    """Pixels that light can reach through the lenslet of a pass, where that is not all of them.
+    """Where pixels lie on the sensor, for light through every lenslet that can send them any.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Places of the pixels from the middle of the micro-image, in mm.
+        Places of the pixels from the middle of their lenslet's micro-image, in the pitch of the
+        micro-images.
     shift_rows, shift_columns : ndarray of float64, shapes (b, d) and (a, c)
         What a turned array adds to them.
+    cosine, sine : float
+        Of the angle by which the array is turned.
     reach : float
-        Along each axis no pixel farther off gets any light, in mm.
+        Along each axis of the array no pixel farther off gets any light.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     shift_rows: np.ndarray
     shift_columns: np.ndarray
+    cosine: float
+    sine: float
     reach: float
+
+
+class SquareTable(NamedTuple):
+    """Rays on a pixel where micro-images are squares; None where round stops end them.
+
+    Attributes
+    ----------
+    down, right : ndarray of float64, shapes (i,) and (j,)
+        Middles of the rays' boxes on the sensor, from the pixel's, in the pitch of the
+        micro-images.
+    height, width : float
+        Of a ray's box on the sensor.
+    pixel : float
+        Of a pixel.
+    """
+
+    down: np.ndarray
+    right: np.ndarray
+    height: float
+    width: float
+    pixel: float
 
 
 class SeenTable(NamedTuple):

@@ -12,13 +12,15 @@ from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.ray_tables import (
+    FalloffTable,
     MicroImageTable,
     PlaneTable,
     RayTable,
     SeenTable,
-    SkewTable,
+    ShiftTable,
     SquareTable,
     StopTable,
+    TiltTable,
     WeightTable,
 )
 from lf_flame.simulation.slabs import Plane
@@ -81,10 +83,13 @@ class RayGrid:
         Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
     shifts : ndarray of float64, shape (p, g, h)
         How far a rotated array shifts the bundles, in cells.
+    pitch_shifts : ndarray of float64, shape (p,)
+        How far a lenslet a pitch further on shifts them, in cells.
     stop_mm : ndarray of float64, shape (k, e, f, i)
         Middles of the rays' boxes on the stops.
     stop_boxes_mm : ndarray of float64, shape (k,)
     stop_shifts_mm : ndarray of float64, shape (k, g, h)
+    stop_pitch_shifts_mm : ndarray of float64, shape (k,)
     seen : ndarray of bool, shape (e, f)
         Whether a pixel can see any of the planes.
     lenslet_cells : ndarray of float64, shape (p,)
@@ -96,9 +101,11 @@ class RayGrid:
     positions: np.ndarray
     boxes: np.ndarray
     shifts: np.ndarray
+    pitch_shifts: np.ndarray
     stop_mm: np.ndarray
     stop_boxes_mm: np.ndarray
     stop_shifts_mm: np.ndarray
+    stop_pitch_shifts_mm: np.ndarray
     seen: np.ndarray
     lenslet_cells: np.ndarray
     tiling: "Tiling"
@@ -159,7 +166,7 @@ def ray_grid(
         abs(footprint.lenslet_width_mm) / (edges[1] - edges[0])
         for footprint, edges in zip(footprints, layer_edges, strict=True)
     )
-    spread = bool(optics.defocus or optics.stops or optics.square_micro_images)
+    spread = bool(optics.defocus or optics.stops or optics.every_lenslet)
     tiling = _tile(rays, cells, _lenslet_power(planes), spread) if finite_width else _lattice(rays)
     # Without defocus a plane sees the pixel as a point; a stop never does.
     on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
@@ -190,9 +197,11 @@ def ray_grid(
         positions=_stack(positions, layout, shape),
         boxes=np.minimum(boxes_mm / cell_mm, 1.0),
         shifts=_shifts(footprints, cell_mm, optics, layout, axis),
+        pitch_shifts=_gains(footprints) * optics.lenslet_pitch_mm / cell_mm,
         stop_mm=_stack(on_stops, layout, shape),
         stop_boxes_mm=np.array([abs(stop.pixel_width_mm) * stop_tile for stop in stops]),
         stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
+        stop_pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
         seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
         lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
         tiling=tiling,
@@ -246,8 +255,12 @@ def _meets(
     footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
 ) -> np.ndarray:
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
-    skewed = np.abs(optics.skew_mm(axis)).max()
-    reach = footprint.half_width_mm + skewed * abs(footprint.shift_per_lenslet_shift)
+    moved = np.abs(optics.skew_mm(axis)).max()
+    if optics.every_lenslet:  # no farther from the pixel than light of a lenslet reaches
+        turned = 1 + abs(optics.lenslet_tangent)
+        micro_image = optics.camera.views * optics.camera.pixel_mm / 2
+        moved = micro_image + optics.micro_image_reach_mm * turned
+    reach = footprint.half_width_mm + moved * abs(footprint.shift_per_lenslet_shift)
     reach += abs(optics.lenslet_tangent * footprint.lenslet_width_mm) / 2
     centres = footprint.centres_mm
     return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
@@ -256,8 +269,13 @@ def _meets(
 def _shifts(footprints, unit_mm, optics: OpticalPass, layout: str, axis: int) -> np.ndarray:
     """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
     moved = arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout)
-    gains = np.array([f.shift_per_lenslet_shift for f in footprints]) / unit_mm
+    gains = _gains(footprints) / unit_mm
     return moved[None] * gains[:, None, None]
+
+
+def _gains(footprints) -> np.ndarray:
+    """How far bundles move when their lenslets do, on each plane."""
+    return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
 
 
 def _stack(tables: list[np.ndarray], layout: str, shape: tuple) -> np.ndarray:
@@ -279,10 +297,12 @@ def _trace_group(
     """Trace planes that dim each other, or a single one, on some lines of the image."""
     y, x = grids
     table = _plane_table(planes, y, x)
-    skew = stops = weights = None
-    if optics.lenslet_skew:
+    shifts = stops = weights = micro_images = squares = tilt = None
+    falloff = optics.falloff_table(layout)
+    if optics.lenslet_skew or optics.every_lenslet:
         rows, columns = y.positions, x.positions
-        skew = _skew_table(y, x, optics)
+        shifts = _shift_table(y, x, optics)
+        falloff, tilt = optics.tilt_tables(layout)
     else:  # positions become indices once, outside the ray loop
         rows, down = _indices(y)
         columns, right = _indices(x)
@@ -292,59 +312,56 @@ def _trace_group(
     if optics.stops:
         radii = np.array([radius for _, radius in optics.stops])
         stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)
+    if optics.every_lenslet:
+        micro_images = _micro_image_table(optics, layout)
+    if optics.square_micro_images:
+        squares = _square_table(y.tiling, x.tiling, optics, finite_width)
     rays = RayTable(rows, columns, y.boxes, x.boxes)
-    micro_images = _micro_image_table(optics, layout)
-    falloff, tilt = optics.falloff_table(layout), optics.falloff_skew(layout)
     seen = SeenTable(y.seen, *seen_range(x.seen))
-    rays, weights, skew, stops, micro_images, falloff, tilt, seen = _take_lines(
-        lines, rays, weights, skew, stops, micro_images, falloff, tilt, seen
-    )
-    effects = skew, stops, micro_images, _square_table(grids, optics, finite_width), falloff, tilt
+    tables = rays, weights, shifts, stops, micro_images, squares, falloff, tilt, seen
     share = optics.share / (y.count * x.count)
-    _kernels.trace_planes(table, rays, weights, *effects, seen, share, out)
+    _kernels.trace_planes(table, *(_take_lines(part, lines) for part in tables), share, out)
 
 
-def _skew_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> SkewTable:
-    """Shifts by a turned array, and by the turn of each lenslet's own square."""
+def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
+    """Shifts by a turned array, by the turn of each lenslet's own square, and for each pitch."""
     tangent = optics.lenslet_tangent
-    return SkewTable(
-        y.shifts,
-        x.shifts,
-        tangent * y.lenslet_cells[:, None] * x.tiling.along_lenslet,
-        -tangent * x.lenslet_cells[:, None] * y.tiling.along_lenslet,
-        y.stop_shifts_mm,
-        x.stop_shifts_mm,
+    return ShiftTable(
+        rows=y.shifts,
+        columns=x.shifts,
+        turned_rows=tangent * y.lenslet_cells[:, None] * x.tiling.along_lenslet,
+        turned_columns=-tangent * x.lenslet_cells[:, None] * y.tiling.along_lenslet,
+        pitch_rows=y.pitch_shifts,
+        pitch_columns=x.pitch_shifts,
+        stop_rows=y.stop_shifts_mm,
+        stop_columns=x.stop_shifts_mm,
+        stop_pitch=y.stop_pitch_shifts_mm,
     )
 
 
-def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable | None:
-    """Which pixels light can reach through the pass's lenslet; None for all pixels."""
-    reach, views = optics.micro_image_reach_mm, optics.camera.views
-    if not optics.displaced or not math.isfinite(reach):
-        return None
-    rows, columns = (arrange(optics.offsets_mm(axis), layout) for axis in (0, 1))
+def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
+    """Places of all pixels in the micro-images of their lenslets."""
+    side, turned = optics.micro_image_mm, math.atan(optics.lenslet_tangent)
+    rows, columns = (arrange(optics.offsets_mm(axis) / side, layout) for axis in (0, 1))
     shift_rows, shift_columns = (
-        arrange(np.tile(optics.offset_skew_mm(axis), (views, 1)), layout) for axis in (0, 1)
+        arrange(np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout)
+        for axis in (0, 1)
     )
-    return MicroImageTable(rows, columns, shift_rows, shift_columns, reach)
+    reach = optics.micro_image_reach_mm / side - 1e-9  # what only touches does not meet
+    return MicroImageTable(
+        rows, columns, shift_rows, shift_columns, math.cos(turned), math.sin(turned), reach
+    )
 
 
-def _square_table(
-    grids: list[RayGrid], optics: OpticalPass, finite_width: bool
-) -> SquareTable | None:
-    """Where square micro-images end; None where they do not."""
-    if not (optics.square_micro_images and optics.displaced):
-        return None
-    turned, pixel_mm = math.atan(optics.lenslet_tangent), optics.camera.pixel_mm
-    y, x = (grid.tiling for grid in grids)
+def _square_table(y: "Tiling", x: "Tiling", optics: OpticalPass, finite_width: bool) -> SquareTable:
+    """Places of the rays on a pixel."""
+    pixel = optics.camera.pixel_mm / optics.micro_image_mm
     return SquareTable(
-        optics.micro_image_mm / 2,
-        math.cos(turned),
-        math.sin(turned),
-        pixel_mm * y.along_pixel,
-        pixel_mm * x.along_pixel,
-        pixel_mm / y.on_pixel * finite_width,
-        pixel_mm / x.on_pixel * finite_width,
+        pixel * y.along_pixel,
+        pixel * x.along_pixel,
+        pixel / y.on_pixel * finite_width,
+        pixel / x.on_pixel * finite_width,
+        pixel,
     )
 
 
@@ -372,31 +389,28 @@ def _indices(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     return index, np.where(missed, 0.0, np.clip(weight, 0.0, 1.0))
 
 
-def _take_lines(
-    lines: slice, rays, weights, skew, stops, micro_images, falloff, tilt, seen
-) -> tuple:
-    """Cut all tables along y down to some lines c of the image, kept contiguous."""
+LINE_AXES = {
+    RayTable: {"rows": 2},
+    WeightTable: {"down": 2},
+    ShiftTable: {"columns": 2, "stop_columns": 2},
+    StopTable: {"rows": 2},
+    MicroImageTable: {"rows": 1, "shift_columns": 1},
+    FalloffTable: {"rows": 1},
+    TiltTable: {"columns": 1},
+    SeenTable: {"lines": 1},
+}
+"""Members of the tables that belong to the lines c of an image, and on which axis."""
 
-    def cut(table, axis):
-        return np.ascontiguousarray(table[(slice(None),) * axis + (lines,)])
 
-    rays = rays._replace(rows=cut(rays.rows, 2))
-    if weights is not None:
-        weights = weights._replace(down=cut(weights.down, 2))
-    if skew is not None:
-        columns, stop_columns = cut(skew.columns, 2), cut(skew.stop_columns, 2)
-        skew = skew._replace(columns=columns, stop_columns=stop_columns)
-    if stops is not None:
-        stops = stops._replace(rows=cut(stops.rows, 2))
-    if micro_images is not None:
-        shifts = cut(micro_images.shift_columns, 1)
-        micro_images = micro_images._replace(rows=cut(micro_images.rows, 1), shift_columns=shifts)
-    if falloff is not None:
-        falloff = falloff._replace(rows=cut(falloff.rows, 1))
-    if tilt is not None:
-        tilt = tilt._replace(columns=cut(tilt.columns, 1))
-    seen = seen._replace(lines=cut(seen.lines, 1))
-    return rays, weights, skew, stops, micro_images, falloff, tilt, seen
+def _take_lines(table, lines: slice):
+    """Cut a table down to some lines c of the image, kept contiguous."""
+    if table is None or lines == slice(None):
+        return table
+    cut = {
+        name: np.ascontiguousarray(getattr(table, name)[(slice(None),) * axis + (lines,)])
+        for name, axis in LINE_AXES.get(type(table), {}).items()
+    }
+    return table._replace(**cut)
 
 
 def _lattice(rays: int) -> Tiling:

@@ -118,7 +118,8 @@ def render_plan(
     _check_field(scene, OpticalPass(camera))
     method = plan.integrator if integrator == "auto" else integrator
     # Where light comes in many portions, float32 would round after each.
-    many = len(passes) * (len(planes) if method == "rays" else 1) > FEW_PORTIONS
+    portions = len(planes) if method == "rays" else len(passes[0].lit_neighbours())
+    many = len(passes) * portions > FEW_PORTIONS
     image = blank_image(camera, layout, np.float64 if many else np.float32)
     if method == "exact":
         for optics in passes:

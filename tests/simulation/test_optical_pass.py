@@ -1,0 +1,125 @@
+"""Which lenslet lights which pixel, where on the sensor, and at what angle."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
+from lf_flame.simulation.layouts import blank_image
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.plan import optical_passes
+from lf_flame.simulation.rays import trace
+from lf_flame.simulation.slabs import slice_scene
+
+WHITE = Scene([Layer([[0.8]], 0.0, (90.0, 90.0))])
+
+MISPLACED = [
+    {"lenslet_rotation_rad": 0.01},
+    {"lenslet_rotation_rad": -0.05},
+    {"lenslet_pitch_error": 0.005},
+    {"lenslet_pitch_error": -0.03},
+    {"lenslet_rotation_rad": 0.02, "lenslet_pitch_error": -0.01},
+]
+
+
+@pytest.mark.parametrize("integrator", ["auto", "rays"])
+@pytest.mark.parametrize("error", MISPLACED, ids=str)
+def test_square_micro_images_keep_a_white_field(small_camera, error, integrator):
+    camera = replace(small_camera, **error)
+    image = render(WHITE, camera, tolerance=0.01, integrator=integrator)
+    assert image.plan.kept & {"lenslet_rotation", "lenslet_pitch_error"}
+    np.testing.assert_allclose(image.views, 0.8, rtol=1e-6)
+
+
+def true_positions(camera):
+    """Lenslet centres in mm, shape (rows, columns, 2): stretched, and turned from x towards y."""
+    y, x = (
+        (np.arange(n) - (n - 1) / 2) * camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
+        for n in camera.lenslets
+    )
+    y, x = np.meshgrid(y, x, indexing="ij")
+    angle = camera.lenslet_rotation_rad
+    turned = [y * math.cos(angle) + x * math.sin(angle), x * math.cos(angle) - y * math.sin(angle)]
+    return np.stack(turned, axis=-1)
+
+
+@pytest.mark.parametrize("error", MISPLACED, ids=str)
+def test_pixels_lie_where_the_geometry_says(small_camera, error):
+    """Chief rays run straight from the middle of the main lens through the lenslets' centres."""
+    camera = replace(small_camera, **error)
+    plan = plan_effects(WHITE, camera, effects=dict.fromkeys(("lenslet_rotation",
+                        "lenslet_pitch_error"), True))  # fmt: skip
+    (optics,) = optical_passes(camera, plan)
+    ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
+    lenslets = true_positions(camera)
+    for axis in (0, 1):
+        n = camera.lenslets[axis]
+        read = (np.arange(n) - (n - 1) / 2) * camera.micro_image_pitch_mm
+        pixels = read + (np.arange(camera.views) - 2)[:, None] * camera.pixel_mm
+        skew, tangents = optics.offset_skew_mm(axis), optics.tangents(axis)
+        for other in (0, 7, len(skew) - 1):
+            true = lenslets[:, other, 0] if axis == 0 else lenslets[other, :, 1]
+            found = optics.offsets_mm(axis) + skew[other]
+            np.testing.assert_allclose(found, pixels - true * ratio, atol=1e-12)
+            turned = tangents - optics.skew_mm(axis)[other] / camera.lenslet_focal_mm
+            np.testing.assert_allclose(
+                turned, (pixels - true) / camera.lenslet_focal_mm, atol=1e-12
+            )
+
+
+def test_parts_of_a_pixel_in_neighbouring_micro_images_make_up_the_pixel(small_camera):
+    optics = OpticalPass(small_camera, lenslet_scale=1.013, every_lenslet=True)
+    neighbours = optics.lit_neighbours()
+    assert len(neighbours) == 9
+    together, moment = 0.0, 0.0
+    for step in (-1, 0, 1):
+        middle, share = replace(optics, neighbour=(step, 0)).lit_parts(0)
+        together, moment = together + share, moment + share * middle
+    np.testing.assert_allclose(together, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(moment, 0.0, atol=1e-15)
+
+
+def test_only_lenslets_whose_light_arrives_are_looked_through(small_camera):
+    ideal = OpticalPass(small_camera)
+    assert ideal.lit_neighbours() == [(0, 0)]
+    assert replace(ideal, every_lenslet=True).lit_neighbours() == [(0, 0)]
+    long = replace(small_camera, lenslets=(8, 200))
+    steps = OpticalPass(long, lenslet_scale=1.01, every_lenslet=True).lit_neighbours()
+    assert {row for row, _ in steps} == {-1, 0, 1}
+    # The last lenslet stands 0.995 pitches too far out.
+    assert {column for _, column in steps} == {-1, 0, 1}
+    longer = replace(small_camera, lenslets=(8, 400))
+    steps = OpticalPass(longer, lenslet_scale=1.01, every_lenslet=True).lit_neighbours()
+    assert {column for _, column in steps} == {-2, -1, 0, 1, 2}
+
+
+def opened(camera, rays, *stops):
+    """Light of every pixel of a white field behind some round stops, (distance, diameter)."""
+    planes = slice_scene(WHITE, {}, absorption=False, dimming=set())
+    image = blank_image(camera, "views", np.float64)
+    optics = OpticalPass(camera, stops=tuple((distance, d / 2) for distance, d in stops))
+    trace(planes, optics, "views", rays, image)
+    return image / 0.8
+
+
+def test_two_stops_that_cut_one_side_leave_the_smaller_share():
+    """Two stops at one place are the narrower one; shares that multiplied would be too dark."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (8, 9))
+    alone, both = opened(camera, 3, (0.0, 60.0)), opened(camera, 3, (0.0, 60.0), (0.0, 60.5))
+    assert ((alone > 0.05) & (alone < 0.95)).any()
+    np.testing.assert_allclose(both, alone, atol=2e-3)
+
+
+def test_two_stops_that_cut_opposite_sides_leave_what_is_between():
+    """A rim at the focal plane and a long array: lenslets far off the axis look past both.
+
+    At the main lens the bundle of a central pixel is cut on one side; on the focal plane, where
+    the image of its lenslet is small beside the rim, on the other one or not at all.
+    """
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 1, (1, 41), aperture_diameter_mm=60.0)
+    stops = (0.0, 60.0), (300.0, 5.0)
+    coarse, fine = opened(camera, 6, *stops), opened(camera, 200, *stops)
+    assert ((fine > 0.05) & (fine < 0.5)).any()
+    np.testing.assert_allclose(coarse, fine, atol=0.02)
