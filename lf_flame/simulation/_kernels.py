@@ -78,7 +78,7 @@ def _passes(stops, shifts, m, n, a, c, i, b, d, j):
         if shifts is not None:
             y += shifts.stop_rows[k, b, d] + m * shifts.stop_pitch[k]
             x += shifts.stop_columns[k, a, c] + n * shifts.stop_pitch[k]
-        radius, tall, wide = stops.radii[k], stops.heights[k], stops.widths[k]
+        radius, tall, wide = stops.radii[k], abs(stops.heights[k]), abs(stops.widths[k])
         squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
         here = 1.0
         if edge > radius:  # a stop within a box or two: as a square of the same area
@@ -90,7 +90,8 @@ def _passes(stops, shifts, m, n, a, c, i, b, d, j):
             distance = math.sqrt(squared)
             breadth = (abs(y) * tall + abs(x) * wide) / distance
             here = min(max((radius - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
-        if here < 1.0:
+        if here < 1.0:  # the side that it cuts from, as the box lies on the pixel
+            y, x = y * stops.heights[k], x * stops.widths[k]
             if share < 1.0 and y * cut_y + x * cut_x < 0.0:
                 share = max(share + here - 1.0, 0.0)
             else:

@@ -107,7 +107,7 @@ class StopTable(NamedTuple):
     radii : ndarray of float64, shape (k,)
         In mm.
     heights, widths : ndarray of float64, shape (k,)
-        Of a ray's box, in mm.
+        Of a ray's box, in mm; below 0 where it lies upside down.
     """
 
     rows: np.ndarray

@@ -88,6 +88,7 @@ class RayGrid:
     stop_mm : ndarray of float64, shape (k, e, f, i)
         Middles of the rays' boxes on the stops.
     stop_boxes_mm : ndarray of float64, shape (k,)
+        Breadth of a ray's box on the stops, below 0 where it lies upside down.
     stop_shifts_mm : ndarray of float64, shape (k, g, h)
     stop_pitch_shifts_mm : ndarray of float64, shape (k,)
     seen : ndarray of bool, shape (e, f)
@@ -199,7 +200,7 @@ def ray_grid(
         shifts=_shifts(footprints, cell_mm, optics, layout, axis),
         pitch_shifts=_gains(footprints) * optics.lenslet_pitch_mm / cell_mm,
         stop_mm=_stack(on_stops, layout, shape),
-        stop_boxes_mm=np.array([abs(stop.pixel_width_mm) * stop_tile for stop in stops]),
+        stop_boxes_mm=np.array([stop.pixel_width_mm * stop_tile for stop in stops]),
         stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
         stop_pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
         seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
