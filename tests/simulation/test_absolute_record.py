@@ -1,0 +1,129 @@
+"""What happens behind the lenses, through rendered images: diffraction and the sensor."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lf_flame import Layer, PlenopticCamera, Scene, Sensor, render
+
+F, A0, FOCAL, PITCH = 150.0, 326.0, 0.4, 0.112
+I0 = F * A0 / (A0 - F)
+
+
+def spark(lenslets):
+    """A cell on the focal plane that fills the square seen by the middle lenslet, and no other."""
+    cells = np.zeros(lenslets)
+    cells[lenslets[0] // 2, lenslets[1] // 2] = 1.0
+    side = PITCH * A0 / I0
+    return Scene([Layer(cells, 0.0, (lenslets[0] * side, lenslets[1] * side))])
+
+
+def test_the_main_lens_spreads_light_over_an_airy_disc():
+    """First dark ring at 1.22 lambda N, 83.8 % of the light inside it, and none lost."""
+    diameter, nm, lenslets = 0.16, 500.0, (81, 81)
+    camera = PlenopticCamera(
+        F, A0, FOCAL, PITCH, 3, lenslets, aperture_diameter_mm=diameter, wavelength_nm=nm
+    )
+    # As if all views were lit: what is looked at is the diffraction.
+    only = {"round_aperture": False, "f_number_mismatch": False, "lenslet_diffraction": False}
+    images = [
+        render(spark(lenslets), camera, effects=only | {"main_lens_diffraction": on}).views
+        for on in (True, False)
+    ]
+    blurred, sharp = (image[1, 1].astype(float) for image in images)
+    assert np.count_nonzero(sharp) == 1
+    # the kernel ends where it is cut off, and keeps the light that is left out
+    assert blurred.sum() == pytest.approx(sharp.sum(), rel=1e-5)
+    ring = 1.22 * nm * 1e-6 * I0 / diameter / PITCH
+    assert ring > 9
+    y, x = np.indices(lenslets) - 40
+    r = np.hypot(y, x)
+    profile = [blurred[np.abs(r - k / 4) <= 0.5].mean() for k in range(4 * 14)]
+    assert np.argmin(profile[: 4 * 13]) / 4 == pytest.approx(ring, abs=0.25)
+    assert min(profile[: 4 * 13]) < 5e-3 * profile[0]
+    # of the light inside 32 lenslets, all of it but 2 / (pi^2 r) in spreads
+    left_out = 2 / math.pi**2 / (32 / (ring / 1.22))
+    assert blurred[r < ring].sum() * (1 - left_out) == pytest.approx(0.838, abs=0.01)
+
+
+def test_a_lenslet_spreads_light_as_a_square_aperture():
+    """Dark lines at lambda f / p, of ``sinc^2``; and no light lost but past the image's edges."""
+    nm, views, lenslets = 5000.0, 41, (5, 5)
+    dot = 0.4  # the main lens, seen through a lenslet, is a fifth of a pixel
+    camera = PlenopticCamera(
+        F, A0, FOCAL, PITCH, views, lenslets, aperture_diameter_mm=dot, wavelength_nm=nm
+    )
+    images = [
+        render(
+            spark(lenslets), camera, 1e-3, "rays", 60,
+            {"main_lens_diffraction": False, "lenslet_diffraction": on},
+        ).to_raw().astype(float)
+        for on in (True, False)
+    ]  # fmt: skip
+    blurred, sharp = images
+    middle = 41 * 5 // 2
+    assert sharp[middle, middle] == pytest.approx(sharp.sum(), rel=1e-6)
+    line = blurred[middle] / sharp.sum()
+    spread = nm * 1e-6 * FOCAL / PITCH / camera.pixel_mm
+    assert spread == pytest.approx(6.53, abs=0.01)
+    assert line[middle : middle + 10].argmin() == round(spread)
+    # Of sinc^2 a share 1 / (pi^2 k) lies more than k spreads away; the kernel ends at 512 pixels,
+    # and keeps the light beyond.
+    kept = (1 - spread / math.pi**2 / 102.5) / (1 - spread / math.pi**2 / 512)
+    assert blurred.sum() / sharp.sum() == pytest.approx(kept**2, abs=1e-3)
+    place = np.arange(-25, 26) / spread
+    # A dot in the middle of a pixel, taken as all of the pixel: means over two boxes.
+    hat = np.convolve(np.ones(101) / 101, np.ones(101) / 101)
+    steps = np.linspace(-1, 1, 201) / spread
+    expected = (np.sinc(place[:, None] + steps) ** 2 @ hat) / spread
+    across = blurred.sum(axis=0)[middle - 25 : middle + 26] / sharp.sum()
+    np.testing.assert_allclose(across, expected, rtol=0.02, atol=2e-5)
+
+
+EXPOSURE, READ = 4000.0, 12.0
+
+
+def recorded(level, sensor, seed, **off):
+    """Electrons that the numbers of a white field stand for, of all pixels."""
+    camera = PlenopticCamera(F, A0, FOCAL, PITCH, 5, (24, 30), sensor=sensor)
+    scene = Scene([Layer([[level]], 0.0, (60.0, 60.0))])
+    forced = dict.fromkeys(("shot_noise", "read_noise", "saturation", "quantisation"), True) | off
+    return render(scene, camera, effects=forced, seed=seed).views.astype(float).ravel() * EXPOSURE
+
+
+def test_photons_transfer_as_emva_1288_says():
+    """Digital numbers: mean ``K mu``, variance ``K^2 mu + K^2 sigma_d^2 + 1/12``; K is the slope.
+
+    Temporal variance from the difference of two images (EMVA 1288, release 4.0, section 6.6).
+    """
+    sensor = Sensor(EXPOSURE, full_well_e=8000.0, bits=9, read_noise_e=READ)
+    gain = (2**9 - 1) / 8000.0
+    means, variances = [], []
+    levels = np.array([0.02, 0.2, 0.6, 1.0, 1.5])
+    for k, level in enumerate(levels):
+        one, other = (recorded(level, sensor, (k, n)) * gain for n in (1, 2))
+        np.testing.assert_allclose(one, np.rint(one), atol=2e-3)
+        means.append((one.mean() + other.mean()) / 2)
+        variances.append(np.mean((one - other) ** 2) / 2)
+    electrons = levels * EXPOSURE
+    expected = gain**2 * electrons + gain**2 * READ**2 + 1 / 12
+    pixels = 2 * 25 * 720
+    np.testing.assert_allclose(
+        means, gain * electrons, atol=5 * np.sqrt(expected.max() / pixels), rtol=1e-6
+    )
+    np.testing.assert_allclose(variances, expected, rtol=5 * math.sqrt(2 / pixels))
+    slope, _ = np.polyfit(means, variances, 1)
+    assert slope == pytest.approx(gain, rel=0.03)
+
+
+def test_the_noise_is_cut_off_at_the_full_well():
+    """Half the pixels clip where the mean is the well; far above it all do, without noise."""
+    sensor = Sensor(EXPOSURE, full_well_e=2000.0, bits=12, read_noise_e=READ)
+    at_well = recorded(0.5, sensor, 3, quantisation=False)
+    sigma = math.hypot(math.sqrt(2000.0), READ)
+    # Mean of min(x, well) of a normal law about the well: sigma / sqrt(2 pi) below it.
+    assert at_well.mean() == pytest.approx(2000 - sigma / math.sqrt(2 * math.pi), abs=1.0)
+    assert np.mean(at_well < 1999.99) == pytest.approx(0.5, abs=0.02)
+    above = recorded(0.8, sensor, 4)
+    np.testing.assert_allclose(above, 2000.0, rtol=1e-6)
