@@ -147,9 +147,10 @@ def _lit_middle(squares, position):
 
 
 def _shade(falloff, tilt, down, right, a, c, b, d):
-    """cos^4 of the angle at which a pixel's central ray leaves the main lens.
+    """Mean of cos^4 over the angles at which a pixel's rays leave the main lens.
 
-    down, right: to be added to its tangents, where they are tilted.
+    By the mean and the variance of the squared tangents over the pixel's patch of the main lens.
+    down, right: to be added to the tangents of its central ray, where lenslets stand elsewhere.
     """
     if falloff is None:
         return 1.0
@@ -158,9 +159,11 @@ def _shade(falloff, tilt, down, right, a, c, b, d):
     else:
         down += falloff.rows[a, c] + tilt.rows[b, d]
         right += falloff.columns[b, d] + tilt.columns[a, c]
-        squared = down * down + right * right + tilt.patch
-    cos2 = 1.0 / (1.0 + squared)
-    return cos2 * cos2
+        squared = down * down + right * right
+    patch = falloff.patch
+    cos2 = 1.0 / (1.0 + squared + patch)
+    variance = patch * (2.0 * squared + 0.4 * patch)
+    return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
 
 
 def _tilted(tilt, squares, pitches, position):

@@ -168,12 +168,7 @@ class OpticalPass:
         return towards_lenslet + offsets / camera.lenslet_focal_mm
 
     def falloff_table(self, layout: str) -> FalloffTable | None:
-        """Tangents in the order of an image, or None without cos^4.
-
-        The patch of the main lens that a pixel sees is `view_step_mm` wide along both axes, and
-        the mean of the squared tangents over it is that of its middle and a twelfth of its squared
-        width for each axis.
-        """
+        """Squared tangents in the order of an image, or None without cos^4."""
         if not self.falloff:
             return None
         tangents = [self.tangents(axis) for axis in (0, 1)]
@@ -181,7 +176,7 @@ class OpticalPass:
             for axis in (0, 1):
                 tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
         rows, columns = (arrange(table, layout) for table in tangents)
-        return FalloffTable(rows**2 + self._patch, columns**2)
+        return FalloffTable(rows**2, columns**2, self._patch)
 
     def tilt_tables(self, layout: str) -> tuple[FalloffTable, TiltTable] | tuple[None, None]:
         """Tangents that are not squared, and what misplaced lenslets add to them."""
@@ -197,11 +192,10 @@ class OpticalPass:
             turned_columns,
             pitch=-self.lenslet_pitch_mm / focal_mm,
             micro_image=self.micro_image_mm / focal_mm,
-            patch=self._patch,
         )
-        return FalloffTable(rows, columns), tilt
+        return FalloffTable(rows, columns, self._patch), tilt
 
     @property
     def _patch(self) -> float:
         """Mean of the squared tangents over a pixel's patch of the main lens, from its middle."""
-        return 2 * (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 12
+        return (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6

@@ -123,11 +123,16 @@ class FalloffTable(NamedTuple):
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Squared, with a pixel's patch of the main lens in `rows`; with a `TiltTable`, as they are.
+        Squared; with a `TiltTable`, as they are.
+    patch : float
+        Mean of the squared tangents over a pixel's patch of the main lens, from its middle: of a
+        width w along both axes, ``w^2 / 6``. About a middle of squared tangent r they then have
+        the mean ``r + w^2 / 6`` and the variance ``r w^2 / 3 + w^4 / 90``.
     """
 
     rows: np.ndarray
     columns: np.ndarray
+    patch: float
 
 
 class TiltTable(NamedTuple):
@@ -141,15 +146,12 @@ class TiltTable(NamedTuple):
         For each lenslet pitch.
     micro_image : float
         For each pitch of the micro-images by which the lit part of a pixel is off its middle.
-    patch : float
-        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     pitch: float
     micro_image: float
-    patch: float
 
 
 class MicroImageTable(NamedTuple):

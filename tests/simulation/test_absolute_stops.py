@@ -154,7 +154,6 @@ def mean_falloff(camera, pixel):
     return weights @ np.cos(np.arctan(np.hypot(*tilt.T))) ** 4
 
 
-@pytest.mark.xfail(strict=True, reason="falloff is that of a pixel's central ray")
 @pytest.mark.parametrize("integrator", ["auto", "rays"])
 @pytest.mark.parametrize("views", [1, 5])
 def test_falloff_is_the_mean_of_cos4_over_a_pixel(integrator, views):
@@ -168,7 +167,6 @@ def test_falloff_is_the_mean_of_cos4_over_a_pixel(integrator, views):
         assert image[pixel] == pytest.approx(mean_falloff(camera, pixel), abs=1e-4), pixel
 
 
-@pytest.mark.xfail(strict=True, reason="a pixel is lit through the lenslet it is named after")
 @pytest.mark.parametrize("fault", ["lenslet_rotation_rad", "lenslet_pitch_error"])
 @pytest.mark.parametrize("amount", [0.010, -0.010])
 def test_a_white_image_reads_back_the_array(fault, amount):
