@@ -11,30 +11,45 @@ import numpy as np
 from numba import njit, prange
 
 
-def _radiance(planes, transmission, rays, weights, shifts, m, n, a, c, i, b, d, j):
+def _radiance(planes, transmission, rays, weights, a, c, i, b, d, j):
     """Radiance along one ray: what each plane adds, front to back, through those before it."""
     if transmission is None:
-        at, down, right = hit(planes, rays, weights, shifts, m, n, 0, a, c, i, b, d, j)
+        at, down, right = hit(rays, weights, 0, a, c, i, b, d, j)
         return mean(planes.emission, planes.stride[0], at, down, right)
     light, clear = 0.0, 1.0
     for p in range(planes.first.size):
-        at, down, right = hit(planes, rays, weights, shifts, m, n, p, a, c, i, b, d, j)
+        at, down, right = hit(rays, weights, p, a, c, i, b, d, j)
         light += clear * mean(planes.emission, planes.stride[p], at, down, right)
         clear *= mean(transmission, planes.stride[p], at, down, right)
     return light
 
 
-def _hit(planes, rays, weights, shifts, m, n, p, a, c, i, b, d, j):
+def _hit(rays, weights, p, a, c, i, b, d, j):
     """Cell that a ray meets on plane p, and the weights of the next cells down and right.
 
-    Without weights these are None: the ray takes all from the one cell. m, n: how far on the
-    lenslet stands through which the ray comes, in pitches along y and x.
+    Without weights these are None: the ray takes all from the one cell.
     """
-    if shifts is None:
-        at = int(rays.rows[p, a, c, i] + rays.columns[p, b, d, j])
-        if weights is None:
-            return at, None, None
-        return at, weights.down[p, a, c, i], weights.right[p, b, d, j]
+    at = int(rays.rows[p, a, c, i] + rays.columns[p, b, d, j])
+    if weights is None:
+        return at, None, None
+    return at, weights.down[p, a, c, i], weights.right[p, b, d, j]
+
+
+def _radiance_shifted(planes, transmission, rays, shifts, m, n, a, c, i, b, d, j):
+    """Radiance along one ray through a lenslet m and n pitches further on along y and x."""
+    if transmission is None:
+        at, down, right = hit_shifted(planes, rays, shifts, m, n, 0, a, c, i, b, d, j)
+        return box_mean(planes.emission, planes.stride[0], at, down, right)
+    light, clear = 0.0, 1.0
+    for p in range(planes.first.size):
+        at, down, right = hit_shifted(planes, rays, shifts, m, n, p, a, c, i, b, d, j)
+        light += clear * box_mean(planes.emission, planes.stride[p], at, down, right)
+        clear *= box_mean(transmission, planes.stride[p], at, down, right)
+    return light
+
+
+def _hit_shifted(planes, rays, shifts, m, n, p, a, c, i, b, d, j):
+    """Cell that such a ray meets on plane p, and the weights of the next cells."""
     row = rays.rows[p, a, c, i] + shifts.rows[p, b, d] + shifts.turned_rows[p, j]
     column = rays.columns[p, b, d, j] + shifts.columns[p, a, c] + shifts.turned_columns[p, i]
     row, column = row + m * shifts.pitch_rows[p], column + n * shifts.pitch_columns[p]
@@ -56,48 +71,67 @@ def _cell(position, breadth, cells):
 
 
 def _mean(values, stride, at, down, right):
-    """Mean over a ray's box, which lies on at most four cells; without weights, of one cell."""
+    """Mean over a ray's box; without weights, of one cell."""
     if down is None:
         return values[at]
+    return box_mean(values, stride, at, down, right)
+
+
+def _box_mean(values, stride, at, down, right):
+    """Mean over a ray's box, which lies on at most four cells."""
     upper = values[at] + right * (values[at + 1] - values[at])
     lower = values[at + stride] + right * (values[at + stride + 1] - values[at + stride])
     return upper + down * (lower - upper)
 
 
-def _passes(stops, shifts, m, n, a, c, i, b, d, j):
-    """Share of a ray's box that passes the round stops: their edges, taken as straight in it.
+def _crossing(stop, shifts, m, n, k, a, c, i, b, d, j):
+    """Where a ray crosses a round stop, in mm from its middle. k: of the stop."""
+    y, x = stop.rows[a, c, i], stop.columns[b, d, j]
+    if shifts is not None:
+        y += shifts.stop_rows[k, b, d] + m * shifts.stop_pitch[k]
+        x += shifts.stop_columns[k, a, c] + n * shifts.stop_pitch[k]
+    return y, x
 
-    All stops have one axis. Two that cut a box from the same side leave the smaller share of it;
+
+def _passes(stop, second, shifts, m, n, a, c, i, b, d, j):
+    """Share of a ray's box that the edges of two round stops leave, taken as straight in it.
+
+    Both have one axis. Where they cut a box from the same side they leave the smaller share of it;
     from opposite sides, what is left of both.
     """
-    if stops is None:
+    if stop is None:
         return 1.0
-    share, cut_y, cut_x = 1.0, 0.0, 0.0
-    for k in range(stops.radii.size):
-        y, x = stops.rows[k, a, c, i], stops.columns[k, b, d, j]
-        if shifts is not None:
-            y += shifts.stop_rows[k, b, d] + m * shifts.stop_pitch[k]
-            x += shifts.stop_columns[k, a, c] + n * shifts.stop_pitch[k]
-        radius, tall, wide = stops.radii[k], abs(stops.heights[k]), abs(stops.widths[k])
-        squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
-        here = 1.0
-        if edge > radius:  # a stop within a box or two: as a square of the same area
-            half = 0.5 * math.sqrt(math.pi) * radius
-            here = overlap(y, tall, half) * overlap(x, wide, half)
-        elif squared > (radius + edge) * (radius + edge):
-            return 0.0
-        elif squared > (radius - edge) * (radius - edge):
-            distance = math.sqrt(squared)
-            breadth = (abs(y) * tall + abs(x) * wide) / distance
-            here = min(max((radius - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
-        if here < 1.0:  # the side that it cuts from, as the box lies on the pixel
-            y, x = y * stops.heights[k], x * stops.widths[k]
-            if share < 1.0 and y * cut_y + x * cut_x < 0.0:
-                share = max(share + here - 1.0, 0.0)
-            else:
-                share = min(share, here)
-            cut_y, cut_x = y, x
-    return share
+    y, x = crossing(stop, shifts, m, n, 0, a, c, i, b, d, j)
+    share = left_by_edge(stop.radius, y, x, abs(stop.height), abs(stop.width))
+    if second is None:
+        return share
+    then_y, then_x = crossing(second, shifts, m, n, 1, a, c, i, b, d, j)
+    other = left_by_edge(second.radius, then_y, then_x, abs(second.height), abs(second.width))
+    # The sides from which they cut, as the box lies on the pixel.
+    along = y * stop.height * then_y * second.height + x * stop.width * then_x * second.width
+    return left_by_both(share, other, along)
+
+
+def _left_by_both(share, other, along):
+    """Share of a box that two straight edges leave; along: below 0 for opposite sides."""
+    if along < 0.0:
+        return max(share + other - 1.0, 0.0)
+    return min(share, other)
+
+
+def _left_by_edge(radius, y, x, tall, wide):
+    """Share of a box that lies inside a circle about the axis."""
+    squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
+    if edge > radius:  # a stop within a box or two: as a square of the same area
+        half = 0.5 * math.sqrt(math.pi) * radius
+        return overlap(y, tall, half) * overlap(x, wide, half)
+    if squared > (radius + edge) * (radius + edge):
+        return 0.0
+    if squared > (radius - edge) * (radius - edge):
+        distance = math.sqrt(squared)
+        breadth = (abs(y) * tall + abs(x) * wide) / distance
+        return min(max((radius - distance) / max(breadth, 1e-300) + 0.5, 0.0), 1.0)
+    return 1.0
 
 
 def _on_array(micro_images, a, c, b, d):
@@ -173,29 +207,54 @@ def _tilted(tilt, squares, pitches, position):
     return pitches * tilt.pitch + lit_middle(squares, position) * tilt.micro_image
 
 
-def _bundle(planes, rays, weights, shifts, stops, squares, micro_images, m, n, down, right,
-            a, c, b, d):  # fmt: skip
+def _bundle(
+    planes,
+    transmission,
+    rays,
+    shifts,
+    stop,
+    second,
+    squares,
+    micro_images,
+    m,
+    n,
+    down,
+    right,
+    a,
+    c,
+    b,
+    d,
+):
     """Sum over the rays of a pixel through one lenslet."""
     light = 0.0
     for i in range(rays.rows.shape[3]):
         for j in range(rays.columns.shape[3]):
-            weight = passes(stops, shifts, m, n, a, c, i, b, d, j)
+            weight = passes(stop, second, shifts, m, n, a, c, i, b, d, j)
             weight *= inside(squares, micro_images, down, right, i, j)
-            if weight == 0.0:
-                continue
-            light += weight * radiance(
-                planes, planes.transmission, rays, weights, shifts, m, n, a, c, i, b, d, j
-            )
+            if weight != 0.0:
+                light += weight * radiance_shifted(
+                    planes, transmission, rays, shifts, m, n, a, c, i, b, d, j
+                )
     return light
 
 
-def _pixel(planes, rays, weights, shifts, stops, micro_images, squares, falloff, tilt,
-           a, c, b, d):  # fmt: skip
-    """Light of a pixel, through its own lenslet or through every one that can send it any."""
-    if micro_images is None:
-        light = bundle(planes, rays, weights, shifts, stops, squares, micro_images,
-                       0.0, 0.0, 0.0, 0.0, a, c, b, d)  # fmt: skip
-        return light * shade(falloff, tilt, 0.0, 0.0, a, c, b, d)
+def _through_lenslets(
+    planes,
+    transmission,
+    rays,
+    shifts,
+    stop,
+    second,
+    micro_images,
+    squares,
+    falloff,
+    tilt,
+    a,
+    c,
+    b,
+    d,
+):
+    """Light of a pixel through every lenslet that can send it any."""
     light = 0.0
     down, right = on_array(micro_images, a, c, b, d)
     reach, cosine, sine = micro_images.reach, micro_images.cosine, micro_images.sine
@@ -204,12 +263,12 @@ def _pixel(planes, rays, weights, shifts, stops, micro_images, squares, falloff,
             m, n = k * cosine + h * sine, h * cosine - k * sine
             if whole(squares, down - k, right - h):
                 through = bundle(
-                    planes, rays, weights, shifts, stops, None, micro_images,
+                    planes, transmission, rays, shifts, stop, second, None, micro_images,
                     m, n, down - k, right - h, a, c, b, d
                 )  # fmt: skip
             else:
                 through = bundle(
-                    planes, rays, weights, shifts, stops, squares, micro_images,
+                    planes, transmission, rays, shifts, stop, second, squares, micro_images,
                     m, n, down - k, right - h, a, c, b, d
                 )  # fmt: skip
             tilt_y = tilted(tilt, squares, m, down - k)
@@ -218,9 +277,7 @@ def _pixel(planes, rays, weights, shifts, stops, micro_images, squares, falloff,
     return light
 
 
-def _trace_planes(
-    planes, rays, weights, shifts, stops, micro_images, squares, falloff, tilt, seen, share, out
-):
+def _trace_planes(planes, rays, weights, stop, second, falloff, seen, share, out):
     """Add the mean over a grid of backward rays to each pixel, out[a, b, c, d].
 
     The pixel's place along y is (a, c), along x (b, d): (v, u, t, s) for views, and for the raw
@@ -232,6 +289,7 @@ def _trace_planes(
 
     share: of a pixel's light in one ray.
     """
+    rays_y, rays_x = rays.rows.shape[3], rays.columns.shape[3]
     lines = seen.lines
     for k in prange(lines.size):
         a, c = k // lines.shape[1], k % lines.shape[1]
@@ -239,8 +297,31 @@ def _trace_planes(
             continue
         for b in range(seen.first.size):
             for d in range(seen.first[b], seen.last[b]):
-                light = pixel(planes, rays, weights, shifts, stops, micro_images, squares,
-                              falloff, tilt, a, c, b, d)  # fmt: skip
+                light = 0.0
+                for i in range(rays_y):
+                    for j in range(rays_x):
+                        weight = passes(stop, second, None, 0.0, 0.0, a, c, i, b, d, j)
+                        light += weight * radiance(
+                            planes, planes.transmission, rays, weights, a, c, i, b, d, j
+                        )
+                out[a, b, c, d] += light * share * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+
+
+def _trace_lenslets(
+    planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, seen, share, out
+):
+    """Do the same for light through every lenslet that can send a pixel any."""
+    lines = seen.lines
+    for k in prange(lines.size):
+        a, c = k // lines.shape[1], k % lines.shape[1]
+        if not lines[a, c]:
+            continue
+        for b in range(seen.first.size):
+            for d in range(seen.first[b], seen.last[b]):
+                light = through_lenslets(
+                    planes, planes.transmission, rays, shifts, stop, second, micro_images, squares,
+                    falloff, tilt, a, c, b, d
+                )  # fmt: skip
                 out[a, b, c, d] += light * share
 
 
@@ -292,22 +373,31 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
                 )
 
 
-# Each is compiled where it is called, for the types that it meets there.
+# Each is compiled where it is called, for the types that it meets there. What is called for each
+# ray has no loop and no early return where it can do without: Numba then need not count references
+# to the tables' arrays, which would cost several times the work itself.
 whole = njit(_whole)
 lit_middle = njit(_lit_middle)
 tilted = njit(_tilted)
 shade = njit(_shade)
 overlap = njit(_overlap)
+crossing = njit(_crossing)
+left_by_edge = njit(_left_by_edge)
+left_by_both = njit(_left_by_both)
 passes = njit(_passes)
 on_array = njit(_on_array)
 inside = njit(_inside)
 cell = njit(_cell)
 hit = njit(_hit)
+box_mean = njit(_box_mean)
 mean = njit(_mean)
+hit_shifted = njit(_hit_shifted)
+radiance_shifted = njit(_radiance_shifted)
 radiance = njit(_radiance)
 bundle = njit(_bundle)
-pixel = njit(_pixel)
+through_lenslets = njit(_through_lenslets)
 
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
+trace_lenslets = njit(parallel=True, cache=True)(_trace_lenslets)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
 integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)

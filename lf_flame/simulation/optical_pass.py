@@ -29,9 +29,10 @@ class OpticalPass:
     falloff : bool, optional
         Whether pixels dim by cos^4.
     lenslet_scale, lenslet_skew : float, optional
-        Diagonal and other element of the lenslet grid's rotation and stretch.
+        Diagonal and other element of the lenslet grid's rotation and stretch; where they are not
+        1 and 0, `every_lenslet` counts.
     stops : tuple of (float, float), optional
-        Distance in front of the main lens and radius of round stops, in mm.
+        Distance in front of the main lens and radius of round stops, in mm; at most two.
     neighbour : (int, int), optional
         Light that comes through the lenslet this many rows and columns further on.
     every_lenslet : bool, optional

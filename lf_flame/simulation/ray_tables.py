@@ -98,23 +98,23 @@ class ShiftTable(NamedTuple):
 
 
 class StopTable(NamedTuple):
-    """Round stops, and where the rays cross them.
+    """A round stop, and where the rays cross it.
 
     Attributes
     ----------
-    rows, columns : ndarray of float64, shapes (k, a, c, i) and (k, b, d, j)
+    rows, columns : ndarray of float64, shapes (a, c, i) and (b, d, j)
         In mm from the optical axis.
-    radii : ndarray of float64, shape (k,)
+    radius : float
         In mm.
-    heights, widths : ndarray of float64, shape (k,)
+    height, width : float
         Of a ray's box, in mm; below 0 where it lies upside down.
     """
 
     rows: np.ndarray
     columns: np.ndarray
-    radii: np.ndarray
-    heights: np.ndarray
-    widths: np.ndarray
+    radius: float
+    height: float
+    width: float
 
 
 class FalloffTable(NamedTuple):

@@ -298,30 +298,44 @@ def _trace_group(
     """Trace planes that dim each other, or a single one, on some lines of the image."""
     y, x = grids
     table = _plane_table(planes, y, x)
-    shifts = stops = weights = micro_images = squares = tilt = None
-    falloff = optics.falloff_table(layout)
-    if optics.lenslet_skew or optics.every_lenslet:
-        rows, columns = y.positions, x.positions
-        shifts = _shift_table(y, x, optics)
-        falloff, tilt = optics.tilt_tables(layout)
+    stops = [
+        StopTable(y.stop_mm[k], x.stop_mm[k], radius, y.stop_boxes_mm[k], x.stop_boxes_mm[k])
+        for k, (_, radius) in enumerate(optics.stops)
+    ]
+    stop, second = [*stops, None, None][:2]
+    seen = SeenTable(y.seen, *seen_range(x.seen))
+    tables: tuple[tuple | None, ...]
+    if optics.every_lenslet:
+        kernel, rays = _kernels.trace_lenslets, RayTable(y.positions, x.positions, y.boxes, x.boxes)
+        shifts, micro_images = _shift_table(y, x, optics), _micro_image_table(optics, layout)
+        squares = _square_table(y.tiling, x.tiling, optics, finite_width)
+        tables = (
+            rays,
+            shifts,
+            stop,
+            second,
+            micro_images,
+            squares,
+            *optics.tilt_tables(layout),
+            seen,
+        )
     else:  # positions become indices once, outside the ray loop
+        kernel = _kernels.trace_planes
         rows, down = _indices(y)
         columns, right = _indices(x)
         stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
         rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
-        weights = WeightTable(down, right) if finite_width else None
-    if optics.stops:
-        radii = np.array([radius for _, radius in optics.stops])
-        stops = StopTable(y.stop_mm, x.stop_mm, radii, y.stop_boxes_mm, x.stop_boxes_mm)
-    if optics.every_lenslet:
-        micro_images = _micro_image_table(optics, layout)
-    if optics.square_micro_images:
-        squares = _square_table(y.tiling, x.tiling, optics, finite_width)
-    rays = RayTable(rows, columns, y.boxes, x.boxes)
-    seen = SeenTable(y.seen, *seen_range(x.seen))
-    tables = rays, weights, shifts, stops, micro_images, squares, falloff, tilt, seen
+        rays, weights = RayTable(rows, columns, y.boxes, x.boxes), WeightTable(down, right)
+        tables = (
+            rays,
+            weights if finite_width else None,
+            stop,
+            second,
+            optics.falloff_table(layout),
+            seen,
+        )
     share = optics.share / (y.count * x.count)
-    _kernels.trace_planes(table, *(_take_lines(part, lines) for part in tables), share, out)
+    kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
 
 
 def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
@@ -354,8 +368,12 @@ def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
     )
 
 
-def _square_table(y: "Tiling", x: "Tiling", optics: OpticalPass, finite_width: bool) -> SquareTable:
-    """Places of the rays on a pixel."""
+def _square_table(
+    y: "Tiling", x: "Tiling", optics: OpticalPass, finite_width: bool
+) -> SquareTable | None:
+    """Places of the rays on a pixel, where micro-images are squares."""
+    if not optics.square_micro_images:
+        return None
     pixel = optics.camera.pixel_mm / optics.micro_image_mm
     return SquareTable(
         pixel * y.along_pixel,
@@ -394,7 +412,7 @@ LINE_AXES = {
     RayTable: {"rows": 2},
     WeightTable: {"down": 2},
     ShiftTable: {"columns": 2, "stop_columns": 2},
-    StopTable: {"rows": 2},
+    StopTable: {"rows": 1},
     MicroImageTable: {"rows": 1, "shift_columns": 1},
     FalloffTable: {"rows": 1},
     TiltTable: {"columns": 1},

@@ -69,7 +69,10 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 @pytest.mark.jit
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
-    kernel = njit(parallel=True)(_kernels._trace_planes)
+    kernels = {
+        "trace_planes": njit(parallel=True)(_kernels._trace_planes),
+        "trace_lenslets": njit(parallel=True)(_kernels._trace_lenslets),
+    }
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
     image = np.zeros((5, 5, 24, 30), np.float32)
@@ -77,10 +80,11 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
     for name, optics in {
         "bare": OpticalPass(small_camera),
         "stop": OpticalPass(small_camera, stops=((0.0, 30.0),)),
-        "skew": OpticalPass(small_camera, lenslet_skew=1e-3),
+        "skew": OpticalPass(small_camera, lenslet_skew=1e-3, every_lenslet=True),
     }.items():
+        kernel = kernels["trace_lenslets" if name == "skew" else "trace_planes"]
         known = set(kernel.signatures)
-        with patch.object(_kernels, "trace_planes", kernel):
+        with patch.multiple(_kernels, **kernels):
             trace(planes, optics, "views", 2, image)
         (new,) = set(kernel.signatures) - known
         machine_code[name] = kernel.inspect_llvm(new)
@@ -111,8 +115,10 @@ def test_float32_image_equals_float64_within_rounding(small_camera, rng):
     [
         {},
         {"falloff": True},
-        {"lenslet_skew": 1e-3},
+        {"lenslet_skew": 1e-3, "every_lenslet": True},
+        {"lenslet_skew": 1e-3, "every_lenslet": True, "falloff": True},
         {"stops": ((0.0, 60.0),)},
+        {"stops": ((0.0, 60.0), (30.0, 70.0))},
         {"finite_width": False},
     ],
     ids=str,

@@ -32,7 +32,9 @@ def test_boxes_have_the_mean_and_variance_of_the_bundle(small_camera, rays, axis
 
 
 def test_a_grid_has_the_shape_of_the_image(small_camera):
-    optics = OpticalPass(small_camera, stops=((0.0, 30.0), (40.0, 35.0)), lenslet_skew=1e-3)
+    optics = OpticalPass(
+        small_camera, stops=((0.0, 30.0), (40.0, 35.0)), lenslet_skew=1e-3, every_lenslet=True
+    )
     planes = planes_of(Layer([[1.0]], 5.0, (9.0, 9.0)), Layer([[0.0]], -5.0, (1.0, 1.0)))
     for layout, along, across in (("views", (5, 24), (5, 30)), ("raw", (1, 120), (1, 150))):
         grid = ray_grid(planes, optics, layout, 4, 0, True)
