@@ -12,7 +12,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import focus_spread, reach_mm
-from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import round_stops, share_cut
@@ -58,8 +58,8 @@ def _undiffracted(camera: PlenopticCamera) -> float:
     """Share of a point's light that stays where it would be without diffraction."""
     if camera.wavelength_nm is None:
         return 1.0
-    kernels = lenslet_kernel(camera), main_lens_kernel(camera)
-    return math.prod(1 - diffraction.share_leaving(kernel) for kernel in kernels)
+    main_lens = diffraction.share_leaving(main_lens_kernel(camera))
+    return (1 - lenslet_share_leaving(camera)) * (1 - main_lens)
 
 
 def _nearest(
