@@ -3,7 +3,8 @@
 The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two
 integrators (`lf_flame.simulation.exact`, `lf_flame.simulation.rays`); both share one ray transfer
 chain. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the field
-gives its own brightness in every pixel, before cos^4, stops and sensor.
+gives its own brightness in every pixel, before cos^4, stops and sensor. The mean is over the true
+lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its area.
 """
 
 import math
