@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from lf_flame._common.config import build, read_toml
+from lf_flame._common.config import build, read_toml, to_json
 from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.templates import TEMPLATES, Template
@@ -40,8 +40,8 @@ class DatasetConfig:
         What the network is shown. Default: what the paper's is.
     shuffled_depths : bool, optional
         Let the objects of each sample stand at the template's depths in an order drawn at random,
-        as large in the central view as at their own depths. The effect plan stays that of the
-        objects at their own depths.
+        as large in the central view as at their own depths. Unless objects hide others, the effect
+        plan stays that of the objects at their own depths.
     """
 
     kind: Literal["shapes", "flames"]
@@ -81,8 +81,23 @@ class DatasetConfig:
 
     @cached_property
     def plan(self) -> EffectPlan:
-        """Effect plan of the mean scene, by which all samples are simulated alike."""
+        """Effect plan of the mean scene; see `plan_of` for that of a sample."""
         scene, _ = self.draw(None)
+        return plan_effects(scene, self.camera, effects=self.effects)
+
+    @cached_property
+    def planned_by_sample(self) -> bool:
+        """Whether effects are decided for each sample: where objects hide or dim others.
+
+        They may in some samples only. Glowing objects call for the same effects in all.
+        """
+        scene, _ = self.draw(None)
+        return any(layer.opaque or layer.optical_thickness.any() for layer in scene.layers)
+
+    def plan_of(self, scene: Scene) -> EffectPlan:
+        """Effect plan by which a scene of the data set is simulated."""
+        if not self.planned_by_sample:
+            return self.plan
         return plan_effects(scene, self.camera, effects=self.effects)
 
     @property
@@ -129,6 +144,14 @@ def read_config(path: str | Path) -> DatasetConfig:
     """
     values = read_toml(path)
     return config_from_json(values, path)
+
+
+def config_to_json(config: DatasetConfig) -> dict[str, Any]:
+    """Turn a configuration into the JSON values that are stored with a data set."""
+    values = to_json(config)
+    if not values["template"].get("opaque", True):  # as in data sets from before there was a choice
+        del values["template"]["opaque"]
+    return values
 
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:

@@ -47,21 +47,22 @@ def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> d
     Returns
     -------
     dict
-        ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1], and
-        ``parameters``.
+        ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1],
+        ``parameters``, and ``plan``, by which it was simulated.
     """
     light_field, parameters = render_sample(config, index)
     return {
         "input": config.encode(light_field),
         "target": area_average(shift_and_sum(light_field, slopes), config.image),
         "parameters": parameters,
+        "plan": light_field.plan,
     }
 
 
 def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
     scene, parameters = config.draw(np.random.default_rng([config.seed, index]))
-    return render_drawn(scene, config, config.plan, index), parameters
+    return render_drawn(scene, config, config.plan_of(scene), index), parameters
 
 
 def render_drawn(scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int) -> LightField:

@@ -2,10 +2,12 @@
 
 A group holds ``input`` (n, h, w, channels), what the network is shown of the light field, see
 `lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope
-of each object; ``parameters/*``, what was drawn; and ``complete`` (n,). Every sample is a chunk of
-its own with a checksum, seeded by its index, so that workers write side by side, a run that was cut
-goes on, and the bytes do not depend on the number of workers. The group is built as ``NAME.part``
-and renamed when it is whole.
+of each object; ``parameters/*``, what was drawn; and ``complete`` (n,). Where effects are decided
+for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced and which effects were
+simulated, and an attribute of that name counts the samples. Every sample is a chunk of its own with
+a checksum, seeded by its index, so that workers write side by side, a run that was cut goes on, and
+the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and renamed
+when it is whole.
 """
 
 import hashlib
@@ -23,10 +25,14 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
-from lf_flame._common.config import to_json
-from lf_flame.datasets.config import DatasetConfig, config_from_json
+from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
+from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.plan import EffectPlan
+
+SIMULATED = "simulated"
+"""Array, and attribute, of what was simulated where that is decided for each sample."""
 
 
 def make_dataset(
@@ -72,6 +78,8 @@ def make_dataset(
     for _ in finished:
         pass
     group.attrs["sha256"] = _digest(group)
+    if SIMULATED in group:
+        group.attrs[SIMULATED] = _count_simulated(group)
     group.attrs["provenance"] = {
         **provenance.environment(),
         "workers": workers,
@@ -101,6 +109,8 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
     add("target", (len(searches), *config.image), "float32", np.nan)
     for name, values in parameters.items():
         add(f"parameters/{name}", values.shape, "float64", np.nan)
+    if config.planned_by_sample:
+        add(SIMULATED, (len(EFFECTS) + 1,), "uint8", 0)
     add("complete", (), "uint8", 0)
     group.attrs.update(
         {
@@ -109,7 +119,7 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
             "depths_mm": config.depths_mm,
             "objects": [o.name for o in config.template.objects],
             "plan": config.plan.to_json(),
-            "config": to_json(config),  # last: its presence says that the group is laid out
+            "config": config_to_json(config),  # last: its presence says that the group is laid out
         }
     )
 
@@ -133,7 +143,7 @@ def _array(group: zarr.Group, name: str) -> zarr.Array:
 
 
 def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
-    same = group.attrs.get("config") == to_json(config)
+    same = group.attrs.get("config") == config_to_json(config)
     if not same or _array(group, "complete").shape[0] != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; "
@@ -151,7 +161,7 @@ def _run(
             yield index
         return
     context = multiprocessing.get_context("spawn")
-    setup = (to_json(config), slopes, str(part))
+    setup = (config_to_json(config), slopes, str(part))
     with ProcessPoolExecutor(workers, context, _start_worker, setup) as pool:
         jobs = [pool.submit(_work, index) for index in indices]
         try:
@@ -186,7 +196,26 @@ def _store(group: zarr.Group, index: int, sample: dict) -> None:
     _array(group, "target")[index] = sample["target"]
     for name, values in sample["parameters"].items():
         _array(group, f"parameters/{name}")[index] = values
+    if SIMULATED in group:
+        _array(group, SIMULATED)[index] = _simulated(sample["plan"])
     _array(group, "complete")[index] = 1  # last: a sample without it is made again
+
+
+def _simulated(plan: EffectPlan) -> np.ndarray:
+    """Whether a plan traces rays, and which effects it keeps, in the order of `EFFECTS`."""
+    kept = [name in plan.kept for name in EFFECTS]
+    return np.array([plan.integrator == "rays", *kept], np.uint8)
+
+
+def _count_simulated(group: zarr.Group) -> dict[str, Any]:
+    """Count the samples for which rays were traced and for which each effect was simulated."""
+    found = np.asarray(_array(group, SIMULATED)[:])
+    counts = [int(count) for count in found.sum(axis=0)]
+    return {
+        "samples": len(found),
+        "by_rays": counts[0],
+        "with": dict(zip(EFFECTS, counts[1:], strict=True)),
+    }
 
 
 def _digest(group: zarr.Group) -> str:
@@ -237,7 +266,7 @@ class Dataset:
     @property
     def scenes_sha256(self) -> str:
         """Hash of what was asked for: the same on every machine, whose rounding may differ."""
-        asked = {**to_json(self.config), "samples": len(self)}
+        asked = {**config_to_json(self.config), "samples": len(self)}
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @cached_property

@@ -6,7 +6,7 @@ configuration.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -49,17 +49,23 @@ class ShapeTemplate:
         Each shape is scaled by 1 - size to 1 + size, uniformly, its proportions kept.
     brightness : (float, float)
         Range of the radiance, uniform, inside [0, 1].
+    opaque : bool, optional
+        Whether shapes hide what is behind them; they then need depths of their own.
     """
 
     objects: list[ShapeObject]
     position_mm: float
     size: float
     brightness: Pair
+    opaque: bool = False
 
     def __post_init__(self):
         _check_ranges(self.brightness, position_mm=self.position_mm, size=self.size)
         if self.size >= 1:
             raise InputError(f"size must be below 1, got {self.size}.")
+        depths = [o.depth_mm for o in self.objects]
+        if self.opaque and len(set(depths)) < len(depths):
+            raise InputError(f"Opaque shapes must stand at different depths, got {depths} mm.")
 
     def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
         """Draw a scene; without a generator, the mean scene at full brightness.
@@ -78,11 +84,16 @@ class ShapeTemplate:
             centres += rng.uniform(-self.position_mm, self.position_mm, (n, 2))
             sizes *= rng.uniform(1 - self.size, 1 + self.size, (n, 1))
             brightness = rng.uniform(*self.brightness, n)
-        layers = [
-            Layer(b * shape_texture(o.shape, size), o.depth_mm, size, centre)
-            for o, centre, size, b in zip(self.objects, centres, sizes, brightness, strict=True)
-        ]
+        drawn = zip(self.objects, centres, sizes, brightness, strict=True)
+        layers = [self._layer(*each) for each in drawn]
         return Scene(layers), {"centre_mm": centres, "size_mm": sizes, "brightness": brightness}
+
+    def _layer(self, shape: ShapeObject, centre: np.ndarray, size: Any, brightness: float) -> Layer:
+        cells = shape_texture(shape.shape, size)
+        covered = cells if self.opaque else None
+        return Layer(
+            brightness * cells, shape.depth_mm, size, centre, opaque=self.opaque, coverage=covered
+        )
 
 
 @strict

@@ -68,7 +68,8 @@ class PlenopticCamera:
         lenslets (`aperture_mm` wide), which lights every pixel alike.
     rim_diameter_mm, rim_distance_mm : float, optional
         A second round stop, this far in front of the main lens: the rim of the lens barrel or of
-        a window. Default: none.
+        a window. Default: none. Like the aperture it cuts the light of all layers, of those
+        nearer to the lens than itself too.
     wavelength_nm : float, optional
         Wavelength for diffraction. Default: none given, ray optics.
     chromatic_shift : float, optional
@@ -76,6 +77,7 @@ class PlenopticCamera:
         0 to 0.2: about the band's share of the F-C range divided by the Abbe number.
     lenslet_rotation_rad : float, optional
         Rotation of the microlens array against the sensor, about the optical axis, within 0.1.
+        Positive turns x towards y: clockwise in the stored image, whose rows run down.
     lenslet_pitch_error : float, optional
         Relative error of the lenslet pitch, within 0.1; the sensor is read as if it were 0.
     falloff_corrected : bool, optional

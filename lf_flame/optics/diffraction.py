@@ -71,6 +71,46 @@ def square_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray
     return kernel / kernel.sum()
 
 
+def square_weights(
+    spread_mm: float, pixels_mm: np.ndarray, pixel_mm: float, edges_mm: np.ndarray
+) -> np.ndarray:
+    """Weights along one axis from boxes of any width to pixels, for a square aperture.
+
+    The line spread of `square_kernel`, averaged over a pixel and summed over a box: the pixels
+    need not lie on the boxes that the image is made of.
+
+    Parameters
+    ----------
+    spread_mm : float
+        As in `square_kernel`, 0 to MOST_SAMPLES pixels.
+    pixels_mm : ndarray of float64, shape (pixels,)
+        Centres of the pixels.
+    pixel_mm : float
+        Width of a pixel, above 0.
+    edges_mm : ndarray of float64, shape (boxes + 1,)
+        Edges of the boxes, rising. The image is constant over each.
+
+    Returns
+    -------
+    ndarray of float64, shape (pixels, boxes)
+        Not negative; a row sums to 1 less what comes from beyond the boxes.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; the message names it.
+    """
+    ratio = _samples_per_spread(spread_mm, pixel_mm, 0, MOST_SAMPLES)
+    corners = np.asarray(pixels_mm)[:, None] + np.array([-0.5, 0.5]) * pixel_mm
+    distances = np.abs(corners[:, :, None] - edges_mm) / pixel_mm
+    if ratio == 0:
+        twice = distances / 2
+    else:
+        from_0, places = np.unique(np.append(distances / ratio, 0), return_inverse=True)
+        twice = ratio * _sinc2_twice_integrated(from_0)[places[:-1]].reshape(distances.shape)
+    return -np.diff(twice[:, 1] - twice[:, 0], axis=1).clip(max=0)
+
+
 def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
     """Weights on a square grid for a round aperture: the Airy pattern.
 

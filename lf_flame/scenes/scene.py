@@ -30,7 +30,9 @@ class Layer:
     ----------
     texture : array_like, shape (rows, columns)
         Radiance of its cells, 0 or above; constant over each cell. Stored as float64. In a layer
-        with an optical thickness, the radiance that would leave it if nothing were absorbed.
+        with an optical thickness, the radiance that would leave it if nothing were absorbed. It
+        holds for the whole cell: of a coverage, its share is in it already (premultiplied), and
+        where the coverage is 0 the texture shines still.
     depth_mm : float
         Depth from the focal plane, positive = farther from the main lens; of the middle, where
         the layer has a thickness.
@@ -47,7 +49,7 @@ class Layer:
         Absorption along the line of sight, 0 or above, stored as float64 for each cell: light from
         behind is weakened by ``exp(-tau)``, its own by ``(1 - exp(-tau)) / tau`` (emission and
         absorption evenly mixed; Modest, Radiative Heat Transfer, chapter on the equation of
-        transfer).
+        transfer). Along the optical axis: an oblique ray's longer path, by 1/cos, is left out.
     thickness_mm : float, optional
         Extent along the optical axis, over which light and absorption spread evenly.
 

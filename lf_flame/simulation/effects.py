@@ -18,7 +18,7 @@ from lf_flame.simulation.bundle_shifts import (
     pitch_shifts_mm,
     rotation_shifts_mm,
 )
-from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
     displaced,
@@ -185,8 +185,7 @@ def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.wavelength_nm is None:
         return Estimate(0.0, "no wavelength_nm: ray optics")
-    kernel = lenslet_kernel(camera)
-    share = diffraction.share_leaving(kernel)
+    share = lenslet_share_leaving(camera)
     spread = camera.wavelength_nm * 1e-6 * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
     words = f"spread {spread * 1e3:.3g} um on pixels of {camera.pixel_mm * 1e3:.3g} um"
     return Estimate(bounds.relative(share * bounds.brightest_raw), words)

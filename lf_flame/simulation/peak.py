@@ -5,15 +5,15 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import minimum_filter, uniform_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import aside_mm, focus_spread, misplaced_mm, reach_mm
-from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.bundle_shifts import aside_mm, focus_spread, misplaced_mm
+from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import round_stops, share_cut
@@ -42,9 +42,12 @@ def peak_radiance(
     peak, clear = 0.0, _clear_of_stops(camera) * _undiffracted(camera)
     for layer in layers:
         glow = layer.texture * self_absorbed(layer.optical_thickness)
-        near = _nearest(camera, layer, glow, footprints)
-        brightest = _brightest(camera, layer, glow, near)
-        peak = max(peak, clear * brightest * _seen(camera, layers, layer, near, footprints))
+        places = [_nearest(camera, layer, glow, footprints)]
+        if any(_before(front, layer) and _dims(front) for front in layers):
+            places.append(_least_hidden(camera, layers, layer, glow, footprints))
+        for near in places:
+            brightest = _brightest(camera, layer, glow, near)
+            peak = max(peak, clear * brightest * _seen(camera, layers, layer, near))
     sensor = camera.sensor
     return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
 
@@ -65,8 +68,48 @@ def _undiffracted(camera: PlenopticCamera) -> float:
     """Share of a point's light that stays where it would be without diffraction."""
     if camera.wavelength_nm is None:
         return 1.0
-    kernels = lenslet_kernel(camera), main_lens_kernel(camera)
-    return math.prod(1 - diffraction.share_leaving(kernel) for kernel in kernels)
+    main_lens = diffraction.share_leaving(main_lens_kernel(camera))
+    return (1 - lenslet_share_leaving(camera)) * (1 - main_lens)
+
+
+def _before(front: Layer, layer: Layer) -> bool:
+    """Whether light of one layer may have to cross another."""
+    nearest, farthest = front.depth_mm - front.thickness_mm / 2, layer.depth_mm
+    return front is not layer and nearest < farthest + layer.thickness_mm / 2
+
+
+def _dims(layer: Layer) -> bool:
+    return layer.opaque or bool(layer.optical_thickness.any())
+
+
+def _least_hidden(
+    camera: PlenopticCamera,
+    layers: tuple[Layer, ...],
+    layer: Layer,
+    glow: np.ndarray,
+    footprints: Footprints,
+) -> list[slice]:
+    """Find the lenslet that sees most of a layer through what stands before it, central view."""
+    light = _at_lenslets(camera, layer, glow, uniform_filter, 0.0, footprints)
+    for front in layers:
+        if _before(front, layer) and _dims(front):
+            passes = np.exp(-front.optical_thickness) * (1 - front.opacity)
+            light = light * _at_lenslets(camera, front, passes, minimum_filter, 1.0, footprints)
+    row, column = np.unravel_index(light.argmax(), light.shape)
+    return [slice(int(row), int(row) + 1), slice(int(column), int(column) + 1)]
+
+
+def _at_lenslets(camera, layer: Layer, cells, over_patch, outside: float, footprints) -> np.ndarray:
+    """Filter the cells of a layer over a bundle's patch, where each lenslet looks; (t, s)."""
+    sizes, places = [], []
+    for axis in (0, 1):
+        edges, footprint = layer.cell_edges_mm(axis), footprints[layer, axis]
+        patch = 2 * footprint.half_width_mm / (edges[1] - edges[0])
+        sizes.append(int(np.clip(math.ceil(patch), 1, cells.shape[axis])))
+        centres = footprint.centres_mm[camera.views // 2]
+        places.append(np.searchsorted(edges, centres, side="right"))
+    found = over_patch(cells, sizes, mode="constant", cval=outside)
+    return np.pad(found, 1, constant_values=outside)[np.ix_(*places)]
 
 
 def _nearest(
@@ -161,25 +204,28 @@ def _seen(
     layers: tuple[Layer, ...],
     layer: Layer,
     near: list[slice],
-    footprints: Footprints,
 ) -> float:
     """Share of a layer's light that reaches some pixels through what stands before it."""
-    share, back = 1.0, layer.depth_mm + layer.thickness_mm / 2
+    share = 1.0
     for front in layers:
-        before = front.depth_mm - front.thickness_mm / 2 < back
-        if front is layer or not before:
+        if not (_before(front, layer) and _dims(front)):
             continue
-        if all(_meets(camera, front, near, footprints[front, axis], axis) for axis in (0, 1)):
-            share *= 1 - np.max(front.opacity)
-            share *= math.exp(-front.optical_thickness.max())
+        cells = tuple(_met(camera, front, near[axis], axis) for axis in (0, 1))
+        opacity = np.broadcast_to(front.opacity, front.texture.shape)[cells]
+        share *= 1 - np.max(opacity, initial=0.0)
+        share *= math.exp(-np.max(front.optical_thickness[cells], initial=0.0))
     return share
 
 
-def _meets(
-    camera: PlenopticCamera, front: Layer, near: list[slice], footprint: Footprint, axis: int
-) -> bool:
-    """Whether some pixels of the central view look at the matter of a layer, along one axis."""
-    low, high = front.extent_mm(front.optical_thickness + front.opacity, axis)
-    centres = footprint.centres_mm[camera.views // 2, near[axis]]
-    reach = reach_mm(camera, front, footprint, axis)
-    return bool(np.any((centres + reach > low) & (centres - reach < high)))
+def _met(camera: PlenopticCamera, front: Layer, near: slice, axis: int) -> slice:
+    """Cells of a layer, along one axis, that some pixels of the central view can look at."""
+    edges, places = front.cell_edges_mm(axis), []
+    # Between its faces a ray is straight, and so is the border of a bundle of them.
+    for depth_mm, focal_mm in focus_spread(camera, front):
+        footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
+        centres = footprint.centres_mm[camera.views // 2, near]
+        reach = footprint.half_width_mm + _most_moved_mm(camera, footprint, axis)
+        places += [centres.min() - reach, centres.max() + reach]
+    first = np.searchsorted(edges, min(places), side="left") - 1
+    last = np.searchsorted(edges, max(places), side="right")
+    return slice(max(int(first), 0), max(int(last), 0))

@@ -17,6 +17,7 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
 from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.scene_bounds import (
@@ -26,6 +27,7 @@ from lf_flame.simulation.scene_bounds import (
     change_rate,
     smeared,
 )
+from lf_flame.simulation.slabs import slab_edges
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -216,9 +218,9 @@ def plan_effects(
     estimates = {name: find(bounds) for name, find in EFFECTS.items()}
     changes = {name: estimate.bound for name, estimate in estimates.items()}
     kept = _choose(changes, forced, LEFT_OUT_SHARE * tolerance)
-    slabs = (
-        _count_slabs(bounds, scene, tolerance) if "thickness" in kept else [1] * len(scene.layers)
-    )
+    slabs = [1] * len(scene.layers)
+    if "thickness" in kept:
+        slabs = _count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
     colours = _count_colours(bounds, tolerance) if "chromatic" in kept else 1
     traced = _traced(kept, changes, bounds)
     seconds = _estimate_seconds(bounds, kept, slabs, colours, bool(traced))
@@ -266,12 +268,14 @@ def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float
     return kept
 
 
-def _count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float) -> list[int]:
+def _count_slabs(
+    bounds: SceneBounds, scene: Scene, tolerance: float, absorption: bool
+) -> list[int]:
     """Planes for each layer, so that those of all layers together keep within their share."""
     thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
     allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
 
-    def change(layer: Layer, slabs: int) -> float:
+    def change(layer: Layer, slabs: float) -> float:
         return _sliced_change(
             bounds,
             layer,
@@ -279,12 +283,32 @@ def _count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float) -> list[in
             lambda axis, n: smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / n),
         )
 
-    return [
-        _count_parts(partial(change, layer), allowance, "thickness", tolerance)
-        if layer.thickness_mm > 0
-        else 1
-        for layer in scene.layers
-    ]
+    def count(layer: Layer) -> int:
+        if not layer.thickness_mm > 0:
+            return 1
+        even = partial(change, layer)
+        if not (absorption and layer.optical_thickness.any()):
+            return _count_parts(even, allowance, "thickness", tolerance)
+        crowded = _absorbing_change(bounds, layer, even)
+        return _count_parts(crowded, allowance, "thickness", tolerance, 2 * MOST_PARTS)
+
+    return [count(layer) for layer in scene.layers]
+
+
+def _absorbing_change(
+    bounds: SceneBounds, layer: Layer, even: Callable[[float], float]
+) -> Callable[[int], float]:
+    """Bound on the error of the slabs of a layer that absorbs, of which half crowd at its faces.
+
+    even: bound for so many equal slabs, of the light as if nothing dimmed it.
+    """
+    absorbing = AbsorbingSlabs(bounds, layer)
+
+    def change(slabs: int) -> float:
+        widest = float(np.diff(slab_edges(layer, slabs)).max())
+        return min(absorbing.change(slabs), even(1 / widest))
+
+    return change
 
 
 def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
@@ -303,7 +327,7 @@ def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
 
 
 def _sliced_change(
-    bounds: SceneBounds, layer: Layer, parts: int, smear: Callable[[int, int], float]
+    bounds: SceneBounds, layer: Layer, parts: float, smear: Callable[[int, float], float]
 ) -> float:
     """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
 
@@ -333,16 +357,20 @@ def _sliced_change(
 
 
 def _count_parts(
-    change: Callable[[int], float], allowance: float, effect: str, tolerance: float
+    change: Callable[[int], float],
+    allowance: float,
+    effect: str,
+    tolerance: float,
+    most: int = MOST_PARTS,
 ) -> int:
     """Smallest power of 2, or half between two, whose change is within the allowance."""
     parts = 2
     while change(parts) > allowance:
         parts = parts * 3 // 2 if parts & (parts - 1) == 0 else parts // 3 * 4
-        if parts > MOST_PARTS:
+        if parts > most:
             raise InputError(
                 f"tolerance {tolerance:g} cannot be met: {effect} would need more than "
-                f"{MOST_PARTS} parts; allow more, or force {effect} off."
+                f"{most} parts; allow more, or force {effect} off."
             )
     return parts
 

@@ -3,7 +3,8 @@
 The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two
 integrators (`lf_flame.simulation.exact`, `lf_flame.simulation.rays`); both share one ray transfer
 chain. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the field
-gives its own brightness in every pixel, before cos^4, stops and sensor.
+gives its own brightness in every pixel, before cos^4, stops and sensor. The mean is over the true
+lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its area.
 """
 
 import math
@@ -17,7 +18,12 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
+from lf_flame.simulation.diffraction_blur import (
+    blur_gapped,
+    lenslet_kernel,
+    main_lens_kernel,
+    tiled_sensor,
+)
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import as_views, blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
@@ -114,9 +120,26 @@ def render_plan(
         absorption="self_absorption" in plan.kept,
         dimming=set(plan.traced),
     )
-    passes = optical_passes(camera, plan)
     _check_field(scene, OpticalPass(camera))
     method = plan.integrator if integrator == "auto" else integrator
+    views = _gather(planes, camera, plan, method, rays, layout)
+    if camera.wavelength_nm is not None and "lenslet_diffraction" in plan.kept:
+        tiled = tiled_sensor(camera)
+        tiles = views if tiled is camera else _gather(planes, tiled, plan, method, rays, "raw")
+        views = _blur_lenslets(views, tiles, camera)
+    return _record(views, camera, plan, seed, layout)
+
+
+def _gather(
+    planes: list[Plane],
+    camera: PlenopticCamera,
+    plan: EffectPlan,
+    method: str,
+    rays: int | None,
+    layout: str,
+) -> np.ndarray:
+    """Gather the light of all planes as views, up to the lenslets: their diffraction is left."""
+    passes = optical_passes(camera, plan)
     # Where light comes in many portions, float32 would round after each.
     portions = len(planes) if method == "rays" else len(passes[0].lit_neighbours())
     many = len(passes) * portions > FEW_PORTIONS
@@ -128,7 +151,10 @@ def render_plan(
         rays = rays or _count_rays(planes, passes, camera, plan, layout)
         for optics in passes:
             trace(planes, optics, layout, rays, image)
-    return _record(image.astype(np.float32, copy=False), camera, plan, seed, layout)
+    views = as_views(image.astype(np.float32, copy=False), camera, layout)
+    if camera.wavelength_nm is not None and "main_lens_diffraction" in plan.kept:
+        views = diffraction.blur_views(views, main_lens_kernel(camera))
+    return views
 
 
 def _check_options(integrator: str, rays: int | None, layout: str) -> None:
@@ -196,15 +222,18 @@ def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
     return next(i for i, rays in enumerate(RAY_COUNTS) if rays >= min(dense, 41))
 
 
-def _record(image: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
-    """Do what happens behind the lenslets: diffraction and the sensor."""
-    views = as_views(image, camera, layout)
-    if camera.wavelength_nm is not None:
-        if "main_lens_diffraction" in plan.kept:
-            views = diffraction.blur_views(views, main_lens_kernel(camera))
-        if "lenslet_diffraction" in plan.kept:
-            raw = LightField.trusted(views).to_raw()
-            views = as_views(diffraction.blur_raw(raw, lenslet_kernel(camera)), camera, "raw")
+def _blur_lenslets(views: np.ndarray, tiles: np.ndarray, camera: PlenopticCamera) -> np.ndarray:
+    """Let lenslets diffract the light on the sensor; tiles: the same light on one without gaps."""
+    raw = LightField.trusted(views).to_raw()
+    if tiles is views:
+        blurred = diffraction.blur_raw(raw, lenslet_kernel(camera))
+    else:
+        blurred = blur_gapped(raw, LightField.trusted(tiles).to_raw(), camera)
+    return as_views(blurred, camera, "raw")
+
+
+def _record(views: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
+    """Let the sensor expose, and lay the views out in memory."""
     stages = plan.kept & set(STAGES)
     if camera.sensor is not None and stages:
         # Exposed in the order of the views, so that noise does not depend on the layout.

@@ -14,6 +14,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.bundle_shifts import farthest_move_mm, reach_mm
+from lf_flame.simulation.diffraction_blur import tiled_sensor
 from lf_flame.simulation.peak import peak_radiance
 from lf_flame.simulation.stops import crosstalk, round_stops, share_crossing, true_pitch_mm
 
@@ -101,13 +102,15 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
         for axis in (0, 1)
     }
     radiance = float(sum(layer.texture.max() for layer in layers))
+    # Diffraction brings light from between the pixels.
+    lit = camera if camera.wavelength_nm is None else tiled_sensor(camera)
     behind = {layer: _light_behind(camera, layers, layer, footprints) for layer in layers}
     return SceneBounds(
         camera=camera,
         layers=layers,
         footprints=footprints,
         radiance=radiance,
-        brightest_raw=radiance * (1 + crosstalk(camera)),
+        brightest_raw=radiance * (1 + crosstalk(lit)),
         peak=peak_radiance(camera, layers, footprints),
         behind=behind,
         steps={

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from lf_flame._common.config import build, read_toml, to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.strict import strict
+from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
@@ -189,7 +190,7 @@ def train_system(
             for name, value in to_json(config.training_samples).items()
             if name != "data"
         },
-        "sample_configs": [to_json(one) for one in config.training_samples.configs],
+        "sample_configs": [config_to_json(one) for one in config.training_samples.configs],
         "counts": {"training_samples": counts.training_samples, "held_out": counts.held_out},
         "recipe": asdict(recipe),
     }

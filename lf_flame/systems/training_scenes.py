@@ -131,7 +131,8 @@ class TrainingSamples:
         if rng.uniform() < 0.5:
             depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
         placed = scene.at_depths(depths, config.camera)
-        light_field = render_plan(placed, config.camera, config.plan, seed=int(rng.integers(2**31)))
+        plan, noise = config.plan_of(placed), int(rng.integers(2**31))
+        light_field = render_plan(placed, config.camera, plan, seed=noise)
         sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
         low, high = sharp.min() - 0.2, sharp.max() + 0.2
         chosen = np.resize(rng.permutation(sharp), self.slopes // 2)

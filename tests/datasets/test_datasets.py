@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skimage.transform import resize
 
-from lf_flame import InputError, render
+from lf_flame import InputError, plan_effects, render
 from lf_flame._common.config import build
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
@@ -258,3 +258,90 @@ def test_scenes_are_named_by_what_was_asked_for(tiny, tmp_path):
     names = [Dataset(tmp_path / x).scenes_sha256 for x in ("a", "b", "more", "other")]
     assert names[0] == names[1]
     assert len(set(names)) == 3
+
+
+OPAQUE = (
+    TINY.replace("brightness = [0.85, 1.0]", "brightness = [0.85, 1.0]\nopaque = true")
+    .replace("position_mm = 0.4", "position_mm = 3.0")
+    .replace("size = 0.08", "size = 0.3")
+    .replace("size_mm = [6.0, 6.0]", "size_mm = [4.0, 4.0]")
+    .replace("centre_mm = [0.0, -6.0]", "centre_mm = [0.0, -4.5]")
+)
+"""Opaque shapes at two depths, that stand before one another in some samples only."""
+
+
+@pytest.fixture
+def opaque(tmp_path):
+    path = tmp_path / "opaque.toml"
+    path.write_text(OPAQUE)
+    config = read_config(path)
+    coarse = {"views": 3, "lenslets": (16, 24), "lenslet_pitch_mm": 0.84}
+    return replace(config, camera=replace(config.camera, **coarse))
+
+
+def hides(config, index):
+    """Whether a line of sight from the lens meets both shapes' boxes, by similar triangles."""
+    scene, _ = config.draw(np.random.default_rng([config.seed, index]))
+    boxes = []
+    for layer in scene.layers:
+        distance = config.camera.focus_distance_mm + layer.depth_mm
+        spread = config.camera.aperture_mm / 2 * abs(layer.depth_mm) / 326.0 + 0.5
+        middle, half = np.array(layer.centre_mm), np.array(layer.size_mm) / 2
+        boxes.append(((middle - half) / distance, (middle + half) / distance, spread / distance))
+    (low, high, blur), (other_low, other_high, other_blur) = boxes
+    gap = np.max([low - other_high, other_low - high])
+    return gap < 0, gap > blur + other_blur
+
+
+def test_opaque_shapes_overlap_in_some_samples_only(opaque):
+    traced = []
+    for index in range(8):
+        scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
+        traced.append(opaque.plan_of(scene).traced)
+        overlap, apart = hides(opaque, index)
+        assert traced[-1] or not overlap
+        assert not (traced[-1] and apart)
+    assert set(traced) == {(), ("occlusion",)}
+
+
+@pytest.mark.slow
+def test_effects_are_decided_for_each_sample_of_opaque_shapes(opaque, tmp_path):
+    for workers in (1, 2):
+        make_dataset(opaque, 8, tmp_path / f"{workers}.zarr", workers)
+    dataset = Dataset(tmp_path / "1.zarr")
+    assert chunk_bytes(tmp_path / "1.zarr") == chunk_bytes(tmp_path / "2.zarr")
+    assert dataset.attrs["simulated"] == Dataset(tmp_path / "2.zarr").attrs["simulated"]
+    occluded = []
+    for index in range(8):
+        scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
+        plan = plan_effects(scene, opaque.camera)
+        occluded.append("occlusion" in plan.kept)
+        assert plan.integrator == ("rays" if occluded[-1] else "exact")
+        overlap, apart = hides(opaque, index)
+        assert occluded[-1] >= overlap
+        assert not (occluded[-1] and apart)
+    for index in (occluded.index(False), occluded.index(True)):
+        scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
+        shown = opaque.encode(render(scene, opaque.camera))
+        np.testing.assert_array_equal(shown, dataset.inputs[index])
+    assert 0 < sum(occluded) < 8
+    record = dataset.attrs["simulated"]
+    assert record["samples"] == 8
+    assert record["by_rays"] == record["with"]["occlusion"] == sum(occluded)
+    assert record["with"]["defocus"] == 8
+
+
+def test_glowing_shapes_are_simulated_alike_and_stored_as_before(tiny, tmp_path):
+    assert not tiny.planned_by_sample
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    attrs = Dataset(tmp_path / "a.zarr").attrs
+    assert "simulated" not in attrs
+    assert "opaque" not in attrs["config"]["template"]
+    assert tiny.plan_of(tiny.draw(np.random.default_rng(1))[0]) is tiny.plan
+
+
+def test_opaque_shapes_at_one_depth_are_refused(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text(OPAQUE.replace("depth_mm = -10.0", "depth_mm = 10.0"))
+    with pytest.raises(InputError, match=r"different depths, got \[10.0, 10.0\] mm"):
+        read_config(path)

@@ -14,6 +14,7 @@ from lf_flame.optics.diffraction import (
     round_kernel,
     share_leaving,
     square_kernel,
+    square_weights,
 )
 
 KERNELS = {"square": square_kernel, "round": round_kernel}
@@ -83,6 +84,28 @@ def test_kernels_are_weights(kernel, spread, tail):
     if weights.ndim == 2:
         np.testing.assert_allclose(weights, weights.T, atol=1e-12)
         np.testing.assert_array_equal(weights, weights[::-1])
+
+
+@pytest.mark.parametrize("spread", [1e-20, 0.02, 0.6, 5.0])
+def test_boxes_of_any_width_share_out_their_light(spread):
+    """Among pixels that tile, all of it; against the spread, integrated; and as the kernel."""
+    edges = np.array([-1.3, -1.25, 0.0, 0.5, 2.0])
+    pixels = np.arange(-400, 400) * 0.7
+    weights = square_weights(spread, pixels, 0.7, edges)
+    shared = weights.sum(axis=0) * 0.7 / np.diff(edges)
+    # beyond a distance d there is spread / (pi^2 d) of the light on average, on two sides
+    np.testing.assert_allclose(shared, 1, atol=1.5 * spread / np.pi**2 / 280 * 2 + 1e-12)
+    if spread > 0.1:
+        x, share = np.polynomial.legendre.leggauss(80)
+        middles, widths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
+        apart = 0.7 + 0.35 * x[:, None, None] - middles - widths / 2 * x[:, None]
+        light = np.sinc(apart / spread) ** 2 / spread
+        expected = np.einsum("ikj,i,k->j", light, share / 2, share / 2) * widths
+        np.testing.assert_allclose(weights[401], expected, rtol=1e-6, atol=1e-12)
+    tiled = square_weights(spread, pixels[400:401], 0.7, pixels - 0.35)[0, 400:420]
+    kernel = square_kernel(spread, 0.7, 0)
+    kernel = np.append(kernel[kernel.size // 2 :], np.zeros(20))[:20]  # of sum 1, cut as it is
+    np.testing.assert_allclose(tiled, kernel, rtol=4e-3, atol=1e-12)
 
 
 def test_first_dark_line_of_a_square_aperture():
