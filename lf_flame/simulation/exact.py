@@ -1,14 +1,12 @@
 """The exact integrator: each pixel's ray bundle over the cells of the planes, in closed form."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from lf_flame.optics.ray_bundle import trapezoid_cdf
 from lf_flame.simulation import _kernels
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.polygons import find_shaded, integrate_polygons
+from lf_flame.simulation.polygons import find_shaded, integrate_polygons, split_planes
 from lf_flame.simulation.slabs import Plane
 
 LINES_BYTES = 2**28
@@ -42,29 +40,6 @@ def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.nda
         shaded = find_shaded(behind, optics, layout)
         _integrate_open(behind, optics, layout, shaded, out)
         integrate_polygons(behind, optics, layout, shaded, out)
-
-
-def split_planes(planes: list[Plane]) -> tuple[list[Plane], list[Plane]]:
-    """Split planes into those in front of all that dims light, and the others.
-
-    Planes behind the last that glows are dropped: what they dim is dark.
-
-    Parameters
-    ----------
-    planes : list of Plane
-        Front to back.
-
-    Returns
-    -------
-    in_front, behind : list of Plane
-        `behind` begins with a plane that dims, or is empty.
-    """
-    last = max((p for p, plane in enumerate(planes) if plane.emission.any()), default=-1)
-    planes = planes[: last + 1]
-    planes[last:] = [replace(plane, transmission=None) for plane in planes[last:]]
-    dimming = (p for p, plane in enumerate(planes) if plane.transmission is not None)
-    first = next(dimming, len(planes))
-    return planes[:first], planes[first:]
 
 
 def _integrate_open(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:

@@ -8,6 +8,7 @@ a ray through their cells. It holds for any number of planes that hide or dim ea
 nothing weighs rays across the axes, as a round stop or a rotated array would.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,29 @@ class Bundles(NamedTuple):
     def reach(self) -> np.ndarray:
         """Half of each bundle's full extent on the planes, shape (p,)."""
         return (abs(self.lenslet) + abs(self.pixel)) / 2
+
+
+def split_planes(planes: list[Plane]) -> tuple[list[Plane], list[Plane]]:
+    """Split planes into those in front of all that dims light, and the others.
+
+    Planes behind the last that glows are dropped: what they dim is dark.
+
+    Parameters
+    ----------
+    planes : list of Plane
+        Front to back.
+
+    Returns
+    -------
+    in_front, behind : list of Plane
+        `behind` begins with a plane that dims, or is empty.
+    """
+    last = max((p for p, plane in enumerate(planes) if plane.emission.any()), default=-1)
+    planes = planes[: last + 1]
+    planes[last:] = [replace(plane, transmission=None) for plane in planes[last:]]
+    dimming = (p for p, plane in enumerate(planes) if plane.transmission is not None)
+    first = next(dimming, len(planes))
+    return planes[:first], planes[first:]
 
 
 def integrate_polygons(
@@ -177,6 +201,52 @@ def find_shaded(
             meets |= (footprint.centres_mm + reach > low) & (footprint.centres_mm - reach < high)
         found.append(arrange(meets, layout))
     return found[0], found[1]
+
+
+def expected_pairs(planes: list[Plane], optics: OpticalPass) -> float:
+    """Estimate the pairs of polygons in all pixels that are shaded: the work of summing them.
+
+    Parameters
+    ----------
+    planes : list of Plane
+    optics : OpticalPass
+
+    Returns
+    -------
+    float
+    """
+    shaded = find_shaded(planes, optics, "views")
+    return float(
+        np.prod(
+            [
+                marks.sum() * expected_polygons(bundles_on(planes, optics, axis))
+                for axis, marks in enumerate(shaded)
+            ]
+        )
+    )
+
+
+def expected_polygons(bundles: Bundles) -> float:
+    """Mean number of polygons of bundles that lie anywhere on the planes.
+
+    Lines across a convex region cut it into one part more than there are lines, and into another
+    for each crossing inside. As many edges of a plane meet a bundle as the bundle is cells long,
+    in the mean; and as many edges of two planes cross in it as the area is that it covers in
+    cells of the one by cells of the other. A small plane may have fewer edges.
+
+    Parameters
+    ----------
+    bundles : Bundles
+
+    Returns
+    -------
+    float
+    """
+    lenslet, pixel = bundles.lenslet, bundles.pixel
+    lines = abs(lenslet) + abs(pixel)
+    present = np.minimum(1.0, (bundles.counts + 1) / np.maximum(lines, 1e-300))
+    crossings = abs(np.outer(lenslet, pixel) - np.outer(pixel, lenslet))
+    return float(1 + lines @ present + present @ crossings @ present / 2)
 
 
 def _plane_table(planes: list[Plane]) -> PlaneTable:

@@ -102,11 +102,10 @@ def render_plan(
     noisy = plan.kept & {"shot_noise", "read_noise"} if camera.sensor else set()
     if noisy and seed is None:
         raise InputError(f"{' and '.join(sorted(noisy))} need a seed; give one, or force them off.")
-    if integrator == "exact" and plan.integrator == "rays":
-        blocking = ", ".join(plan.traced)
+    if integrator == "exact" and plan.only_by_rays:
         raise InputError(
-            f"The exact integrator cannot do {blocking} here; use integrator='auto', "
-            f"or force them off."
+            f"The exact integrator cannot do {', '.join(plan.only_by_rays)} here; "
+            f"use integrator='auto', or force them off."
         )
     planes = slice_scene(
         scene,
@@ -118,7 +117,8 @@ def render_plan(
     _check_field(scene, OpticalPass(camera))
     method = plan.integrator if integrator == "auto" else integrator
     # Where light comes in many portions, float32 would round after each.
-    many = len(passes) * (len(planes) if method == "rays" else 1) > FEW_PORTIONS
+    portions = len(planes) if method == "rays" else 2 if plan.traced else 1
+    many = len(passes) * portions > FEW_PORTIONS
     image = blank_image(camera, layout, np.float64 if many else np.float32)
     if method == "exact":
         for optics in passes:

@@ -8,10 +8,17 @@ import pytest
 
 from lf_flame import Layer, Scene
 from lf_flame._common.arrays import centred
-from lf_flame.simulation.exact import integrate, split_planes
+from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import as_views, blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.polygons import bundles_on, cut_bundles, find_shaded
+from lf_flame.simulation.polygons import (
+    bundles_on,
+    cut_bundles,
+    expected_pairs,
+    expected_polygons,
+    find_shaded,
+    split_planes,
+)
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.slabs import slice_scene
 
@@ -278,3 +285,31 @@ def test_bits_depend_neither_on_the_layout_nor_on_threads(small_camera, rng):
             np.testing.assert_array_equal(image_of(planes, optics), views)
     finally:
         numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("depths", [(5.0, 15.0), (-30.0, 20.0), (-30.0, 0.0, 20.0)])
+def test_the_number_of_polygons_is_known_in_advance(small_camera, depths, rng):
+    """In the mean over bundles that lie anyhow on cells of all sizes."""
+    cells = rng.integers(40, 200, len(depths))
+    layers = [
+        Layer(np.ones((n, n)), depth, (30.0, 30.0), (0.011 * n, 0.0))
+        for n, depth in zip(cells, depths, strict=True)
+    ]
+    bundles = bundles_on(planes_of(*layers), OpticalPass(small_camera), 0)
+    table = cut_bundles(bundles, "views", np.ones((5, 24), bool))
+    found = np.diff(table.first).mean()
+    assert found == pytest.approx(expected_polygons(bundles), rel=0.03)
+
+
+def test_edges_that_a_small_plane_does_not_have_are_not_expected(small_camera):
+    """Two edges of the card and the edges that the bundle meets; and few pixels that see them."""
+    small = Layer([[0.0]], -10.0, (1e-3, 1e-3), opaque=True)
+    planes = planes_of(small, Layer(np.ones((90, 90)), 20.0, (12.0, 12.0)))
+    optics = OpticalPass(small_camera)
+    totals = []
+    for axis, wanted in enumerate(find_shaded(planes, optics, "views")):
+        bundles = bundles_on(planes, optics, axis)
+        found = cut_bundles(bundles, "views", wanted).first[-1]
+        assert found / wanted.sum() == pytest.approx(expected_polygons(bundles), rel=0.2)
+        totals.append(found)
+    assert expected_pairs(planes, optics) == pytest.approx(np.prod(totals), rel=0.3)
