@@ -14,11 +14,13 @@ from lf_flame import (
     Layer,
     PlenopticCamera,
     Scene,
+    plan_effects,
     render,
 )
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation.reference.closed_form import closed_form
+from lf_flame.simulation.rendering import render_plan
 
 
 def random_layer(rng, depth, cells=(7, 5)):
@@ -91,6 +93,31 @@ def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     if near < 0:
         with pytest.raises(InputError, match="was not met with 315 x 315 rays"):
             render(scene, camera, 1e-6, integrator="rays")
+
+
+@pytest.mark.parametrize(
+    ("cells", "depth", "thickness", "tau", "tolerance"),
+    [
+        (10, 0.0, 3.0, 3.0, 2e-3),
+        (10, 5.0, 3.0, 3.0, 1e-2),
+        (10, 5.0, 3.0, 3.0, 2e-3),
+        (10, 8.0, 1.0, 5.0, 1e-2),
+        (3, 2.0, 3.0, 4.0, 2e-3),
+        (3, 2.0, 3.0, 4.0, 1e-3),
+    ],
+)
+def test_rays_meet_their_tolerance_in_thick_absorbers(cells, depth, thickness, tau, tolerance):
+    """Against the exact integrator, on the same slabs."""
+    rng = np.random.default_rng(0)
+    thick = Layer(rng.uniform(size=(cells, cells)), depth, (2.0, 2.2), thickness_mm=thickness,
+                  optical_thickness=tau * rng.uniform(size=(cells, cells)))  # fmt: skip
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    plan = replace(plan_effects(Scene([thick]), camera, tolerance), slabs=(6,))
+    rays, exact = (
+        render_plan(Scene([thick]), camera, plan, integrator).views.astype(float)
+        for integrator in ("rays", "exact")
+    )
+    assert np.sqrt(np.mean((rays - exact) ** 2)) <= tolerance * exact.max()
 
 
 def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
