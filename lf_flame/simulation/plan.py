@@ -63,7 +63,7 @@ CURVATURE = 24
 NANOSECONDS = {
     "exact": 2.5,
     "ray": 1.5,
-    "dimmed": 2.5,
+    "dimmed": 4.0,
     "polygon": 1.2,
     "ray_effect": 1.0,
     "cos4": 0.25,
@@ -363,7 +363,7 @@ def _count_parts(
 
 
 def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:
-    """Kept effects that arise and that only tracing each ray can do."""
+    """Kept effects that arise and that weigh or shift the rays of one bundle unevenly."""
     alone = all(
         not layer.thickness_mm and not bounds.behind[layer]
         for layer in bounds.layers
