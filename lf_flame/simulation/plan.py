@@ -412,21 +412,19 @@ def _compare_costs(scene, camera, tolerance, kept: set[str], slabs, traced) -> d
 
     "open" is the exact integrator's time if light only added.
     """
-    pixels = camera.views**2 * math.prod(camera.lenslets)
-    planes = slice_scene(
-        scene, dict(zip(scene.layers, slabs, strict=True)), "self_absorption" in kept, set(traced)
-    )
-    dims = any(plane.transmission is not None for plane in planes)
-    rays = max(TYPICAL_RAYS, RAYS_TIMES_TOLERANCE / tolerance) if dims else TYPICAL_RAYS
-    _, behind = split_planes(planes)
-    pairs = 0.0
-    if behind:
-        pairs = expected_pairs(behind, OpticalPass(camera, defocus="defocus" in kept))
-    open_s = pixels * len(planes) * NANOSECONDS["exact"] * 1e-9
+    work = camera.views**2 * math.prod(camera.lenslets) * sum(slabs)
+    open_s = work * NANOSECONDS["exact"] * 1e-9
+    if not any(name in MATTER for name in traced):
+        traced_s = work * TYPICAL_RAYS**2 * NANOSECONDS["ray"] * 1e-9
+        return {"open": open_s, "exact": open_s, "rays": traced_s}
+    parts = dict(zip(scene.layers, slabs, strict=True))
+    _, behind = split_planes(slice_scene(scene, parts, "self_absorption" in kept, set(traced)))
+    pairs = expected_pairs(behind, OpticalPass(camera, defocus="defocus" in kept)) if behind else 0
+    rays = max(TYPICAL_RAYS, RAYS_TIMES_TOLERANCE / tolerance)
     return {
         "open": open_s,
         "exact": open_s + pairs * len(behind) * NANOSECONDS["polygon"] * 1e-9,
-        "rays": pixels * len(planes) * rays**2 * NANOSECONDS["dimmed" if dims else "ray"] * 1e-9,
+        "rays": work * rays**2 * NANOSECONDS["dimmed"] * 1e-9,
     }
 
 
