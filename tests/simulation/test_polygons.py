@@ -26,6 +26,12 @@ LINES = 1000
 """Lines across a bundle; the area along them is exact, between them it errs as 1 / LINES**2."""
 
 
+@pytest.fixture
+def tiny_camera(small_camera):
+    """So few pixels that they are soon summed with the JIT off as well."""
+    return replace(small_camera, views=3, lenslets=(12, 14))
+
+
 def planes_of(*layers, slabs=None):
     return slice_scene(Scene(layers), slabs or {}, True, {"occlusion", "self_absorption"})
 
@@ -158,30 +164,27 @@ def three_planes(rng):
     ]
 
 
-@pytest.mark.jit
-def test_four_planes_one_behind_the_other(small_camera, rng):
+def test_four_planes_one_behind_the_other(tiny_camera, rng):
     """By similar triangles instead of matrices."""
 
     def bundles(plane, axis):
-        return similar_triangles(small_camera, plane.depth_mm, axis)
+        return similar_triangles(tiny_camera, plane.depth_mm, axis)
 
-    check(planes_of(*three_planes(rng)), OpticalPass(small_camera), bundles, rng)
+    check(planes_of(*three_planes(rng)), OpticalPass(tiny_camera), bundles, rng)
 
 
-@pytest.mark.jit
-def test_slabs_of_thick_layers_that_interleave(small_camera, rng):
+def test_slabs_of_thick_layers_that_interleave(tiny_camera, rng):
     tau = rng.random((7, 5))
     thick = [glow(rng, d, thickness_mm=6.0, optical_thickness=tau) for d in (4.0, 7.0)]
     planes = planes_of(*thick, slabs=dict.fromkeys(thick, 3))
     assert planes[1].layer is not planes[2].layer is not planes[3].layer
 
     def bundles(plane, axis):
-        return similar_triangles(small_camera, plane.depth_mm, axis)
+        return similar_triangles(tiny_camera, plane.depth_mm, axis)
 
-    check(planes, OpticalPass(small_camera), bundles, rng, pixels=6)
+    check(planes, OpticalPass(tiny_camera), bundles, rng, pixels=6)
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(
     "changes",
     [
@@ -191,8 +194,8 @@ def test_slabs_of_thick_layers_that_interleave(small_camera, rng):
     ],
     ids=str,
 )
-def test_other_passes_of_light(small_camera, rng, changes):
-    optics = OpticalPass(small_camera, **changes)
+def test_other_passes_of_light(tiny_camera, rng, changes):
+    optics = OpticalPass(tiny_camera, **changes)
 
     def bundles(plane, axis):
         footprint = optics.footprint(plane.depth_mm, axis)
@@ -274,8 +277,8 @@ def test_only_what_glows_behind_what_dims_is_cut(rng):
     assert split_planes(planes_of(black)) == ([], [])
 
 
-def test_bits_depend_neither_on_the_layout_nor_on_threads(small_camera, rng):
-    planes, optics = planes_of(*three_planes(rng)), OpticalPass(small_camera)
+def test_bits_depend_neither_on_the_layout_nor_on_threads(tiny_camera, rng):
+    planes, optics = planes_of(*three_planes(rng)), OpticalPass(tiny_camera)
     views, raw = (image_of(planes, optics, layout) for layout in ("views", "raw"))
     np.testing.assert_array_equal(views, raw)
     before = numba.get_num_threads()
