@@ -79,6 +79,17 @@ def test_tiles_become_finer_along_pixel_and_lenslet_where_planes_dim(small_camer
     assert _tile(40, widths[:1], alone, optics).on_lenslet == 1
 
 
+def test_tiles_are_no_wider_than_cells_before_they_are_shorter(small_camera):
+    """A card in focus leaves the pixel's width out of account, fine cells behind it do not."""
+    optics = OpticalPass(small_camera)
+    planes = planes_of(Layer([[1.0]], 0.0, (3.0, 3.0), opaque=True), Layer([[1.0]], 20.0, (3, 3)))
+    widths = np.array([[0.1, 0.0], [0.5, 3.2]])
+    for rays in (16, 40, 200):
+        tiling = _tile(rays, widths, planes, optics)
+        assert tiling.on_pixel == 4
+        assert tiling.on_lenslet == rays // 4
+
+
 def test_a_grid_does_not_change(small_camera):
     grid = ray_grid(planes_of(Layer([[1.0]], 5.0, (1.0, 1.0))), OpticalPass(small_camera),
                     "views", 2, 0, True)  # fmt: skip

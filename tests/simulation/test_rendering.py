@@ -19,6 +19,7 @@ from lf_flame import (
 )
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.shapes import shape_texture
+from lf_flame.simulation import rendering
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render_plan
 
@@ -234,6 +235,19 @@ def test_views_move_by_the_slope(small_camera):
 def test_scene_in_focus_on_the_focal_plane_is_the_same_in_every_view(small_camera, rng):
     views = render(Scene([random_layer(rng, 0.0)]), small_camera).views
     np.testing.assert_allclose(views, np.broadcast_to(views[2, 2], views.shape), atol=1e-6)
+
+
+def test_two_images_that_agree_by_chance_do_not_do(small_camera, monkeypatch):
+    scene = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])
+    plan, tried = plan_effects(scene, small_camera), []
+
+    def level(planes, optics, layout, rays, out, lines=slice(None)):
+        tried.append(rays)
+        out += {2: 1.0, 3: 1.0, 5: 1.01, 8: 1.01}.get(rays, 1.0101)
+
+    monkeypatch.setattr(rendering, "trace", level)
+    render_plan(scene, small_camera, plan, "rays")
+    assert tried == [2, 3, 5, 8, 12, 12]
 
 
 def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):
