@@ -133,7 +133,7 @@ test-all: | $(INSTALLED)  ## run all tests, as CI does
 	$(BIN)/python -m pytest $(TEST_JOBS)
 
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/simulation/test_kernels.py tests/refocus/test_shift.py -m 'not jit'
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/refocus/test_shift.py -m 'not jit'
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

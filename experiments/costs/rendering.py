@@ -31,6 +31,7 @@ from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.reference.forward import trace_forward
@@ -328,7 +329,7 @@ def measure_costs(
     trials = effect_trials(read_config(flames).camera) if trials is None else trials
     found = {"accuracy": [], "effects": []}
     steps = _measure(studies, trials, budget_s)
-    total = sum(len(methods_for(study)) for study in studies) + len(trials)
+    total = len(METHODS) * len(studies) + len(trials)
     with _one_thread():
         for table, rows in progress(steps, 0, total) if progress else steps:
             found[table] += rows
@@ -364,16 +365,36 @@ def _one_thread() -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def methods_for(study: Study) -> dict[str, Method]:
-    """Select the methods that can do a scene: light that is hidden has no closed form in K."""
-    return {k: method for k, method in METHODS.items() if method.per_pixel or not study.hides}
+def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
+    """Say which of the plan's times a backward method of a study takes, and how often.
+
+    Parameters
+    ----------
+    study : Study
+    name : {"exact", "thin"}
+    per_pixel : float
+        Rays for each pixel.
+
+    Returns
+    -------
+    kind : str
+        A key of `lf_flame.simulation.plan.NANOSECONDS`.
+    count : float
+    """
+    planes = len(study.scene.layers)
+    if name == "thin":
+        return ("dimmed" if study.hides else "ray"), study.pixels * planes * per_pixel
+    if not study.hides:
+        return "exact", study.pixels * planes
+    _, behind = split_planes(_planes(study.scene))
+    return "polygon", expected_pairs(behind, OpticalPass(study.camera)) * len(behind)
 
 
 def _measure(studies, trials, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
     """Yield rows of both tables, as they are measured."""
     for study in studies:
         reference = closed_form(study.scene, study.camera)
-        for name, method in methods_for(study).items():
+        for name, method in METHODS.items():
             allowance = method.share * budget_s / len(studies)
             yield "accuracy", _measure_method(study, name, reference, allowance)
     for name, trial in trials.items():

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
-from experiments.costs.rendering import METHODS, TOLERANCE, Study, methods_for
+from experiments.costs.rendering import METHODS, TOLERANCE, Study, work
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.figures import subplots
@@ -177,7 +177,7 @@ def _points(accuracy: pd.DataFrame, study: Study, name: str) -> pd.DataFrame:
 def _levels_table(studies, accuracy: pd.DataFrame) -> str:
     rows = []
     for study in studies:
-        for name, method in methods_for(study).items():
+        for name, method in METHODS.items():
             points = _points(accuracy, study, name)
             row = {"scene": study.name, "method": method.label}
             for level in LEVELS:
@@ -218,13 +218,13 @@ def _nanoseconds_table(studies, accuracy: pd.DataFrame, effects: pd.DataFrame) -
     """Set the plan's times beside those measured here."""
     rows = []
     for study in studies:
-        for name, kind in (("exact", "exact"), ("thin", "ray")):
+        for name in ("exact", "thin"):
             points = _points(accuracy, study, name)
             if len(points):
-                finest, planes = points.iloc[-1], len(study.scene.layers)
-                work = study.pixels * planes * (finest["rays_per_pixel"] or 1)
+                finest = points.iloc[-1]
+                kind, units = work(study, name, finest["rays_per_pixel"])
                 rows.append(
-                    (kind, f"{study.name}, {METHODS[name].label}", finest["seconds"] / work)
+                    (kind, f"{study.name}, {METHODS[name].label}", finest["seconds"] / units)
                 )
     kinds = {"cos4": "cos4", "lenslet_diffraction": "fourier", "shot_noise": "noise"}
     for line in effects.itertuples():
@@ -265,7 +265,7 @@ def accuracy_figure(studies, accuracy: pd.DataFrame):
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.axhline(MARKED_LEVEL, color="0.5", linewidth=0.8, linestyle=":")
-        curves = {name: _points(accuracy, study, name) for name in methods_for(study)}
+        curves = {name: _points(accuracy, study, name) for name in METHODS}
         for name, points in curves.items():
             _draw_theory(axis, METHODS[name].theory_for(study), points, span[1])
             _draw_curve(axis, name, points)

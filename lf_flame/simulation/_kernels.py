@@ -200,6 +200,14 @@ def _shade(falloff, tilt, down, right, a, c, b, d):
     return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
 
 
+def _both(shaded, a, c, b, d):
+    """Whether a pixel is marked along y and along x; without marks, none is."""
+    if shaded is None:
+        return False
+    rows, columns = shaded
+    return rows[a, c] and columns[b, d]
+
+
 def _tilted(tilt, squares, pitches, position):
     """Tangent that a lenslet some pitches further on adds to a pixel's central ray."""
     if tilt is None:
@@ -325,6 +333,34 @@ def _trace_lenslets(
                 out[a, b, c, d] += light * share
 
 
+def _add_polygons(planes, rows, columns, falloff, out):
+    """Add the sum over pairs of polygons to each pixel, out[a, b, c, d].
+
+    The planes are those of `lf_flame.simulation.ray_tables`; rows and columns those of
+    `lf_flame.simulation.polygons`, for (a, c) and (b, d).
+    """
+    count = planes.first.size
+    for k in prange(rows.first.size - 1):
+        a, c = k // out.shape[2], k % out.shape[2]
+        if rows.first[k] == rows.first[k + 1]:
+            continue
+        for b in range(out.shape[1]):
+            for d in range(out.shape[3]):
+                m = b * out.shape[3] + d
+                light = 0.0
+                for i in range(rows.first[k], rows.first[k + 1]):
+                    line = 0.0
+                    for j in range(columns.first[m], columns.first[m + 1]):
+                        radiance, clear = 0.0, columns.areas[j]
+                        for p in range(count):
+                            at = rows.cells[i, p] + columns.cells[j, p]
+                            radiance += clear * planes.emission[at]
+                            clear *= planes.transmission[at]
+                        line += radiance
+                    light += rows.areas[i] * line
+                out[a, b, c, d] += light * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+
+
 def _integrate_columns(texture, start, weight, first, last, out):
     """``texture @ Kx.T``, K banded: out[row, b, d].
 
@@ -340,12 +376,13 @@ def _integrate_columns(texture, start, weight, first, last, out):
                 out[row, b, d] = light
 
 
-def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
+def _integrate_rows(columns, start, weight, falloff, seen, first, last, shaded, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
     start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
     seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
+    shaded: None, or [a, c] and [b, d]; pixels for which both are true are left as they are.
     """
     planes, groups, lines, band = weight.shape
     for k in prange(groups * lines):
@@ -368,9 +405,10 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, out):
                         for d in range(inside.size):
                             inside[d] += w * cells[d]
             for d in range(low, high):
-                out[a, b, c, d] += out.dtype.type(
-                    total[d] * shade(falloff, None, 0.0, 0.0, a, c, b, d)
-                )
+                if not both(shaded, a, c, b, d):
+                    out[a, b, c, d] += out.dtype.type(
+                        total[d] * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+                    )
 
 
 # Each is compiled where it is called, for the types that it meets there. What is called for each
@@ -380,6 +418,7 @@ whole = njit(_whole)
 lit_middle = njit(_lit_middle)
 tilted = njit(_tilted)
 shade = njit(_shade)
+both = njit(_both)
 overlap = njit(_overlap)
 crossing = njit(_crossing)
 left_by_edge = njit(_left_by_edge)
@@ -399,5 +438,6 @@ through_lenslets = njit(_through_lenslets)
 
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
 trace_lenslets = njit(parallel=True, cache=True)(_trace_lenslets)
+add_polygons = njit(parallel=True, cache=True)(_add_polygons)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
 integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)

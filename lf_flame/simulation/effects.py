@@ -305,5 +305,7 @@ EFFECTS = {
 """All effects by name, in the order in which light meets them."""
 
 MATTER = ("occlusion", "self_absorption")
+"""Effects by which planes hide or dim what is behind them."""
+
 RAYS = ("round_aperture", "f_number_mismatch", "vignetting", "lenslet_rotation")
 """Effects that weigh or shift the rays of one bundle unevenly, which only tracing them can do."""

@@ -1,4 +1,4 @@
-"""The exact integrator: each pixel's ray bundle over the cells of a layer, in closed form."""
+"""The exact integrator: each pixel's ray bundle over the cells of the planes, in closed form."""
 
 from dataclasses import replace
 
@@ -8,6 +8,7 @@ from lf_flame.optics.ray_bundle import trapezoid_cdf
 from lf_flame.simulation import _kernels
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.polygons import find_shaded, integrate_polygons, split_planes
 from lf_flame.simulation.slabs import Plane
 
 Width = float | np.ndarray
@@ -16,41 +17,54 @@ Width = float | np.ndarray
 LINES_BYTES = 2**28
 """Memory for planes that are integrated along x together."""
 
+Shaded = tuple[np.ndarray, np.ndarray]
+"""Marks of pixels along y and along x, as `find_shaded` returns them."""
+
 
 def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
-    """Add planes of light in closed form: ``Ky @ texture @ Kx.T`` for each, K banded.
+    """Add planes of light in closed form.
 
-    K holds the exact integrals of a pixel's trapezoid over the cells. Exact as long as light only
-    adds and nothing but cos^4 weighs the rays of a bundle.
+    Where light only adds, ``Ky @ texture @ Kx.T`` for each plane, K banded: the exact integrals of
+    a pixel's trapezoid over the cells. Pixels that see what hides or dims the light behind it are
+    summed polygon by polygon (`lf_flame.simulation.polygons`). Exact as long as nothing but cos^4
+    weighs the rays of a bundle otherwise.
 
     Parameters
     ----------
     planes : list of Plane
+        Front to back.
     optics : OpticalPass
         Without stops and skew.
     layout : {"views", "raw"}
     out : ndarray of float32 or float64, shape (a, b, c, d)
         In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
     """
+    in_front, behind = split_planes(planes)
     for neighbour in optics.lit_neighbours():
-        _integrate(planes, replace(optics, neighbour=neighbour), layout, out)
+        through = replace(optics, neighbour=neighbour)
+        _integrate_open(in_front, through, layout, None, out)
+        if behind:
+            shaded = find_shaded(behind, through, layout)
+            _integrate_open(behind, through, layout, shaded, out)
+            integrate_polygons(behind, through, layout, shaded, out)
 
 
-def _integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
-    """Add the light that comes through one lenslet for each pixel, in batches of planes."""
+def _integrate_open(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:
+    """Add planes whose light only adds, except where pixels are shaded."""
     batch: list[Plane] = []
     used = 0
     for plane in planes:
         rows = plane.emission.shape[0]
         if batch and used + rows * out.shape[1] * out.shape[3] * 8 > LINES_BYTES:
-            _integrate_batch(batch, optics, layout, out)
+            _integrate_batch(batch, optics, layout, shaded, out)
             batch, used = [], 0
         batch.append(plane)
         used += rows * out.shape[1] * out.shape[3] * 8
-    _integrate_batch(batch, optics, layout, out)
+    if batch:
+        _integrate_batch(batch, optics, layout, shaded, out)
 
 
-def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) -> None:
+def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:
     bands = [
         [tuple(arrange(part, layout) for part in _band(plane, optics, axis)) for plane in planes]
         for axis in (0, 1)
@@ -71,7 +85,7 @@ def _integrate_batch(planes, optics: OpticalPass, layout: str, out: np.ndarray) 
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
     falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
-    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, out)
+    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, shaded, out)
 
 
 def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
 from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
     bound_scene,
@@ -27,7 +28,7 @@ from lf_flame.simulation.scene_bounds import (
     change_rate,
     smeared,
 )
-from lf_flame.simulation.slabs import slab_edges
+from lf_flame.simulation.slabs import slab_edges, slice_scene
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -62,18 +63,23 @@ CURVATURE = 24
 NANOSECONDS = {
     "exact": 2.5,
     "ray": 1.5,
-    "dimmed": 2.5,
+    "dimmed": 4.0,
+    "polygon": 1.2,
     "ray_effect": 1.0,
     "cos4": 0.25,
     "fourier": 35.0,
     "noise": 18.0,
 }
-"""Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), a ray
-and stop or shift (ray_effect), and a pixel (others), on one core, as measured for the tables of
-costs. For the column of estimates only."""
+"""Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), two
+polygons and a plane (polygon), a ray and stop or shift (ray_effect), and a pixel (others), on one
+core, as measured for the tables of costs. For the column of estimates, and where planes dim others
+for the choice between rays and polygons."""
 
 TYPICAL_RAYS = 18
 """Rays per pixel and axis that the default tolerance takes in most scenes; for estimates only."""
+
+RAYS_TIMES_TOLERANCE = 0.1
+"""Where planes dim others, rays per pixel and axis times the tolerance that they meet, about."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,9 @@ class EffectPlan:
         Focal lengths over the band of light.
     traced : tuple of str
         Kept effects that weigh or shift the rays of one bundle unevenly.
+    integrator : str
+        The cheapest that does everything kept: "exact" or "rays". Stops and a rotated array need
+        rays; what hides or dims takes them where polygons would be too many.
     """
 
     tolerance: float
@@ -125,11 +134,12 @@ class EffectPlan:
     slabs: tuple[int, ...]
     colours: int
     traced: tuple[str, ...]
+    integrator: str
 
     @property
-    def integrator(self) -> str:
-        """The cheapest integrator that does everything kept: "exact" or "rays"."""
-        return "rays" if self.traced else "exact"
+    def only_by_rays(self) -> tuple[str, ...]:
+        """Kept effects that the exact integrator cannot do."""
+        return tuple(name for name in self.traced if name in RAYS)
 
     @property
     def kept(self) -> frozenset[str]:
@@ -223,12 +233,15 @@ def plan_effects(
         slabs = _count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
     colours = _count_colours(bounds, tolerance) if "chromatic" in kept else 1
     traced = _traced(kept, changes, bounds)
-    seconds = _estimate_seconds(bounds, kept, slabs, colours, bool(traced))
+    costs = _compare_costs(scene, camera, tolerance, kept, slabs, traced)
+    rays = any(name in RAYS for name in traced) or costs["rays"] < costs["exact"]
+    integrator = "rays" if rays else "exact"
+    seconds = _estimate_seconds(bounds, kept, slabs, colours, costs, integrator)
     planned = tuple(
         PlannedEffect(name, e.bound, name in kept, name in forced, e.criterion, seconds[name])
         for name, e in estimates.items()
     )
-    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced)
+    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator)
 
 
 def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
@@ -376,7 +389,7 @@ def _count_parts(
 
 
 def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:
-    """Kept effects that arise and that only tracing each ray can do."""
+    """Kept effects that arise and that weigh or shift the rays of one bundle unevenly."""
     alone = all(
         not layer.thickness_mm and not bounds.behind[layer]
         for layer in bounds.layers
@@ -414,23 +427,40 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
     return [replace(ideal, focal_mm=focal_mm) for focal_mm in focal]
 
 
-def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, trace: bool) -> dict:
+def _compare_costs(scene, camera, tolerance, kept: set[str], slabs, traced) -> dict[str, float]:
+    """Estimate the seconds of each integrator for one colour, on one core.
+
+    "open" is the exact integrator's time if light only added.
+    """
+    work = camera.views**2 * math.prod(camera.lenslets) * sum(slabs)
+    open_s = work * NANOSECONDS["exact"] * 1e-9
+    if not any(name in MATTER for name in traced):
+        traced_s = work * TYPICAL_RAYS**2 * NANOSECONDS["ray"] * 1e-9
+        return {"open": open_s, "exact": open_s, "rays": traced_s}
+    parts = dict(zip(scene.layers, slabs, strict=True))
+    _, behind = split_planes(slice_scene(scene, parts, "self_absorption" in kept, set(traced)))
+    pairs = expected_pairs(behind, OpticalPass(camera, defocus="defocus" in kept)) if behind else 0
+    rays = max(TYPICAL_RAYS, RAYS_TIMES_TOLERANCE / tolerance)
+    return {
+        "open": open_s,
+        "exact": open_s + pairs * len(behind) * NANOSECONDS["polygon"] * 1e-9,
+        "rays": work * rays**2 * NANOSECONDS["dimmed"] * 1e-9,
+    }
+
+
+def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, costs, integrator: str) -> dict:
     """Roughly how long each effect takes, on one core."""
     camera = bounds.camera
     pixels = camera.views**2 * math.prod(camera.lenslets)
-    planes, rays = sum(slabs) * colours, TYPICAL_RAYS**2
-    dims = any(name in kept for name in MATTER)
-    exact = pixels * planes * NANOSECONDS["exact"] * 1e-9
-    traced = pixels * planes * rays * NANOSECONDS["dimmed" if dims else "ray"] * 1e-9
-    per_ray = pixels * planes * rays * NANOSECONDS["ray_effect"] * 1e-9
-    base = traced if trace else exact
+    base = costs[integrator] * colours
+    per_ray = pixels * sum(slabs) * colours * TYPICAL_RAYS**2 * NANOSECONDS["ray_effect"] * 1e-9
     seconds = dict.fromkeys(EFFECTS, 0.0)
     seconds["cos4"] = pixels * NANOSECONDS["cos4"] * 1e-9
     seconds["thickness"] = base * (1 - len(slabs) / sum(slabs))
     seconds["chromatic"] = base * (1 - 1 / colours)
     for name in (*MATTER, *RAYS):
         if name in kept:
-            seconds[name] = per_ray if name in RAYS else traced - exact
+            seconds[name] = per_ray if name in RAYS else base - costs["open"] * colours
     kernels = ("lenslet_diffraction", "main_lens_diffraction")
     if camera.wavelength_nm is not None:
         seconds.update(dict.fromkeys(kernels, pixels * NANOSECONDS["fourier"] * 1e-9))

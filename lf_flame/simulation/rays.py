@@ -25,6 +25,10 @@ from lf_flame.simulation.ray_tables import (
 )
 from lf_flame.simulation.slabs import Plane
 
+LENSLET_FINER = 1.5
+"""Tiles along the lenslet by those along the pixel, where the images of both are as wide: about
+what takes the fewest rays, by trial."""
+
 
 def trace(
     planes: list[Plane],
@@ -163,12 +167,9 @@ def ray_grid(
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
     stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
     layer_edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
-    cells = max(
-        abs(footprint.lenslet_width_mm) / (edges[1] - edges[0])
-        for footprint, edges in zip(footprints, layer_edges, strict=True)
-    )
-    spread = bool(optics.defocus or optics.stops or optics.every_lenslet)
-    tiling = _tile(rays, cells, _lenslet_power(planes), spread) if finite_width else _lattice(rays)
+    tiling = _lattice(rays)
+    if finite_width:
+        tiling = _tile(rays, _widths_in_cells(footprints, layer_edges, optics), planes, optics)
     # Without defocus a plane sees the pixel as a point; a stop never does.
     on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
     on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
@@ -209,34 +210,49 @@ def ray_grid(
     )
 
 
-def _lenslet_power(planes: list[Plane]) -> float:
-    """Power of the rays that has to go to the lenslet's tiles.
-
-    Where a plane dims another, what both have in one box counts as unrelated, so that the boxes
-    have to shrink along pixel and lenslet, faster behind a hard edge than in a haze.
-    """
-    dimming = [plane for plane in planes if plane.transmission is not None]
-    if not dimming:
-        return 0.0
-    return 1 / 2 if any(plane.layer.opaque for plane in dimming) else 1 / 3
+def _widths_in_cells(footprints, edges_mm, optics: OpticalPass) -> np.ndarray:
+    """Images of lenslet and pixel on each plane, in its cells, shape (p, 2)."""
+    cells_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
+    widths = [(f.lenslet_width_mm, f.pixel_width_mm * optics.defocus) for f in footprints]
+    return np.abs(widths) / cells_mm[:, None]
 
 
-def _tile(rays: int, cells: float, power: float, spread: bool) -> Tiling:
+def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPass) -> Tiling:
     """Tile pixel and lenslet.
 
     Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
-    all further rays go along the pixel.
+    all further rays go along the pixel. Where planes dim each other, what two of them have in one
+    tile counts as unrelated: then tiles shrink along both, with images on the planes about as
+    wide as long, as long as they are no wider along the pixel than cells, or than a stop asks.
 
-    rays: at least so many; cells: most that the lenslet's image covers; power: of the rays, along
-    the lenslet at least; spread: whether the pixel's width matters at all.
+    rays: at least so many; widths: of the images of lenslet and pixel in cells, shape (p, 2).
     """
-    fewest = round(rays**power) if power else 1
-    on_lenslet = min(max(fewest, math.ceil(min(cells, rays**0.5))), rays)
+    root = math.ceil(rays**0.5)
+    cells, pixel_cells = widths.max(axis=0)
+    on_pixel = root if optics.stops else min(math.ceil(pixel_cells), root)
+    dims = any(plane.transmission is not None for plane in planes)
+    balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
+    on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
+    on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
+    spread = optics.defocus or optics.stops or optics.every_lenslet
     on_pixel = math.ceil(rays / on_lenslet) if spread else 1
     pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
     return Tiling(
         np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
     )
+
+
+def _aspect(widths: np.ndarray) -> float:
+    """Image of the lenslet over that of the pixel, both as means over all pairs of planes.
+
+    In a tile the covariance of the places on two planes is that of the product of both images:
+    of the lenslet's tile, plus of the pixel's.
+    """
+    pairs = np.triu_indices(len(widths), 1)
+    lenslet, pixel = (np.outer(column, column)[pairs].sum() for column in widths.T)
+    if pixel <= lenslet * 1e-18:
+        return math.inf if lenslet else 0.0
+    return math.sqrt(lenslet / pixel)
 
 
 def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:

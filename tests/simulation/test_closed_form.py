@@ -3,7 +3,7 @@ import pytest
 
 from lf_flame import InputError, Layer, Scene, render
 from lf_flame.optics.ray_bundle import trace_footprint
-from lf_flame.simulation.reference.closed_form import _crossings, closed_form
+from lf_flame.simulation.reference.closed_form import _crossings, _hidden, closed_form
 from lf_flame.simulation.reference.forward import trace_forward
 
 
@@ -61,6 +61,15 @@ def test_a_card_over_all_hides_all(small_camera, rng):
     image = closed_form(Scene([glow(rng, 20.0), wide]), small_camera)
     np.testing.assert_allclose(image, 0, atol=1e-13)
     assert not closed_form(Scene([wide]), small_camera).any()
+
+
+def test_a_card_of_nothing_but_holes_hides_nothing(small_camera, rng):
+    holes = Layer(np.zeros((3, 4)), -10.0, (1.0, 1.0), opaque=True, coverage=np.zeros((3, 4)))
+    light = glow(rng, 20.0)
+    hidden = _hidden(holes, light, small_camera)
+    np.testing.assert_array_equal(hidden, np.zeros((5 * 24, 5 * 30)))
+    image, bare = (closed_form(Scene(layers), small_camera) for layers in ([light, holes], [light]))
+    np.testing.assert_array_equal(image, bare)
 
 
 def test_scenes_without_a_closed_form_are_refused(small_camera, rng):

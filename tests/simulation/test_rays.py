@@ -7,7 +7,8 @@ import pytest
 
 from lf_flame import Layer, Scene
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.rays import ray_grid
+from lf_flame.simulation.rays import LENSLET_FINER, _tile, _widths_in_cells, ray_grid
+from lf_flame.simulation.rendering import RAY_COUNTS
 from lf_flame.simulation.slabs import slice_scene
 
 
@@ -55,6 +56,40 @@ def test_cells_finer_than_a_box_are_averaged(small_camera, rng):
     single = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0, False)
     assert single.cells[0] == 500
     assert single.boxes[0] == 0
+
+
+@pytest.mark.parametrize("depths", [(-10.0, 20.0), (3.0, 7.0), (-10.0, 0.0), (0.5, 1.5)])
+def test_tiles_become_finer_along_pixel_and_lenslet_where_planes_dim(small_camera, depths):
+    """From each count to that two further on, or they are no longer on the planes than wide."""
+    card, light = (Layer(np.ones((2, 2)), depth, (3.0, 3.0), opaque=True) for depth in depths)
+    optics, planes = OpticalPass(small_camera), planes_of(card, light)
+    bundles = [optics.footprint(depth, 0) for depth in depths]
+    edges = [layer.cell_edges_mm(0) for layer in (card, light)]
+    widths = _widths_in_cells(bundles, edges, optics)
+    lenslet, pixel = np.sqrt(np.prod(widths, axis=0))  # the means over the one pair
+    tiles = [_tile(rays, widths, planes, optics) for rays in RAY_COUNTS if rays > 4]
+    for one, other in zip(tiles, tiles[2:], strict=False):
+        long, wide = lenslet / other.on_lenslet, pixel / other.on_pixel
+        assert other.along_pixel.size == other.on_pixel * other.on_lenslet
+        assert other.on_lenslet > one.on_lenslet or long <= wide
+        assert other.on_pixel > one.on_pixel or wide <= 1.1 * LENSLET_FINER * long
+    if 0.0 in depths:
+        assert tiles[-1].on_pixel == 1
+    else:
+        assert wide / long == pytest.approx(LENSLET_FINER, rel=0.15)
+    alone = planes_of(Layer([[1.0]], 5.0, (1.0, 1.0)))
+    assert _tile(40, widths[:1], alone, optics).on_lenslet == 1
+
+
+def test_tiles_are_no_wider_than_cells_before_they_are_shorter(small_camera):
+    """A card in focus leaves the pixel's width out of account, fine cells behind it do not."""
+    optics = OpticalPass(small_camera)
+    planes = planes_of(Layer([[1.0]], 0.0, (3.0, 3.0), opaque=True), Layer([[1.0]], 20.0, (3, 3)))
+    widths = np.array([[0.1, 0.0], [0.5, 3.2]])
+    for rays in (16, 40, 200):
+        tiling = _tile(rays, widths, planes, optics)
+        assert tiling.on_pixel == 4
+        assert tiling.on_lenslet == rays // 4
 
 
 def test_a_grid_does_not_change(small_camera):

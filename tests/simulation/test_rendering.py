@@ -8,10 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from lf_flame import PAPER_CAMERA, InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame import (
+    PAPER_CAMERA,
+    InputError,
+    Layer,
+    PlenopticCamera,
+    Scene,
+    plan_effects,
+    render,
+)
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.shapes import shape_texture
+from lf_flame.simulation import rendering
 from lf_flame.simulation.reference.closed_form import closed_form
+from lf_flame.simulation.rendering import render_plan
 
 
 def random_layer(rng, depth, cells=(7, 5)):
@@ -67,6 +77,48 @@ def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
     image = render(scene, camera, tolerance, integrator).views
     truth = closed_form(scene, camera)
     assert np.sqrt(np.mean((image - truth) ** 2)) <= tolerance * truth.max()
+
+
+@pytest.mark.parametrize("near", [-10.0, 0.0, 10.0])
+def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
+    """To the rounding of float32, where rays are refused: its hard edge takes too many."""
+    rng = np.random.default_rng(3)
+    texture, card = rng.uniform(size=(60, 60)), Layer([[0.1]], near, (0.8, 0.9), opaque=True)
+    scene = Scene([Layer(texture, 20.0, (2.4, 2.4)), card])
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    truth = closed_form(scene, camera)
+    for tolerance in (1e-3, 1e-6):
+        image = render(scene, camera, tolerance)
+        assert image.plan.integrator == "exact"
+        np.testing.assert_allclose(image.views, truth, rtol=3e-7, atol=1e-9)
+    if near < 0:
+        with pytest.raises(InputError, match="was not met with 315 x 315 rays"):
+            render(scene, camera, 1e-6, integrator="rays")
+
+
+@pytest.mark.parametrize(
+    ("cells", "depth", "thickness", "tau", "tolerance"),
+    [
+        (10, 0.0, 3.0, 3.0, 2e-3),
+        (10, 5.0, 3.0, 3.0, 1e-2),
+        (10, 5.0, 3.0, 3.0, 2e-3),
+        (10, 8.0, 1.0, 5.0, 1e-2),
+        (3, 2.0, 3.0, 4.0, 2e-3),
+        (3, 2.0, 3.0, 4.0, 1e-3),
+    ],
+)
+def test_rays_meet_their_tolerance_in_thick_absorbers(cells, depth, thickness, tau, tolerance):
+    """Against the exact integrator, on the same slabs."""
+    rng = np.random.default_rng(0)
+    thick = Layer(rng.uniform(size=(cells, cells)), depth, (2.0, 2.2), thickness_mm=thickness,
+                  optical_thickness=tau * rng.uniform(size=(cells, cells)))  # fmt: skip
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    plan = replace(plan_effects(Scene([thick]), camera, tolerance), slabs=(6,))
+    rays, exact = (
+        render_plan(Scene([thick]), camera, plan, integrator).views.astype(float)
+        for integrator in ("rays", "exact")
+    )
+    assert np.sqrt(np.mean((rays - exact) ** 2)) <= tolerance * exact.max()
 
 
 def test_a_uniform_field_gives_its_brightness_everywhere(small_camera):
@@ -183,6 +235,19 @@ def test_views_move_by_the_slope(small_camera):
 def test_scene_in_focus_on_the_focal_plane_is_the_same_in_every_view(small_camera, rng):
     views = render(Scene([random_layer(rng, 0.0)]), small_camera).views
     np.testing.assert_allclose(views, np.broadcast_to(views[2, 2], views.shape), atol=1e-6)
+
+
+def test_two_images_that_agree_by_chance_do_not_do(small_camera, monkeypatch):
+    scene = Scene([Layer([[1.0]], 0.0, (9.0, 9.0))])
+    plan, tried = plan_effects(scene, small_camera), []
+
+    def level(planes, optics, layout, rays, out, lines=slice(None)):
+        tried.append(rays)
+        out += {2: 1.0, 3: 1.0, 5: 1.01, 8: 1.01}.get(rays, 1.0101)
+
+    monkeypatch.setattr(rendering, "trace", level)
+    render_plan(scene, small_camera, plan, "rays")
+    assert tried == [2, 3, 5, 8, 12, 12]
 
 
 def test_rays_are_added_until_the_tolerance_is_met(small_camera, rng):

@@ -64,10 +64,10 @@ def _hidden(front: Layer, behind: Layer, camera: PlenopticCamera) -> np.ndarray:
     """Light of a layer that another one hides."""
     rows, columns = (_crossings(front, behind, camera, axis) for axis in (0, 1))
     opacity = np.broadcast_to(front.opacity, front.texture.shape)
-    return sum(
-        rows[:, i] @ behind.texture @ np.tensordot(opacity[i], columns, (0, 1)).T
-        for i in np.flatnonzero(opacity.any(axis=1))
-    )
+    hidden = np.zeros((len(rows), len(columns)))
+    for i in np.flatnonzero(opacity.any(axis=1)):
+        hidden += rows[:, i] @ behind.texture @ np.tensordot(opacity[i], columns, (0, 1)).T
+    return hidden
 
 
 def _edges(layer: Layer, camera: PlenopticCamera, axis: int) -> tuple[Footprint, np.ndarray]:
