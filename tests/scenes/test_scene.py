@@ -95,6 +95,18 @@ def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     assert brightness.max() <= template.brightness[1]
 
 
+def test_shapes_grow_by_one_factor_each_and_keep_their_proportions():
+    template = read_config(DATA_GEN / "shapes.toml").template
+    mean = template.draw(None)[1]["size_mm"]
+    draws = [template.draw(np.random.default_rng([5, i]))[1]["size_mm"] for i in range(60)]
+    factors = np.array(draws) / mean
+    np.testing.assert_allclose(factors[..., 0], factors[..., 1], rtol=1e-14)
+    grown = factors[..., 0] - 1
+    for side in (-1, 1):
+        assert 0.97 * template.size < (side * grown).max() <= template.size
+    assert np.abs(np.diff(grown, axis=1)).max() > template.size  # not all shapes alike
+
+
 def test_layer_keeps_its_own_texture():
     texture = np.ones((2, 2))
     layer = Layer(texture, 0.0, (1.0, 1.0))
