@@ -151,6 +151,16 @@ def test_the_order_is_found_where_depths_lie_on_both_sides_of_the_focal_plane(rn
         assert found.slopes == pytest.approx((-0.8, 0.8), abs=0.15)
 
 
+def test_slopes_are_those_of_the_texture_and_not_of_the_noise_beside_it(rng):
+    """Nothing but weak noise in most of the image: where its gradient is taken for texture, its
+    patches have any slope."""
+    views = textured(rng, 0.7, shape=(60, 120))
+    views[..., 44:] = 0.5 + 0.002 * rng.normal(size=views[..., 44:].shape)
+    found = find_order(views)
+    assert found.order == "row,col"
+    assert found.slopes == pytest.approx((0.7, 0.7), abs=0.1)
+
+
 @pytest.mark.parametrize(
     "views",
     [
