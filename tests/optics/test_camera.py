@@ -88,6 +88,33 @@ def test_impossible_cameras_are_refused(change, message):
         replace(PAPER_CAMERA, **change)
 
 
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("chromatic_shift", 0.0, 0.2),
+        ("lenslet_rotation_rad", -0.1, 0.1),
+        ("lenslet_pitch_error", -0.1, 0.1),
+    ],
+)
+def test_imperfections_reach_their_limits_and_no_farther(name, low, high):
+    for limit in (low, high):
+        assert getattr(replace(PAPER_CAMERA, **{name: limit}), name) == limit
+    for beyond in (low - 5e-4, high + 5e-4):
+        with pytest.raises(InputError, match=f"{name} must lie between {low:g} and {high:g}, got"):
+            replace(PAPER_CAMERA, **{name: beyond})
+
+
+@pytest.mark.parametrize("depth", [-150.0, 0.0, 12.5, 400.0])
+@pytest.mark.parametrize("focal", [150.0, 149.0, 160.0])
+def test_light_of_another_colour_goes_through_a_lens_of_another_power(depth, focal):
+    """Free space, thin lens and free space, element by element; the array stays in place."""
+    a, i0 = PAPER_CAMERA.focus_distance_mm + depth, PAPER_CAMERA.image_distance_mm
+    expected = [[1 - i0 / focal, a + i0 - a * i0 / focal], [-1 / focal, 1 - a / focal]]
+    found = PAPER_CAMERA.object_to_array(depth, focal)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * a)
+    np.testing.assert_array_equal(found, PAPER_CAMERA.plane_to_array(a, focal))
+
+
 def test_an_aperture_is_at_most_four_times_as_wide_as_matches_the_lenslets():
     matched = PAPER_CAMERA.image_distance_mm / 0.4 * 0.112
     widest = replace(PAPER_CAMERA, aperture_diameter_mm=4 * matched * (1 - 1e-12))

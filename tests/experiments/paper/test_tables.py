@@ -46,6 +46,14 @@ def test_ssim_of_flat_images_is_its_luminance_term():
     assert ssim(flat[0], flat[0]) == pytest.approx(1)
 
 
+def test_ssim_of_colours_is_the_mean_over_the_channels(rng):
+    truth = rng.uniform(size=(20, 30, 3))
+    image = truth + rng.normal(scale=[0.01, 0.05, 0.2], size=truth.shape)
+    each = [ssim(truth[..., k], image[..., k]) for k in range(3)]
+    assert np.ptp(each) > 0.1
+    assert ssim(truth, image) == pytest.approx(np.mean(each), rel=1e-12)
+
+
 def test_psnr_over_lit_pixels_does_not_see_the_background(rng):
     """The same object and error, in a field nine times as large: PSNR alone rises, by 10 lg 9."""
     truth = rng.uniform(0.02, 1, size=(20, 30))
