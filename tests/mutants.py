@@ -272,6 +272,8 @@ def judge(status: int | None, output: str) -> tuple[str, str | None]:
         return "timed out", None
     if status == 0:
         return "survived", None
+    if status < 0:
+        return "killed", f"a crash by signal {-status}"
     named = [
         line.split(" - ")[0].split(" ", 1)[1]
         for line in output.splitlines()

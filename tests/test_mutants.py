@@ -100,6 +100,7 @@ def test_the_same_seed_draws_the_same_and_all_kinds_in_turn():
         (1, "ERROR tests/a.py::test_b - fixture", ("killed", "tests/a.py::test_b")),
         (1, "ERROR tests/a.py - ImportError: a::b", ("not started", None)),
         (4, "ImportError while loading conftest", ("not started", None)),
+        (-11, "Fatal Python error: Segmentation fault", ("killed", "a crash by signal 11")),
     ],
 )
 def test_pytest_tells_what_became_of_a_mutant(status, output, outcome):

@@ -228,6 +228,7 @@ FLAT = np.ones((3, 3, 4, 5))
         (lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], 0.0), r"got \[0, 9, 0, 5\]"),
         (lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], 0.0), r"\(5, 4\)"),
         (lambda: region_slopes((4, 5), [], 0.0, soften=-1.0), "soften must"),
+        (lambda: region_slopes((4, 5), [], 0.0, soften=np.inf), "soften must .* got inf"),
         (lambda: region_slopes((4, 5), [], np.inf), "got 20 NaN or infinite slopes"),
     ],
 )
