@@ -37,7 +37,8 @@ BASELINES := .venv-baselines
 .NOTPARALLEL:
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
-.PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off lint types clean
+.PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off
+.PHONY: mutants lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -134,6 +135,10 @@ test-all: | $(INSTALLED)  ## run all tests, as CI does
 
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/refocus/test_shift.py -m 'not jit'
+
+# Where it was cut off it goes on; MUTANTS='optics/camera.py --per-file 50' for some files alone.
+mutants: | $(INSTALLED)  ## plant small errors in the numerical core and list those that no test notices (an hour)
+	$(BIN)/python tests/mutants.py $(MUTANTS) --out results/mutants
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

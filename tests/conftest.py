@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 from lf_flame import PlenopticCamera
 from lf_flame.commands.cli import commands
@@ -13,6 +13,10 @@ from lf_flame.commands.cli import commands
 # The same examples in every run: what fails for one fails for all. For new ones:
 # pytest --hypothesis-profile=default
 settings.register_profile("fixed", derandomize=True)
+# ... and for runs in which a test's failure alone counts, not its simplest example.
+settings.register_profile(
+    "first_failure", derandomize=True, phases=[Phase.explicit, Phase.generate]
+)
 settings.load_profile("fixed")
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # tests side by side: idle threads must not hold a core

@@ -19,16 +19,13 @@ def trace_one_pixel(layer, camera, v, u, t, s, rays):
         chief_mm = axis_mm * (1 + f / i0)
         pixel_mm = chief_mm - (view - (k - 1) / 2) * camera.pixel_mm
         sub = (np.arange(rays) + 0.5) / rays - 0.5
-        object_to_array = camera.object_to_array(layer.depth_mm)
+        array_to_object = inv(camera.object_to_array(layer.depth_mm))
         lens = ray_transfer.chain(ray_transfer.thin_lens(f), ray_transfer.free_space(f))
-        found = []
-        for on_lenslet in axis_mm + sub * camera.lenslet_pitch_mm:
-            for on_pixel in pixel_mm + sub * camera.pixel_mm:
-                # angle in front of the lenslet for which the ray ends on the pixel
-                height = on_lenslet - axis_mm
-                angle = (on_pixel - axis_mm - lens[0, 0] * height) / lens[0, 1]
-                found.append((inv(object_to_array) @ [on_lenslet, angle])[0])
-        return np.array(found)
+        height = sub[:, None] * camera.lenslet_pitch_mm
+        on_pixel = pixel_mm + sub * camera.pixel_mm
+        # angle in front of the lenslet for which the ray ends on the pixel
+        angle = (on_pixel - axis_mm - lens[0, 0] * height) / lens[0, 1]
+        return (array_to_object[0, 0] * (axis_mm + height) + array_to_object[0, 1] * angle).ravel()
 
     rows, columns = (
         np.floor(
@@ -37,12 +34,12 @@ def trace_one_pixel(layer, camera, v, u, t, s, rays):
         )
         for axis, pixel in ((0, (v, t)), (1, (u, s)))
     )
-    padded = np.pad(layer.texture, 1)
-    inside = [
-        np.clip(index + 1, 0, length + 1).astype(int)
+    # How often each row and column of cells is hit, those beside the layer at both ends.
+    down, right = (
+        np.bincount(np.clip(index + 1, 0, length + 1).astype(int), minlength=length + 2)
         for index, length in zip((rows, columns), layer.texture.shape, strict=True)
-    ]
-    return padded[np.ix_(*inside)].mean()
+    )
+    return down @ np.pad(layer.texture, 1) @ right / (down.sum() * right.sum())
 
 
 def keys(x):

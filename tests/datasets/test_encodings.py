@@ -58,6 +58,15 @@ def test_views_are_spread_from_the_first_to_the_last():
     assert spread(3, 3) == [0, 1, 2]
 
 
+def test_of_an_even_number_of_views_the_one_before_the_middle_is_central():
+    assert [spread(count, 1) for count in (1, 2, 4, 14)] == [[0], [0], [1], [6]]
+    assert InputEncoding("views").view_indices(4, 6) == [(1, 0), (1, 2), (1, 5)]
+    views = np.zeros((4, 6, *SIZE), np.float32)
+    views[1] = np.arange(1, 7)[:, None, None] / 8
+    shown = InputEncoding("views").encode(LightField(views), SIZE)
+    np.testing.assert_array_equal(shown[0, 0], [1 / 8, 3 / 8, 6 / 8])
+
+
 def test_a_grid_without_views_is_refused():
     with pytest.raises(InputError, match="grid must be at least 1 view"):
         InputEncoding("grid", grid=0)

@@ -13,7 +13,7 @@ from scipy import ndimage
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw_lenslets import decode_raw
-from lf_flame.formats.white_image import estimate_grid
+from lf_flame.formats.white_image import _flattened, _peaks, estimate_grid
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 
@@ -139,6 +139,51 @@ def test_a_grid_other_than_stated_is_refused(rng):
         estimate_grid(white.T)
     with pytest.raises(InputError, match="3 x 3 micro-images"):
         estimate_grid(white[:45, :60])
+
+
+def spots(darker):
+    """Every micro-image, 24 pixels wide, holds four spots, three of them darker than the fourth."""
+    y, x = np.indices((300, 300))
+    row, column = np.round(y / 12), np.round(x / 12)
+    brightness = 1 - darker * ((row % 2 == 1) | (column % 2 == 1))
+    return 0.05 + brightness * np.clip(5.3 - np.hypot(y - 12 * row, x - 12 * column), 0, 1)
+
+
+def test_structure_within_the_micro_images_is_told_from_the_array():
+    """The spots' distance is the pitch where they are alike: from a correlation of 0.9 on.
+
+    That of pictures of `spots` 12 pixels apart is 0.854 and 0.940 of that 24 pixels apart.
+    """
+    found = estimate_grid(spots(0.35), pitch=26)
+    assert (found.layout, round(found.pitch, 3)) == ("rectangular", 24.0)
+    with pytest.raises(InputError, match="every 12 pixels, not every 26"):
+        estimate_grid(spots(0.24), pitch=26)
+
+
+@pytest.mark.parametrize("width", [26.0, 27.4])
+def test_flattening_takes_out_the_mean_under_a_triangle(width):
+    """Of 1 + a cos(k x) it leaves a (1 - d^2) cos(k x) over the mean, 1 + a d^2 cos(k x).
+
+    With d the response of a box of n pixels, sin(n k / 2) / (n sin(k / 2)), n odd.
+    """
+    k, n = 2 * np.pi / 13, 2 * round(width / 2) + 1
+    d = np.sin(n * k / 2) / (n * np.sin(k / 2))
+    wave = 0.3 * np.cos(k * np.arange(300))
+    found = _flattened(np.tile(1 + wave, (100, 1)), width)
+    expected = (1 - d**2) * wave / (1 + d**2 * wave)
+    np.testing.assert_allclose(found[:, 60:-60], np.tile(expected, (100, 1))[:, 60:-60], atol=1e-12)
+
+
+@pytest.mark.parametrize(("down", "along"), [(0.0, 0.0), (0.9, -1.4), (1.45, 1.45)])
+def test_peaks_are_found_from_a_step_and_a_half_away(down, along):
+    """Each parabola moves by a step at most; a Gaussian's curvature is that of its middle part."""
+    y, x, step = *np.indices((40, 44)), 2.0
+    true = 20.3, 21.6
+    image = np.exp(-((y - true[0]) ** 2 + (x - true[1]) ** 2) / (2 * 3.0**2))
+    start = true[0] + down * step, true[1] + along * step
+    top_y, top_x, curvature = _peaks(ndimage.spline_filter(image), *np.array([start]).T, step)
+    np.testing.assert_allclose([top_y[0], top_x[0]], true, atol=1e-3)
+    assert curvature[0] == pytest.approx(2 - 2 * np.exp(-(step**2) / (2 * 3.0**2)), rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -406,6 +451,37 @@ def test_a_white_image_takes_out_falloff(rng):
     np.testing.assert_allclose(balanced[lit], expected, rtol=1e-5)
     by_grey = decode_raw(colour, grid, white=white).views
     np.testing.assert_allclose(by_grey[lit], expected, rtol=1e-5)
+
+
+def test_dark_rims_are_brightened_by_two_and_dead_lenslets_by_twenty_at_most():
+    """Pixels under the grid's parts, so that the views of the white image are these numbers.
+
+    A view counts as lit from half its micro-image's middle on; a micro-image's middle is trusted
+    from a twentieth of the median one on.
+    """
+    white = np.ones((3, 3, 5, 6))
+    white[0], white[1, 0], white[1, 2] = 0.3, 0.48, 0.52
+    for (t, s), middle in {(2, 1): 0.02, (2, 3): 0.045, (3, 3): 0.055}.items():
+        white[:, :, t, s] = middle
+    raw = LightField(0.25 * white).to_raw()
+    white_raw = 40 * LightField(white).to_raw()
+    grid = grid_from_pitch(raw.shape, 3)
+    even = decode_raw(raw, grid, white=white_raw).views / 0.25
+    expected = np.ones((3, 3, 5, 6))
+    expected[0], expected[1, 0] = 0.3 / 0.5, 0.48 / 0.5
+    expected[:, :, 2, 1], expected[:, :, 2, 3] = 0.02 / 0.05, 0.045 / 0.05
+    expected[:, :, 3, 3] = 1.0
+    np.testing.assert_allclose(even, expected, rtol=1e-5)
+
+
+def test_an_image_goes_on_beyond_its_border_as_it_ends(rng):
+    """Decoded with its edge repeated by hand, it is the same: parts of 10 / 7 pixels."""
+    raw, far = rng.uniform(size=(40, 50)), 40
+    grid = grid_from_pitch(raw.shape, 10)
+    wide = replace(grid, x0=grid.x0 + far, y0=grid.y0 + far)
+    padded = decode_raw(np.pad(raw, far, mode="edge"), wide, views=7).views
+    inner = (..., slice(4, -4), slice(4, -4))  # of four more lenslets on each side
+    np.testing.assert_allclose(decode_raw(raw, grid, views=7).views, padded[inner], atol=1e-6)
 
 
 @pytest.mark.parametrize(

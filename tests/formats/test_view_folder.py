@@ -151,6 +151,28 @@ def test_the_order_is_found_where_depths_lie_on_both_sides_of_the_focal_plane(rn
         assert found.slopes == pytest.approx((-0.8, 0.8), abs=0.15)
 
 
+def test_views_of_24_pixels_are_enough(rng):
+    """A patch of 16 pixels and a border of 4 on each side."""
+    assert find_order(textured(rng, 0.7, shape=(24, 48))[::-1]).order == "-row,col"
+    assert find_order(textured(rng, 0.7, shape=(23, 48))[::-1]).slopes is None
+
+
+def diagonal_stripes(slope):
+    """Draw stripes along which rows and columns change alike, so that either can be either."""
+    v, u, t, s = np.ogrid[-1:2, -1:2, :60, :60]
+    return np.sin((t - slope * v + s - slope * u) / 3)
+
+
+def test_slopes_are_those_of_the_texture_and_not_of_the_noise_beside_it(rng):
+    """Nothing but weak noise in most of the image: where its gradient is taken for texture, its
+    patches have any slope."""
+    views = textured(rng, 0.7, shape=(60, 120))
+    views[..., 44:] = 0.5 + 0.002 * rng.normal(size=views[..., 44:].shape)
+    found = find_order(views)
+    assert found.order == "row,col"
+    assert found.slopes == pytest.approx((0.7, 0.7), abs=0.1)
+
+
 @pytest.mark.parametrize(
     "views",
     [
@@ -158,9 +180,10 @@ def test_the_order_is_found_where_depths_lie_on_both_sides_of_the_focal_plane(rn
         np.tile(np.sin(np.arange(60) / 3), (3, 3, 60, 1)),
         np.random.default_rng(1).normal(size=(3, 3, 60, 60)),
         np.random.default_rng(1).normal(size=(3, 3, 6, 60)),
+        diagonal_stripes(0.7),
         np.random.default_rng(1).normal(size=(1, 9, 60, 60)),
     ],
-    ids=["uniform", "all alike", "noise", "small", "one row"],
+    ids=["uniform", "all alike", "noise", "small", "diagonal", "one row"],
 )
 def test_where_the_parallax_does_not_tell_the_numbers_stand(views):
     found = find_order(views)

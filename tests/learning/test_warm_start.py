@@ -1,7 +1,7 @@
 import keras
 import numpy as np
 import pytest
-from scipy.special import expit
+from scipy.special import expit, logit
 
 from lf_flame import InputError
 from lf_flame.learning.decoder import build_decoder
@@ -37,6 +37,29 @@ def test_warm_start_draws_images_it_has_not_seen(rng, neck, bands):
     before = error(decoder, test)
     warm_start(decoder, training, held_out, bands)
     assert error(decoder, test) < 0.1 * min(before, test[1].var(axis=0).mean())
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_normalisations_hold_the_statistics_of_the_samples_alone(rng, frozen):
+    """Nothing is left of those they started with, and they go on as they were told before."""
+    training = smooth_scene(rng, 40)
+    decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="pooled", seed=2)
+    norms = [x for x in decoder.layers if isinstance(x, keras.layers.BatchNormalization)]
+    for norm, momentum in zip(norms, (0.7, 0.9), strict=True):
+        norm.momentum = momentum
+    if frozen:
+        freeze_normalisations(decoder)
+    warm_start(decoder, training, smooth_scene(rng, 10))
+    assert [norm.momentum for norm in norms] == [0.7, 0.9]
+    assert [norm.trainable for norm in norms] == [not frozen] * 2
+    for norm in norms:
+        arriving = keras.Model(decoder.input, norm.input).predict(training[0], verbose=0)
+        mean, spread = arriving.mean(axis=(0, 1, 2)), arriving.var(axis=(0, 1, 2))
+        scale = np.sqrt(spread.max())
+        stored = keras.ops.convert_to_numpy(norm.moving_mean)
+        np.testing.assert_allclose(stored, mean, atol=1e-4 * scale)
+        stored = keras.ops.convert_to_numpy(norm.moving_variance)
+        np.testing.assert_allclose(stored, spread, rtol=1e-3, atol=1e-5 * scale**2)
 
 
 def test_bands_see_only_their_part_of_the_features(rng):
@@ -80,6 +103,57 @@ def test_noise_in_the_features_asks_for_a_stronger_ridge(rng):
         images = expit((held_out[0] - found.mean) @ found.weights() + found.offset)
         assert np.mean((images - held_out[1]) ** 2) < 0.2 * plain
     assert strengths[1] > strengths[0]
+
+
+def drawn_samples(rng, samples, features=7, pixels=5):
+    """Features far off zero, of very different sizes, and images that follow them and noise."""
+    mixing = np.random.default_rng(5).normal(size=(features, pixels))
+    sizes = np.geomspace(0.03, 3, features)
+    x = sizes * rng.normal(size=(samples, features))
+    logits = 0.5 + x @ mixing + 0.7 * rng.normal(size=(samples, pixels))
+    return 4.0 + x, expit(logits)
+
+
+def test_the_regression_is_the_one_of_the_normal_equations(rng):
+    """Solved for the features, not for the samples, its strength the best of all on the others."""
+    training, held_out = drawn_samples(rng, 40), drawn_samples(rng, 30)
+    features, images = training
+    mean, logits = features.mean(axis=0), logit(np.clip(images, 1e-3, 1 - 1e-3))
+    x, y = features - mean, logits - logits.mean(axis=0)
+    mean_square = (x**2).sum() / len(x)
+
+    def weights(strength):
+        return np.linalg.solve(x.T @ x + strength * mean_square * np.eye(7), x.T @ y)
+
+    errors = [
+        np.mean((expit((held_out[0] - mean) @ weights(s) + logits.mean(axis=0)) - held_out[1]) ** 2)
+        for s in STRENGTHS
+    ]
+    best = STRENGTHS[np.argmin(errors)]
+    assert STRENGTHS[0] < best < STRENGTHS[-1]
+    found = ridge_regression(training, held_out)
+    assert found.strength == best
+    np.testing.assert_allclose(found.weights(), weights(best), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-6)
+    np.testing.assert_allclose(found.offset, logits.mean(axis=0), atol=1e-5)
+
+
+def test_components_are_the_best_of_their_number_where_pixels_are_seen(rng):
+    """The truncated singular value decomposition of what was fitted.
+
+    Each pixel weighs as the mean square of its value's derivative by its logit, v (1 - v).
+    """
+    training, held_out = drawn_samples(rng, 40), drawn_samples(rng, 30)
+    found = ridge_regression(training, held_out)
+    fitted = (training[0] - found.mean) @ found.weights().astype(float)
+    value = expit(fitted + found.offset)
+    root = np.sqrt(np.mean((value * (1 - value)) ** 2, axis=0))
+    left, size, right = np.linalg.svd(fitted * root, full_matrices=False)
+    for count in (1, 2, 3):
+        weights, images = found.components(count)
+        expected = (left[:, :count] * size[:count]) @ right[:count] / root
+        drawn = (training[0] - found.mean) @ weights @ images
+        np.testing.assert_allclose(drawn, expected, atol=1e-3 * np.abs(fitted).max())
 
 
 def test_components_approach_the_whole_regression(rng):

@@ -88,16 +88,62 @@ def test_impossible_cameras_are_refused(change, message):
         replace(PAPER_CAMERA, **change)
 
 
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("chromatic_shift", 0.0, 0.2),
+        ("lenslet_rotation_rad", -0.1, 0.1),
+        ("lenslet_pitch_error", -0.1, 0.1),
+    ],
+)
+def test_imperfections_reach_their_limits_and_no_farther(name, low, high):
+    for limit in (low, high):
+        assert getattr(replace(PAPER_CAMERA, **{name: limit}), name) == limit
+    for beyond in (low - 5e-4, high + 5e-4):
+        with pytest.raises(InputError, match=f"{name} must lie between {low:g} and {high:g}, got"):
+            replace(PAPER_CAMERA, **{name: beyond})
+
+
+@pytest.mark.parametrize("depth", [-150.0, 0.0, 12.5, 400.0])
+@pytest.mark.parametrize("focal", [150.0, 149.0, 160.0])
+def test_light_of_another_colour_goes_through_a_lens_of_another_power(depth, focal):
+    """Free space, thin lens and free space, element by element; the array stays in place."""
+    a, i0 = PAPER_CAMERA.focus_distance_mm + depth, PAPER_CAMERA.image_distance_mm
+    expected = [[1 - i0 / focal, a + i0 - a * i0 / focal], [-1 / focal, 1 - a / focal]]
+    found = PAPER_CAMERA.object_to_array(depth, focal)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * a)
+    np.testing.assert_array_equal(found, PAPER_CAMERA.plane_to_array(a, focal))
+
+
+def test_an_aperture_is_at_most_four_times_as_wide_as_matches_the_lenslets():
+    matched = PAPER_CAMERA.image_distance_mm / 0.4 * 0.112
+    widest = replace(PAPER_CAMERA, aperture_diameter_mm=4 * matched * (1 - 1e-12))
+    assert widest.aperture_diameter_mm == pytest.approx(4 * 77.8, abs=0.05)
+    with pytest.raises(InputError, match="at most 311.* 4 times what matches .* got 312"):
+        replace(PAPER_CAMERA, aperture_diameter_mm=312.0)
+
+
+def test_pixels_that_tile_a_micro_image_fit_in_spite_of_rounding():
+    tiled = PAPER_CAMERA.lenslet_pitch_mm * (1 + 0.4 / PAPER_CAMERA.image_distance_mm) / 15
+    rounded = replace(PAPER_CAMERA, pixel_pitch_mm=tiled * (1 + 1e-12))
+    assert rounded.pixel_mm == pytest.approx(PAPER_CAMERA.pixel_mm, rel=1e-11)
+    with pytest.raises(InputError, match="pixel_pitch_mm must be at most 0.00747"):
+        replace(PAPER_CAMERA, pixel_pitch_mm=tiled * (1 + 1e-7))
+
+
 def test_a_layer_behind_the_lens_has_no_slope():
     with pytest.raises(InputError, match="above -326"):
         PAPER_CAMERA.depth_to_slope(-326.0)
 
 
 def test_evidence_for_the_image_distance():
-    """Deviation 1: with the printed 277 mm the focal plane would not have slope 0.00."""
-    f, a, array = 150.0, 326.0, 277.0
-    slope = array * 0.112 / 0.4 / 15 / 0.112 * (array / (a * f / (a - f)) - 1)
-    assert abs(slope) == pytest.approx(0.14, abs=0.005)
+    """Deviation 1: with the array at the printed 277 mm the focal plane, which the paper has at
+    326 mm, would not have the printed slope 0.00."""
+    assert round(float(PAPER_CAMERA.depth_to_slope(326.0 - PAPER_CAMERA.focus_distance_mm)), 2) == 0
+    printed = replace(PAPER_CAMERA, focus_distance_mm=1 / (1 / 150.0 - 1 / 277.0))
+    assert printed.image_distance_mm == pytest.approx(277.0, rel=1e-12)
+    slope = printed.depth_to_slope(326.0 - printed.focus_distance_mm)
+    assert slope == pytest.approx(-0.14, abs=0.005)
 
 
 def test_evidence_for_fifteen_views():

@@ -71,6 +71,12 @@ def test_read_noise_is_normal_and_adds_to_dark_and_negative_pixels(rng):
         assert np.mean(np.abs(noise) < 3) == pytest.approx(0.6827, abs=0.01)
 
 
+def test_negative_radiance_passes_the_shot_noise_unchanged(rng):
+    """It is no light, so nothing is counted; a mean over pixels stays what it was."""
+    image = np.array([-1e9, -3.0, -0.37, -1e-4], np.float32)
+    np.testing.assert_allclose(expose(image, Sensor(1000.0), {"shot_noise"}, rng), image, rtol=1e-6)
+
+
 @pytest.mark.parametrize("bits", [1, 8, 12, 16])
 def test_quantisation_rounds_to_the_nearest_code(rng, bits):
     camera = Sensor(5000.0, bits=bits)

@@ -149,3 +149,9 @@ def test_alphas_come_back_even_from_infinity():
 def test_bad_input_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_plenoptomos_magnification_is_1_unless_stated():
+    """A view at v reads t + v (1 - z0 / z): at an infinite distance, v in pixels of the views."""
+    assert plenoptomos_distance(300.0, 5.6, 0.112).to_slope(np.inf) == pytest.approx(50.0)
+    assert plenoptomos_distance(300.0, 5.6, 0.112, 2.0).to_slope(np.inf) == pytest.approx(25.0)

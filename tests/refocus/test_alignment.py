@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lf_flame import InputError, LightField
-from lf_flame.refocus import align_views, shift_and_sum
+from lf_flame.refocus import _alignment_kernels, align_views, shift_and_sum
 
 EVERY = [(v, u) for v in range(3) for u in range(4)]
 
@@ -50,6 +50,19 @@ def test_views_that_are_not_chosen_are_neither_read_nor_copied(rng):
         align_views(views, 0.7, [(1, 1)])
 
 
+def test_float32_views_are_handed_to_the_kernel_as_they_are(rng, monkeypatch):
+    seen = []
+    kernel = _alignment_kernels.align_views
+    monkeypatch.setattr(
+        _alignment_kernels, "align_views", lambda *a: (seen.append(a[0]), kernel(*a))
+    )
+    for dtype in (np.float32, np.float64):
+        views = rng.uniform(size=(3, 3, 8, 9)).astype(dtype)
+        align_views(views, 0.7, [(2, 0), (1, 1)])
+        assert np.shares_memory(seen[-1], views) == (dtype == np.float32)
+        assert seen[-1].dtype == np.float32
+
+
 def test_layouts_in_memory_give_the_same(rng):
     views = rng.uniform(size=(3, 3, 8, 9)).astype(np.float32)
     expected = align_views(views, 0.7, [(2, 0)])
@@ -65,6 +78,8 @@ def test_layouts_in_memory_give_the_same(rng):
         ({"view_indices": [(0, -1)]}, r"no view \(0, -1\)"),
         ({"view_indices": []}, "pairs of row and column"),
         ({"view_indices": [(0.5, 1)]}, "pairs of row and column"),
+        ({"view_indices": [(0, 1, 1)]}, "pairs of row and column"),
+        ({"view_indices": [0, 1]}, "pairs of row and column"),
         ({"block": (3, 3)}, "Blocks of 3 x 3 lenslets do not divide an image of 8 x 9"),
         ({"block": (0, 1)}, "Blocks of 0 x 1"),
         ({"slopes": np.nan}, "slopes must be"),

@@ -30,6 +30,36 @@ def test_fourier_shift_is_exact_for_band_limited_views():
     np.testing.assert_allclose(fourier_refocus(views, slope)[0], view(2, 2), atol=1e-6)
 
 
+def sinc_shift(shift, length):
+    """Matrix that shifts a periodic line by the interpolation between its samples.
+
+    Of an odd length the kernel is sin(pi x) / (n sin(pi x / n)). Of an even one the wave of the
+    Nyquist frequency is taken half as positive and half as negative: a tangent for the sine.
+    """
+    x = np.arange(length)[:, None] + shift - np.arange(length)
+    x = np.where(np.abs(x / length - np.rint(x / length)) < 1e-12, 1e-9, x)
+    divisor = np.tan(np.pi * x / length) if length % 2 == 0 else np.sin(np.pi * x / length)
+    return np.sin(np.pi * x) / (length * divisor)
+
+
+@pytest.mark.parametrize("size", [(8, 10), (8, 9), (7, 10), (7, 9)])
+@pytest.mark.parametrize("slope", [0.37, 0.5, 1.0, -2.25])
+def test_fourier_equals_the_sinc_kernel_in_space(slope, size, rng):
+    """On noise, which has all waves, those of the Nyquist rows and columns of even sizes too."""
+    views = rng.uniform(size=(3, 4, *size)).astype(np.float32)
+    expected = np.mean(
+        [
+            sinc_shift(slope * (v - 1), size[0])
+            @ views[v, u]
+            @ sinc_shift(slope * (u - 1.5), size[1]).T
+            for v, u in np.ndindex(3, 4)
+        ],
+        axis=0,
+    )
+    np.testing.assert_allclose(fourier_refocus(views, slope)[0], expected, atol=1e-6)
+    np.testing.assert_allclose(fourier_slice(views, slope, 8)[0], expected, atol=2e-6)
+
+
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
 @pytest.mark.parametrize("shape", [(3, 4, 21, 18), (1, 5, 8, 40), (2, 3, 6, 7, 3)])
 def test_fourier_equals_space_for_every_interpolation(interpolation, shape, rng):

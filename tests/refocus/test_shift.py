@@ -5,7 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
-from lf_flame.refocus import _kernels, find_sharpest_slope, fourier_refocus, shift_and_sum
+from lf_flame.refocus import (
+    _kernels,
+    find_sharpest_slope,
+    fourier_refocus,
+    refocus_surface,
+    shift_and_sum,
+)
 
 SHAPES = st.tuples(*[st.integers(1, n) for n in (4, 9, 9, 24)])
 TYPES = st.sampled_from(["uint8", "uint16", "float16", "float32", "float64", "int32", ">f4"])
@@ -166,6 +172,28 @@ def test_nearest_rounds_each_shift(rng):
     views = rng.uniform(size=(3, 3, 10, 10)).astype(np.float32)
     rounded = shift_and_sum(views, 0.7, interpolation="nearest")  # shifts -0.7, 0, 0.7
     np.testing.assert_array_equal(rounded, shift_and_sum(views, 1.0))
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0, 3.0])
+def test_nearest_rounds_halves_up(slope, rng):
+    """Two views a side stand half a view step off the centre: at -1/2 and 1/2, read 0 and 1."""
+    views = rng.uniform(size=(2, 2, 9, 10)).astype(np.float32)
+    first, second = (int((slope * sign + 1) // 2) for sign in (-1, 1))
+    expected = np.mean(
+        [
+            views[v, u][3 + t : 6 + t, 3 + s : 7 + s]
+            for v, t in ((0, first), (1, second))
+            for u, s in ((0, first), (1, second))
+        ],
+        axis=0,
+    )
+    inside = (slice(3, 6), slice(3, 7))
+    for found in (
+        shift_and_sum(views, slope, "nearest")[0],
+        fourier_refocus(views, slope, "nearest", "clamp")[0],
+        refocus_surface(views, np.full((9, 10), slope), "nearest"),
+    ):
+        np.testing.assert_allclose(found[inside], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0])

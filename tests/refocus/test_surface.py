@@ -189,6 +189,15 @@ def test_a_softened_region_keeps_its_slope(side):
     np.testing.assert_allclose(soft[:6], -2.0)  # twice 7 away
 
 
+@pytest.mark.parametrize("later", [1.0, -1.0])
+def test_the_seam_of_two_regions_lies_between_them(later):
+    """Half the image each, at opposite slopes: the softened map is odd about their border."""
+    regions = [((0, 40, 0, 20), -later), ((0, 40, 20, 40), later)]
+    soft = region_slopes((40, 40), regions, 3.0, soften=4.0)
+    np.testing.assert_allclose(soft, -soft[:, ::-1], atol=1e-12)
+    assert soft[20, 30] == pytest.approx(later)
+
+
 def test_a_little_softening_softens():
     regions = [((5, 15, 5, 15), 1.0)]
     hard, soft = (region_slopes((20, 20), regions, 0.0, soften=s) for s in (0.0, 0.5))
@@ -219,6 +228,7 @@ FLAT = np.ones((3, 3, 4, 5))
         (lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], 0.0), r"got \[0, 9, 0, 5\]"),
         (lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], 0.0), r"\(5, 4\)"),
         (lambda: region_slopes((4, 5), [], 0.0, soften=-1.0), "soften must"),
+        (lambda: region_slopes((4, 5), [], 0.0, soften=np.inf), "soften must .* got inf"),
         (lambda: region_slopes((4, 5), [], np.inf), "got 20 NaN or infinite slopes"),
     ],
 )

@@ -10,6 +10,8 @@ from scipy.integrate import quad
 from lf_flame import InputError, Layer, Scene
 from lf_flame.datasets.config import read_config
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
+from lf_flame.scenes.scene import BRIGHTEST
+from lf_flame.scenes.shapes import shape_texture
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
 
@@ -95,6 +97,18 @@ def test_draws_stay_in_their_ranges_and_depend_on_the_seed_alone(name):
     assert brightness.max() <= template.brightness[1]
 
 
+def test_shapes_grow_by_one_factor_each_and_keep_their_proportions():
+    template = read_config(DATA_GEN / "shapes.toml").template
+    mean = template.draw(None)[1]["size_mm"]
+    draws = [template.draw(np.random.default_rng([5, i]))[1]["size_mm"] for i in range(60)]
+    factors = np.array(draws) / mean
+    np.testing.assert_allclose(factors[..., 0], factors[..., 1], rtol=1e-14)
+    grown = factors[..., 0] - 1
+    for side in (-1, 1):
+        assert 0.97 * template.size < (side * grown).max() <= template.size
+    assert np.abs(np.diff(grown, axis=1)).max() > template.size  # not all shapes alike
+
+
 def test_layer_keeps_its_own_texture():
     texture = np.ones((2, 2))
     layer = Layer(texture, 0.0, (1.0, 1.0))
@@ -144,6 +158,33 @@ def test_a_replaced_value_is_checked_and_the_others_stay():
         layer.depth_mm = 4.0
     scene = replace(Scene([layer]), layers=[moved, layer])
     assert scene.layers == (moved, layer)
+
+
+def card(width, x, depth=3.0, **options):
+    return Layer([[1.0]], depth, (1.0, width), (0.0, x), **{"opaque": True, **options})
+
+
+def test_two_cards_at_one_depth_may_touch_but_not_overlap():
+    """Edges at 0.3 = 0.1 + 0.2 and 0.7 - 0.4, which differ by a rounding."""
+    assert len(Scene([card(0.2, 0.2), card(0.8, 0.7)]).layers) == 2
+    with pytest.raises(InputError, match="Layers 1 and 3 are both opaque and overlap at depth 3"):
+        Scene([card(0.2, 0.2), card(0.5, 4.0), card(0.8, 0.7 - 1e-6)])
+    Scene([card(0.2, 0.2), card(0.8, 0.5, depth=3.1)])
+    Scene([card(0.2, 0.2), card(0.8, 0.5, opaque=False)])
+
+
+def test_the_brightest_texture_is_what_float32_images_hold():
+    assert Layer([[BRIGHTEST]], 0.0, (1.0, 1.0)).texture.max() == BRIGHTEST
+    with pytest.raises(InputError, match="texture must be at most"):
+        Layer([[BRIGHTEST * (1 + 1e-15)]], 0.0, (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("size", "cells"),
+    [((4.0, 2.5), (40, 25)), ((0.01, 0.26), (1, 3)), ((99.96, 250.0), (1000, 1000))],
+)
+def test_shapes_have_a_cell_for_each_tenth_of_a_millimetre_and_1000_at_most(size, cells):
+    assert shape_texture("circle", size).shape == cells
 
 
 def test_empty_scene_is_refused():

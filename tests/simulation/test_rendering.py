@@ -30,12 +30,15 @@ def random_layer(rng, depth, cells=(7, 5)):
 
 @pytest.mark.parametrize("depth", [20.0, 10.0, 0.0, -10.0])
 def test_ray_integrator_equals_rays_pushed_one_by_one(small_camera, rng, depth):
+    """A lenslet pitch wrong by 1 % changes some of these pixels by 0.008 to 0.09."""
     layer = random_layer(rng, depth)
     image = render(Scene([layer]), small_camera, integrator="rays", rays=89).views
-    for v, u, t, s in [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16)]:
-        twin = reference.trace_one_pixel(layer, small_camera, v, u, t, s, rays=16)
-        # 89 lattice rays against a 16 x 16 grid along each axis: the same integral
-        assert image[v, u, t, s] == pytest.approx(twin, abs=0.03)
+    lit = np.argwhere(image > 0.1)
+    for v, u, t, s in [(0, 4, 8, 14), (2, 2, 12, 12), (4, 1, 14, 16), *rng.permutation(lit)[:20]]:
+        # 400 rays of a lenslet by 400 of a pixel along each axis. In focus those of a pixel fall
+        # together, and an edge is missed by up to half of 1/400 along each axis.
+        twin = reference.trace_one_pixel(layer, small_camera, v, u, t, s, rays=400)
+        assert image[v, u, t, s] == pytest.approx(twin, abs=3e-4 if depth else 2e-3)
 
 
 @given(
@@ -55,9 +58,9 @@ def test_exact_and_ray_integrators_agree(depth, views, focal, seed):
         )
         for n in (8, 89)
     ]
-    assert errors[1] <= 2e-2
+    assert errors[1] <= 5e-4  # 2.3e-4 at most in 150 such scenes
     # n midpoints miss an edge by up to 1/2n of its height, so the error falls about as 1/n
-    assert errors[1] <= 0.35 * errors[0] + 1e-3
+    assert errors[1] <= 0.35 * errors[0] + 1e-4
 
 
 @given(

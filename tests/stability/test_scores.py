@@ -127,6 +127,8 @@ def test_table_of_equal_images_has_no_nan(rng):
     assert list(table.psnr_sd[[0, 1, 3]]) == [0, np.inf, 0]
     assert 0 < table.psnr_sd[2] < 1
     assert list(table.ssim[[0, 3]]) == [1, 1]
+    two = score(targets[:2], predictions[:2])
+    assert list(two.psnr_sd[:2]) == [0, np.inf]
     with np.errstate(invalid="ignore"):
         naive = np.std([np.inf] * 3, ddof=1)
     assert np.isnan(naive)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.ndimage import convolve
+from scipy.special import expit
 
 from lf_flame import InputError
 from lf_flame.refocus import align_views, shift_and_sum
@@ -11,6 +12,14 @@ from lf_flame.systems.aperturenet import WIDTHS, ApertureNet, build_aperturenet,
 @pytest.fixture(scope="module")
 def system():
     return ApertureNet(build_aperturenet(seed=3))
+
+
+def blurred_mean(views, k):
+    """Mean of the nine views, blurred by the box of a number, where it lies in the image."""
+    boxes = make_boxes()[:, :, 0, k]
+    mean = views.mean(axis=-1)
+    inside = convolve(np.ones_like(mean), boxes, mode="constant")
+    return convolve(mean, boxes, mode="constant") / inside
 
 
 @pytest.mark.parametrize(("slope", "box"), [(0.0, 0), (1.0, 2), (-1.0, 2)])
@@ -51,11 +60,32 @@ def test_pixels_taken_four_by_four_are_blurred_as_they_are(rng):
         sure = np.repeat(np.where(np.arange(len(WIDTHS)) == k, 30.0, -30.0), 4)
         model.get_layer("shares").set_weights([kernel, sure])
         image = model.predict_on_batch(views)[0, ..., 0]
-        boxes = make_boxes()[:, :, 0, k]
-        mean = views[0].mean(axis=-1)
-        inside = convolve(np.ones_like(mean), boxes, mode="constant")  # part of a box in the image
-        blurred = convolve(mean, boxes, mode="constant") / inside
-        np.testing.assert_allclose(image, blurred, atol=1e-6)
+        np.testing.assert_allclose(image, blurred_mean(views[0], k), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "share"),
+    [(14.0, 15.0, expit(1.0)), (19.0, 20.0, expit(1.0)), (20.0, 1e4, 0.5), (-1e4, 0.0, 1.0)],
+)
+def test_logits_are_cut_off_at_20(first, second, share, rng):
+    """As sure of one box as can be, the network stays finite, and as sure of two it takes both."""
+    views = rng.uniform(size=(1, 16, 20, 9)).astype(np.float32)
+    model = build_aperturenet()
+    kernel, bias = model.get_layer("shares").get_weights()
+    logits = np.full(len(WIDTHS), -1e4)
+    logits[[1, 4]] = first, second
+    model.get_layer("shares").set_weights([kernel, np.repeat(logits, 4)])
+    image = model.predict_on_batch(views)[0, ..., 0]
+    expected = (1 - share) * blurred_mean(views[0], 1) + share * blurred_mean(views[0], 4)
+    np.testing.assert_allclose(image, expected, atol=1e-5)
+
+
+def test_training_starts_with_the_first_box_e4_times_as_heavy_as_another(rng):
+    views = rng.uniform(size=(1, 16, 20, 9)).astype(np.float32)
+    image = build_aperturenet().predict_on_batch(views)[0, ..., 0]
+    weights = np.array([np.exp(4.0), 1, 1, 1, 1, 1]) / (np.exp(4.0) + 5)
+    expected = sum(w * blurred_mean(views[0], k) for k, w in enumerate(weights))
+    np.testing.assert_allclose(image, expected, atol=1e-6)
 
 
 def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):

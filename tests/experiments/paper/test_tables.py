@@ -1,5 +1,6 @@
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from experiments.paper.tables import (
     COLUMNS,
     compare_with_paper,
     read_tables,
+    score_baselines,
     score_windows,
     table_markdown,
     windows_markdown,
@@ -44,6 +46,14 @@ def test_ssim_of_flat_images_is_its_luminance_term():
     assert ssim(flat[0], flat[0]) == pytest.approx(1)
 
 
+def test_ssim_of_colours_is_the_mean_over_the_channels(rng):
+    truth = rng.uniform(size=(20, 30, 3))
+    image = truth + rng.normal(scale=[0.01, 0.05, 0.2], size=truth.shape)
+    each = [ssim(truth[..., k], image[..., k]) for k in range(3)]
+    assert np.ptp(each) > 0.1
+    assert ssim(truth, image) == pytest.approx(np.mean(each), rel=1e-12)
+
+
 def test_psnr_over_lit_pixels_does_not_see_the_background(rng):
     """The same object and error, in a field nine times as large: PSNR alone rises, by 10 lg 9."""
     truth = rng.uniform(0.02, 1, size=(20, 30))
@@ -53,6 +63,32 @@ def test_psnr_over_lit_pixels_does_not_see_the_background(rng):
     assert psnr(wide, wide_image) == pytest.approx(psnr(truth, image) + 10 * np.log10(9))
     assert psnr_foreground(wide, np.where(wide > 0, wide, 0.5)) == np.inf
     assert np.isnan(psnr_foreground(np.full((5, 5), 0.01), truth[:5, :5]))
+
+
+def test_foreground_is_what_is_brighter_than_a_hundredth_of_the_peak():
+    """Of four pixels, two above: their errors of 0.1 and 0.3 make 10 lg (1 / 0.05) = 13.01 dB."""
+    truth = np.array([0.0099, 0.01, 0.0101, 0.9])
+    image = truth + np.array([0.7, 0.7, 0.1, -0.3])
+    assert psnr_foreground(truth, image) == pytest.approx(10 * np.log10(20), rel=1e-12)
+
+
+def test_the_mean_baseline_knows_the_training_images_alone(rng):
+    """Two training images of grey 0.2 and 0.6, a test image of 0.7: off by 0.3, whatever else."""
+    targets = np.empty((4, 2, 16, 20))
+    targets[:3] = np.array([0.2, 0.6, 0.7])[:, None, None, None]
+    targets[3] = rng.uniform(size=targets.shape[1:])  # neither of the two
+    inputs = np.full((4, 16, 20, 1), 0.1)
+    inputs[2] = 0.6
+    config = SimpleNamespace(depths_mm=[20.0, -10.0])
+    dataset = SimpleNamespace(targets=targets, inputs=inputs, config=config)
+    table = score_baselines(dataset, np.array([0, 1]), np.array([2]))
+    assert list(table.baseline) == 2 * ["mean of the training images"] + 2 * ["the input image"]
+    assert list(table.depth_mm) == 2 * [20.0, -10.0]
+    expected = np.repeat([-20 * np.log10(0.3), -20 * np.log10(0.1)], 2)
+    np.testing.assert_allclose(table.psnr_db, expected)
+    np.testing.assert_allclose(table.psnr_foreground_db, expected)
+    dataset.inputs = inputs[:, ::2]  # of another size, the input is no image to be compared
+    assert len(score_baselines(dataset, np.array([0, 1]), np.array([2]))) == 2
 
 
 def test_planes_without_lit_pixels_are_left_out_of_the_mean(rng):
