@@ -392,8 +392,8 @@ def _square_table(
         return None
     pixel = optics.camera.pixel_mm / optics.micro_image_mm
     return SquareTable(
-        pixel * y.along_pixel,
-        pixel * x.along_pixel,
+        -pixel * y.along_pixel,  # on upright images rays run the other way than on the sensor
+        -pixel * x.along_pixel,
         pixel / y.on_pixel * finite_width,
         pixel / x.on_pixel * finite_width,
         pixel,
