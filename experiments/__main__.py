@@ -4,6 +4,7 @@ import cloup
 
 from experiments.costs.commands import costs, latency
 from experiments.depth_test.commands import depth_test
+from experiments.effects.commands import effects
 from experiments.paper.commands import evaluate, slopes, tables
 from experiments.studies.commands import study
 from experiments.systems.commands import compare
@@ -21,6 +22,7 @@ The Make targets call these commands; `make help` lists them:
 
 SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
+    cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What accuracy costs in time", [costs, latency]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),

@@ -11,6 +11,7 @@ the scene: layers stand upright, and the sensor stands turned by 180 degrees aga
 """
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,7 @@ def trace_pixels(
     repeats: int = 8,
     seed: int = 0,
     real_square_stop: bool = False,
+    diffraction: Collection[str] = ("lenslet", "main_lens"),
 ) -> Traced:
     """Radiance of some pixels, by scrambled Sobol points.
 
@@ -67,17 +69,20 @@ def trace_pixels(
         Where the camera has no round aperture: a real square stop instead of the ideal one, as
         wide as aperture and lenslet together, matched to the array and turned with it. Each
         outermost pixel then has a ramp of light as wide as the lenslet's image, instead of an edge.
+    diffraction : collection of str, optional
+        Whose diffraction a camera with a `wavelength_nm` has: "lenslet", "main_lens", or both.
 
     Returns
     -------
     Traced
     """
+    thrown = frozenset(diffraction if camera.wavelength_nm is not None else ())
     found = np.empty((repeats, len(pixels)))
     for k, rng in enumerate(np.random.default_rng(seed).spawn(repeats)):
         sobol = qmc.Sobol(DIMENSIONS, seed=rng)
         numbers = sobol.random_base2(rays.bit_length() - 1)
         for i, pixel in enumerate(pixels):
-            found[k, i] = _one_pixel(scene, camera, pixel, numbers, real_square_stop)
+            found[k, i] = _one_pixel(scene, camera, pixel, numbers, real_square_stop, thrown)
     half_a_ray = sum(layer.texture.max() for layer in scene.layers) / 2 / len(numbers)
     scatter = np.hypot(found.std(axis=0, ddof=1), half_a_ray)
     return Traced(found.mean(axis=0), scatter / math.sqrt(repeats))
@@ -116,16 +121,16 @@ def pixel_places(camera: PlenopticCamera, pixel: ArrayLike, share: ArrayLike) ->
     return -(lenslet * camera.lenslet_pitch_mm * scale + view * camera.pixel_mm)
 
 
-def _one_pixel(scene, camera, pixel, numbers, real_square_stop) -> float:
+def _one_pixel(scene, camera, pixel, numbers, real_square_stop, thrown) -> float:
     """Mean over rays, of all lenslets together."""
     on_sensor = pixel_places(camera, pixel, numbers[:, :2])
-    if camera.wavelength_nm is not None:  # light that rays take there is thrown to here
+    if "lenslet" in thrown:  # light that rays take there is thrown to here
         on_sensor = on_sensor - _thrown_on_sensor(camera, numbers[:, 5:7])
     light, reach = 0.0, _reach(camera, real_square_stop)
     for down in range(-reach, reach + 1):
         for right in range(-reach, reach + 1):
             centre = _lenslet_centre(camera, on_sensor, (down, right))
-            light += _through(scene, camera, on_sensor, centre, numbers, real_square_stop)
+            light += _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown)
     return light
 
 
@@ -161,7 +166,7 @@ def _lenslet_centre(camera, on_sensor, further):
     return turned((index - offset) * _true_pitch(camera), camera.lenslet_rotation_rad)
 
 
-def _through(scene, camera, on_sensor, centre, numbers, real_square_stop) -> float:
+def _through(scene, camera, on_sensor, centre, numbers, real_square_stop, thrown) -> float:
     """Mean over rays through one lenslet for each."""
     side, angle = _true_pitch(camera), camera.lenslet_rotation_rad
     on_lenslet = centre + turned((numbers[:, 2:4] - 0.5) * side, angle)
@@ -176,7 +181,7 @@ def _through(scene, camera, on_sensor, centre, numbers, real_square_stop) -> flo
         weight = weight / (1 + np.sum(tilt**2, axis=1)) ** 2
     if not weight.any():
         return 0.0
-    if camera.wavelength_nm is not None:  # parallel to itself, as seen from the array
+    if "main_lens" in thrown:  # parallel to itself, as seen from the array
         on_main_lens = on_main_lens - _thrown_on_array(camera, numbers[:, 7:9])
     lit = weight > 0
     light = _radiance(
@@ -247,7 +252,8 @@ def _cross(bodies, origin, tilt, near, far):
         for axis in (0, 1):
             with np.errstate(divide="ignore", invalid="ignore"):
                 crossed = (origin[:, axis, None] - _edges(body, axis)) / tilt[:, axis, None]
-            cuts.append(np.clip(np.nan_to_num(crossed, nan=near), near, far))
+            crossed = np.clip(np.nan_to_num(crossed, nan=near), near, far)
+            cuts.append(crossed[:, np.any((crossed > near) & (crossed < far), axis=0)])
     cuts = np.sort(np.concatenate(cuts, axis=1), axis=1)
     length, middle = np.diff(cuts, axis=1), (cuts[:, 1:] + cuts[:, :-1]) / 2
     place = origin[:, None] - middle[..., None] * tilt[:, None]

@@ -1,0 +1,1 @@
+"""Every effect of the simulator in absolute terms, beside a reference tracer."""

@@ -1,0 +1,41 @@
+import json
+
+import pytest
+
+from experiments.effects import absolute, report
+from experiments.effects.absolute import effect_trials, measure_effect, measure_effects
+from experiments.effects.cameras import CAMERAS
+from lf_flame import PlenopticCamera, plan_effects
+from lf_flame.simulation.effects import EFFECTS
+
+SMALL = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (10, 10))
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_every_effect_has_a_trial_that_calls_for_it(camera):
+    trials = effect_trials(CAMERAS[camera])
+    assert list(trials) == list(EFFECTS)
+    for name, trial in trials.items():
+        assert plan_effects(trial.scene, trial.camera, absolute.TOLERANCE)[name].kept, name
+
+
+@pytest.mark.parametrize("name", ["defocus", "vignetting", "chromatic", "saturation", "read_noise"])
+def test_the_library_stands_beside_its_reference(name):
+    row = measure_effect(name, "small", effect_trials(SMALL)[name], rays=2**10)
+    allowed = 5 * row["reference_error"] + absolute.TOLERANCE
+    assert abs(row["difference"]) <= allowed
+    assert row["rms_difference"] <= allowed
+    assert 0 < row["change"] <= row["bound"]
+    assert row["looseness"] == pytest.approx(row["bound"] / row["change"])
+
+
+@pytest.mark.slow
+def test_the_report_has_a_row_for_each_effect_and_camera(tmp_path):
+    table, made = measure_effects(cameras={"small": SMALL}, rays=2**6)
+    path = report.write_report(tmp_path, table, made)
+    text = path.read_text()
+    assert all(f"| {name} " in text for name in EFFECTS)
+    record = json.loads((tmp_path / "absolute.json").read_text())
+    assert len(record["rows"]) == len(EFFECTS)
+    assert record["cameras"]["small"]["views"] == 3
+    assert (tmp_path / "absolute.csv").read_text().count("\n") == len(EFFECTS) + 1
