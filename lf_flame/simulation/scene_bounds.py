@@ -58,6 +58,8 @@ class SceneBounds:
         Radiance that a layer can hide or dim: of the layers whose light has to cross it.
     steps : mapping of (Layer, int) to LightSteps
         Largest changes of what a layer adds to or takes from the light, borders included.
+    defocus : bool
+        Whether a pixel's own width, which smooths what other effects change, is simulated.
     """
 
     camera: PlenopticCamera
@@ -68,6 +70,7 @@ class SceneBounds:
     peak: float
     behind: Mapping[Layer, float]
     steps: Mapping[tuple[Layer, int], LightSteps]
+    defocus: bool = True
 
     def relative(self, change: float) -> float:
         """Express a change of radiance relative to the brightest pixel."""
@@ -188,7 +191,8 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
     """Take the wider of the two boxes that a pixel's trapezoid is made of, in mm."""
     footprint = bounds.footprints[layer, axis]
-    return max(abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm))
+    pixel = abs(footprint.pixel_width_mm) if bounds.defocus else 0.0
+    return max(abs(footprint.lenslet_width_mm), pixel)
 
 
 def change_rate(steps: LightSteps, box: float) -> float:
