@@ -2,6 +2,7 @@
 
 import cloup
 
+from experiments.bounds.commands import bounds
 from experiments.costs.commands import costs, latency
 from experiments.depth_test.commands import depth_test
 from experiments.paper.commands import evaluate, slopes, tables
@@ -22,6 +23,7 @@ The Make targets call these commands; `make help` lists them:
 SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What accuracy costs in time", [costs, latency]),
+    cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
 ]

@@ -16,6 +16,7 @@ from lf_flame.simulation.bundle_shifts import focus_spread, pitch_shifts_mm, rot
 from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
+    dimmed_inside,
     displaced,
     lenslets_moved,
     smeared,
@@ -108,6 +109,7 @@ def _thickness(bounds: SceneBounds) -> Estimate:
             )
             change += min(moved, depth_change(bounds, layer))
             change += stopped_inside(bounds, layer) * layer.texture.max()
+            change += dimmed_inside(bounds, layer)
     if not thickest:
         return Estimate(0.0, "no layer has a thickness_mm")
     return Estimate(bounds.relative(change), f"{thickest:.3g} mm thick")

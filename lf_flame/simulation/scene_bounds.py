@@ -183,9 +183,21 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
     inside = 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
-        if other is layer or apart < (other.thickness_mm + layer.thickness_mm) / 2:
+        if other is layer or apart <= (other.thickness_mm + layer.thickness_mm) / 2:
             inside += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
     return min(inside, 1.0)
+
+
+def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
+    """Bound on the radiance of others that matter of a thick layer dims only where it is thick."""
+    if not layer.optical_thickness.any():
+        return 0.0
+    inside = 0.0
+    for other in bounds.layers:
+        apart = abs(other.depth_mm - layer.depth_mm)
+        if other is not layer and apart <= (other.thickness_mm + layer.thickness_mm) / 2:
+            inside += other.texture.max()
+    return float(-math.expm1(-layer.optical_thickness.max()) * inside)
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
