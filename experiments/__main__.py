@@ -2,6 +2,7 @@
 
 import cloup
 
+from experiments.bounds.commands import bounds
 from experiments.costs.commands import costs, latency
 from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
@@ -24,6 +25,7 @@ SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What accuracy costs in time", [costs, latency]),
+    cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
 ]

@@ -77,7 +77,22 @@ def farthest_move_mm(
     there = trace_footprint(camera, depth_mm, axis, focal_mm)
     widening = abs(there.lenslet_width_mm - here.lenslet_width_mm)
     widening += abs(there.pixel_width_mm - here.pixel_width_mm)
-    return float(np.abs(there.centres_mm - here.centres_mm).max()) + widening / 2
+    beyond = abs(there.shift_per_lenslet_shift - here.shift_per_lenslet_shift) * beyond_mm(camera)
+    return float(np.abs(there.centres_mm - here.centres_mm).max()) + widening / 2 + beyond
+
+
+def beyond_mm(camera: PlenopticCamera) -> float:
+    """How much farther from a micro-image's middle than nominal pixels lit ones can stand, in mm.
+
+    Where lenslets stand elsewhere than the sensor is read by, or the aperture is wide.
+    """
+    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
+    if not any(misplaced_mm(camera)) and widest == camera.aperture_mm:
+        return 0.0
+    lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
+    half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor
+    corner = 1 + abs(math.tan(camera.lenslet_rotation_rad)) + abs(camera.lenslet_pitch_error)
+    return corner * (half + camera.pixel_mm / 2) - (camera.views - 1) / 2 * camera.pixel_mm
 
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:

@@ -21,12 +21,20 @@ from lf_flame.simulation.bundle_shifts import (
 from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
+    dimmed_inside,
     displaced,
     lenslets_moved,
     smeared,
     stopped_inside,
 )
 from lf_flame.simulation.slabs import self_absorbed
+from lf_flame.simulation.spread_bounds import (
+    colour_change,
+    depth_change,
+    lenslet_blur_change,
+    main_lens_blur_change,
+    patch_change,
+)
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut, true_pitch_mm
 
 
@@ -54,6 +62,7 @@ def _defocus(bounds: SceneBounds) -> Estimate:
     """
     change, widest = 0.0, 0.0
     for layer in bounds.layers:
+        moved = 0.0
         for axis in (0, 1):
             # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
             seen = [
@@ -63,7 +72,8 @@ def _defocus(bounds: SceneBounds) -> Estimate:
             width = max(abs(footprint.pixel_width_mm) for footprint in seen)
             lenslet = min(abs(footprint.lenslet_width_mm) for footprint in seen)
             widest = max(widest, width)
-            change += displaced(bounds, layer, axis, width / 4, lenslet)
+            moved += displaced(bounds, layer, axis, width / 4, lenslet)
+        change += min(moved, patch_change(bounds, layer))
     words = f"a pixel's patch of the main lens blurs {widest:.3g} mm"
     return Estimate(bounds.relative(change), words)
 
@@ -99,9 +109,12 @@ def _thickness(bounds: SceneBounds) -> Estimate:
     for layer in bounds.layers:
         if layer.thickness_mm > 0:
             thickest = max(thickest, layer.thickness_mm)
-            for axis in (0, 1):
-                change += smeared(bounds, layer, axis, depth_mm=layer.thickness_mm)
+            moved = sum(
+                smeared(bounds, layer, axis, depth_mm=layer.thickness_mm) for axis in (0, 1)
+            )
+            change += min(moved, depth_change(bounds, layer))
             change += stopped_inside(bounds, layer) * layer.texture.max()
+            change += dimmed_inside(bounds, layer)
     if not thickest:
         return Estimate(0.0, "no layer has a thickness_mm")
     return Estimate(bounds.relative(change), f"{thickest:.3g} mm thick")
@@ -188,7 +201,8 @@ def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
     share = lenslet_share_leaving(camera)
     spread = camera.wavelength_nm * 1e-6 * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
     words = f"spread {spread * 1e3:.3g} um on pixels of {camera.pixel_mm * 1e3:.3g} um"
-    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
+    change = sum(lenslet_blur_change(bounds, layer) for layer in bounds.layers)
+    return Estimate(bounds.relative(min(share * bounds.brightest_raw, change)), words)
 
 
 def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
@@ -200,7 +214,8 @@ def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
     width = camera.aperture_diameter_mm or camera.aperture_mm
     spread = camera.wavelength_nm * 1e-6 * camera.image_distance_mm / width
     words = f"spread {spread * 1e3:.3g} um on lenslets of {camera.lenslet_pitch_mm * 1e3:.4g} um"
-    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
+    change = sum(main_lens_blur_change(bounds, layer) for layer in bounds.layers)
+    return Estimate(bounds.relative(min(share * bounds.brightest_raw, change)), words)
 
 
 def _lenslet_rotation(bounds: SceneBounds) -> Estimate:
@@ -229,9 +244,10 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     if not camera.chromatic_shift:
         return Estimate(0.0, "no chromatic_shift")
     band_mm = camera.chromatic_shift * camera.main_lens_focal_mm
-    change = sum(
-        smeared(bounds, layer, axis, focal_mm=band_mm) for layer in bounds.layers for axis in (0, 1)
-    )
+    change = 0.0
+    for layer in bounds.layers:
+        moved = sum(smeared(bounds, layer, axis, focal_mm=band_mm) for axis in (0, 1))
+        change += min(moved, colour_change(bounds, layer))
     words = f"focal length +-{band_mm / 2:.3g} mm"
     return Estimate(bounds.relative(change), words)
 

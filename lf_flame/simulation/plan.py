@@ -18,7 +18,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
-from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS, Estimate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.scene_bounds import (
@@ -29,6 +29,7 @@ from lf_flame.simulation.scene_bounds import (
     smeared,
 )
 from lf_flame.simulation.slabs import slab_edges, slice_scene
+from lf_flame.simulation.spread_bounds import colour_change, depth_change
 
 LEFT_OUT_SHARE = 0.25
 """Share of the tolerance that all effects left out may use up together."""
@@ -225,9 +226,17 @@ def plan_effects(
     forced = dict(effects or {})
     check_request(tolerance, forced)
     bounds = bound_scene(scene, camera)
-    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    allowance = LEFT_OUT_SHARE * tolerance
+    estimates, sharp = _estimate_changes(bounds, forced, allowance)
+    # Without defocus all else may change more, which leaving it out then costs too.
     changes = {name: estimate.bound for name, estimate in estimates.items()}
-    kept = _choose(changes, forced, LEFT_OUT_SHARE * tolerance)
+    changes["defocus"] += sum(
+        max(0.0, sharp[name].bound - estimate.bound) for name, estimate in estimates.items()
+    )
+    kept = _choose(changes, forced, allowance)
+    if "defocus" not in kept:
+        bounds, estimates = replace(bounds, defocus=False), sharp
+    changes = {name: estimate.bound for name, estimate in estimates.items()}
     slabs = [1] * len(scene.layers)
     if "thickness" in kept:
         slabs = _count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
@@ -242,6 +251,18 @@ def plan_effects(
         for name, e in estimates.items()
     )
     return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator)
+
+
+def _estimate_changes(
+    bounds: SceneBounds, forced: Mapping[str, bool], allowance: float
+) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Estimate what leaving out each effect costs, with defocus and, if that may go, without."""
+    estimates = {name: find(bounds) for name, find in EFFECTS.items()}
+    if forced.get("defocus", estimates["defocus"].bound > allowance):
+        return estimates, estimates
+    without = replace(bounds, defocus=False)
+    sharp = {name: find(without) for name, find in EFFECTS.items()}
+    return (sharp if "defocus" in forced else estimates), sharp
 
 
 def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
@@ -289,12 +310,13 @@ def _count_slabs(
     allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
 
     def change(layer: Layer, slabs: float) -> float:
-        return _sliced_change(
+        moved = _sliced_change(
             bounds,
             layer,
             slabs,
             lambda axis, n: smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / n),
         )
+        return moved if moved <= allowance else min(moved, depth_change(bounds, layer, slabs))
 
     def count(layer: Layer) -> int:
         if not layer.thickness_mm > 0:
@@ -332,8 +354,14 @@ def _count_colours(bounds: SceneBounds, tolerance: float) -> int:
         return smeared(bounds, layer, axis, focal_mm=band_mm / colours)
 
     def change(colours: int) -> float:
-        return sum(
+        moved = [
             _sliced_change(bounds, layer, colours, partial(smear, layer)) for layer in bounds.layers
+        ]
+        if sum(moved) <= allowance:
+            return sum(moved)
+        return sum(
+            min(one, colour_change(bounds, layer, colours))
+            for one, layer in zip(moved, bounds.layers, strict=True)
         )
 
     return _count_parts(change, allowance, "chromatic", tolerance)

@@ -59,6 +59,8 @@ class SceneBounds:
         Radiance that a layer can hide or dim: of the layers whose light has to cross it.
     steps : mapping of (Layer, int) to LightSteps
         Largest changes of what a layer adds to or takes from the light, borders included.
+    defocus : bool
+        Whether a pixel's own width, which smooths what other effects change, is simulated.
     """
 
     camera: PlenopticCamera
@@ -69,6 +71,7 @@ class SceneBounds:
     peak: float
     behind: Mapping[Layer, float]
     steps: Mapping[tuple[Layer, int], LightSteps]
+    defocus: bool = True
 
     def relative(self, change: float) -> float:
         """Express a change of radiance relative to the brightest pixel."""
@@ -175,15 +178,28 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
     inside = 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
-        if other is layer or apart < (other.thickness_mm + layer.thickness_mm) / 2:
+        if other is layer or apart <= (other.thickness_mm + layer.thickness_mm) / 2:
             inside += float(np.max(other.opacity)) - math.expm1(-other.optical_thickness.max())
     return min(inside, 1.0)
+
+
+def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
+    """Bound on the radiance of others that matter of a thick layer dims only where it is thick."""
+    if not layer.optical_thickness.any():
+        return 0.0
+    inside = 0.0
+    for other in bounds.layers:
+        apart = abs(other.depth_mm - layer.depth_mm)
+        if other is not layer and apart <= (other.thickness_mm + layer.thickness_mm) / 2:
+            inside += other.texture.max()
+    return float(-math.expm1(-layer.optical_thickness.max()) * inside)
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
     """Take the wider of the two boxes that a pixel's trapezoid is made of, in mm."""
     footprint = bounds.footprints[layer, axis]
-    return max(abs(footprint.lenslet_width_mm), abs(footprint.pixel_width_mm))
+    pixel = abs(footprint.pixel_width_mm) if bounds.defocus else 0.0
+    return max(abs(footprint.lenslet_width_mm), pixel)
 
 
 def change_rate(steps: LightSteps, box: float) -> float:

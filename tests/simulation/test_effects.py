@@ -1,5 +1,7 @@
 """The claim of the effect plan: what it leaves out changes the image by no more than it says."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
@@ -24,10 +26,19 @@ def small(views=4, **changes):
 
 APERTURE_MM = small().aperture_mm
 
+ROUNDING = 1e-6
+"""Of float32 images, relative to the brightest pixel."""
+
 
 def glow(depth=10.0, size=(1.6, 1.8), centre=(0.05, -0.1), cells=(8, 9), **matter):
     rng = np.random.default_rng(5)
     return Layer(rng.uniform(0.2, 1.0, cells), depth, size, centre, **matter)
+
+
+def mound(depth):
+    """A texture so smooth that it hardly blurs."""
+    profile = np.hanning(402)[1:-1]
+    return Layer(np.outer(profile, profile), depth, (40.0, 40.0))
 
 
 def change(scene, camera, one, other, **options):
@@ -63,7 +74,7 @@ NEEDS = {
 """A scene that calls for each effect."""
 
 SPARES = {
-    "defocus": (Scene([glow(0.0)]), small()),
+    "defocus": (Scene([mound(0.3)]), small()),
     "occlusion": (
         Scene([glow(20.0), Layer([[0.3]], -10.0, (0.2, 0.2), (0.6, 5.5), opaque=True)]),
         small(lenslets=(10, 110)),
@@ -80,11 +91,18 @@ SPARES = {
     "lenslet_pitch_error": (Scene([glow()]), small(lenslet_pitch_error=1e-6)),
     "chromatic": (Scene([glow()]), small(chromatic_shift=1e-7)),
     "shot_noise": (Scene([glow()]), small(sensor=Sensor(1e9, full_well_e=1e10, bits=16))),
-    "read_noise": (Scene([glow()]), small(sensor=Sensor(1e5, full_well_e=1e6))),
+    "read_noise": (Scene([glow()]), small(sensor=Sensor(1e5, 1e6, read_noise_e=1.0))),
     "quantisation": (Scene([glow()]), small(sensor=Sensor(1e4, full_well_e=1e4, bits=16))),
     "saturation": (Scene([glow()]), small(sensor=Sensor(1e3))),
 }
-"""One that has the effect's cause, mostly, but does not call for it."""
+"""One that does not call for it: of the effect's cause there is little."""
+
+ABSENT = (
+    "occlusion", "round_aperture", "vignetting", "lenslet_diffraction", "main_lens_diffraction",
+    "saturation",
+)  # fmt: skip
+"""Effects that cannot be had in small amounts: their spare scenes do without. (Kernels leave out
+up to a share of the light, and are a point for such short waves.)"""
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -95,9 +113,9 @@ def test_a_scene_that_calls_for_an_effect_gets_it(name):
     off = {name: False}
     if name == "round_aperture":
         off["f_number_mismatch"] = False
-    largest, _ = change(scene, camera, None, off, tolerance=0.01)
+    largest, rms = change(scene, camera, None, off, tolerance=0.01)
     assert largest > 1e-3  # the image does change
-    assert largest <= planned.bound or name.endswith("noise")
+    assert (rms if name.endswith("noise") else largest) <= planned.bound
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -107,8 +125,12 @@ def test_a_scene_that_does_not_call_for_an_effect_does_not_get_it(name):
     assert not planned.kept
     quiet = {stage: False for stage in STAGES if stage != name}
     fixed = {"integrator": "rays", "rays": 60} if name == "lenslet_rotation" else {}
-    _, rms = change(scene, camera, quiet, {**quiet, name: True}, **fixed)
-    assert rms <= planned.bound + 1e-6
+    largest, rms = change(scene, camera, {**quiet, name: False}, {**quiet, name: True}, **fixed)
+    if name in ABSENT:
+        assert largest == planned.bound == 0
+    else:
+        found = rms if name.endswith("noise") else largest
+        assert 0 < found <= planned.bound + ROUNDING
 
 
 def layers():
@@ -161,64 +183,73 @@ def cameras():
     )
 
 
-def drawn_plan(layers, camera, tolerance):
-    """A plan, or None where what was drawn is refused in one sentence."""
-    try:
-        return plan_effects(Scene(layers), camera, tolerance)
-    except InputError:  # opaque layers that overlap at one depth, or too many slabs
-        return None
-
-
-def rms_change(scene, camera, decided, changed, options):
+def largest_change(scene, camera, decided, changed, options):
     one, other = (
         render(scene, camera, effects=forced, **options).views.astype(float)
         for forced in (decided, changed)
     )
-    return np.sqrt(np.mean((one - other) ** 2)) / max(one.max(), other.max(), 1e-300)
+    return np.abs(one - other).max() / max(one.max(), other.max(), 1e-300)
 
 
-@given(drawn=st.lists(layers(), min_size=1, max_size=3), camera=cameras(), seed=st.integers(0, 99))
-@settings(
-    max_examples=30,
-    deadline=None,
-    suppress_health_check=list(HealthCheck),
-    phases=[Phase.generate],
-)
-def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound(drawn, camera, seed):
-    tolerance = 0.1
-    plan = drawn_plan(drawn, camera, tolerance)
-    if plan is None:
-        return
+def changes_left_out(drawn, camera, seed, tolerance=0.1):
+    """Each effect that a plan leaves out, and its largest change of a pixel; at last, of all."""
     scene, silent = Scene(drawn), dict.fromkeys(STAGES, False)
+    plan = plan_effects(scene, camera, tolerance)
     decided = {effect.name: effect.kept for effect in plan.effects} | silent
     options = {"tolerance": tolerance, "seed": seed}
 
     def by_rays(changed, most):
         """The change, by as few rays as show it to be at most `most`: few rays have an error."""
         for rays in (20, 80, 320):
-            found = rms_change(
-                scene, camera, decided, changed, options | {"integrator": "rays", "rays": rays}
-            )
+            fixed = options | {"integrator": "rays", "rays": rays}
+            found = largest_change(scene, camera, decided, changed, fixed)
             if found <= most:
                 break
         return found
 
     left_out = [effect for effect in plan.effects if not effect.kept and effect.bound > 0]
     for effect in left_out:
-        if effect.name == "f_number_mismatch" and not decided["round_aperture"]:
-            continue  # they are one stop
+        if effect.name in STAGES or (
+            effect.name == "f_number_mismatch" and not decided["round_aperture"]
+        ):
+            continue  # noise has a bound of its mean; the others are one stop
         changed = {**decided, effect.name: True}
-        # What dims, turns or slices moves the rays too, and their error with them.
-        moves_rays = effect.name in (*MATTER, "lenslet_rotation", "thickness")
         if plan.traced or effect.name in (*MATTER, *RAYS):  # both images by the same rays
-            most = effect.bound + (1e-3 if moves_rays else 1e-6)
-            found = by_rays(changed, most)
+            yield effect.name, by_rays(changed, effect.bound), effect.bound
         else:
-            most = effect.bound + 1e-6
-            found = rms_change(scene, camera, decided, changed, options)
-        assert found <= most, effect
-    everything = decided | {effect.name: True for effect in left_out}
-    assert by_rays(everything, tolerance) <= tolerance
+            found = largest_change(scene, camera, decided, changed, options)
+            yield effect.name, found, effect.bound
+    lossy = [effect for effect in left_out if effect.name not in STAGES]
+    everything = decided | {effect.name: True for effect in lossy}
+    bound = sum(effect.bound for effect in lossy)
+    yield "everything", by_rays(everything, bound), bound
+
+
+def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
+    """Every pixel; what is drawn and then refused is counted, and rare."""
+    seen, refused = Counter(), []
+
+    @given(
+        drawn=st.lists(layers(), min_size=1, max_size=3), camera=cameras(), seed=st.integers(0, 99)
+    )
+    @settings(
+        max_examples=30,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        phases=[Phase.generate],
+    )
+    def check(drawn, camera, seed):
+        try:
+            for name, found, bound in changes_left_out(drawn, camera, seed):
+                seen[name] += 1
+                assert found <= bound + ROUNDING, (name, found, bound)
+        except InputError as error:
+            refused.append(str(error))
+
+    check()
+    assert len(refused) <= 6, refused  # tolerances out of reach, surfaces at one place
+    assert sum(seen.values()) > 40
+    assert len(seen) >= 8, seen
 
 
 @given(

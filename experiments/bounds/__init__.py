@@ -1,0 +1,1 @@
+"""The bounds of the effect plan against images of random scenes, recorded."""

@@ -1,0 +1,133 @@
+"""Random scenes and cameras with every imperfection, and by how much each effect changes them."""
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import STAGES, Sensor
+from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.rendering import render
+
+TOLERANCE = 0.05
+"""Of the plans whose decisions the images follow."""
+
+RAY_COUNTS = (12, 36, 108)
+"""Rays per pixel and axis that are tried where only rays show an effect: few have an error."""
+
+ROUNDING = 1e-6
+"""Of float32 images, relative to the brightest pixel."""
+
+
+def draw_scene(rng: np.random.Generator) -> tuple[Scene, PlenopticCamera]:
+    """Draw one to three layers, flames or rough textures, and a small camera.
+
+    Each imperfection of the camera, and each property of matter, is there about every second time.
+
+    Raises
+    ------
+    InputError
+        If what was drawn cannot be, such as two surfaces at one place.
+    """
+    camera = _draw_camera(rng)
+    return Scene([_draw_layer(rng) for _ in range(rng.integers(1, 4))]), camera
+
+
+def _draw_camera(rng: np.random.Generator) -> PlenopticCamera:
+    def maybe(value, otherwise=None):
+        return value if rng.random() < 0.5 else otherwise
+
+    sensors = Sensor(1e4), Sensor(1e4, full_well_e=6e3), Sensor(1e8, 1e10, 16, 0.1)
+    return PlenopticCamera(
+        main_lens_focal_mm=rng.uniform(120, 180),
+        focus_distance_mm=326.0,
+        lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112,
+        views=int(rng.integers(1, 6)),
+        lenslets=(10, 12),
+        aperture_diameter_mm=maybe(rng.uniform(60, 95)),
+        rim_diameter_mm=maybe(rng.uniform(50, 140)),
+        rim_distance_mm=rng.uniform(0, 30),
+        wavelength_nm=maybe(rng.uniform(450, 700)),
+        chromatic_shift=maybe(10 ** rng.uniform(-5, -2), 0.0),
+        lenslet_rotation_rad=maybe(10 ** rng.uniform(-6, -2), 0.0),
+        lenslet_pitch_error=maybe(10 ** rng.uniform(-6, -2), 0.0),
+        falloff_corrected=bool(rng.random() < 0.5),
+        sensor=maybe(sensors[rng.integers(3)]),
+    )
+
+
+def _draw_layer(rng: np.random.Generator) -> Layer:
+    place = {"depth_mm": rng.uniform(-20, 30), "centre_mm": rng.uniform(-0.4, 0.4, 2)}
+    kind = rng.choice(["flame", "noise", "card"])
+    if kind == "card":
+        return Layer(rng.uniform(size=(3, 4)), size_mm=(0.8, 0.9), opaque=True, **place)
+    matter = {"thickness_mm": rng.choice([0.0, 10 ** rng.uniform(-4, 1)])}
+    matter["optical_thickness"] = rng.choice([0.0, 10 ** rng.uniform(-5, 0)])
+    if kind == "noise":
+        cells = rng.integers(1, 16, 2)
+        return Layer(rng.uniform(size=cells), size_mm=(1.2, 1.4), **place, **matter)
+    height, radius = rng.uniform(3, 20), rng.uniform(0.8, 3)
+    texture = flame_texture(height, radius, draw_wrinkles(rng), 0.06 * radius, 0.04)
+    return Layer(texture, size_mm=(height, 2 * HALF_WIDTH * radius), **place, **matter)
+
+
+def measure_scene(seed: int, number: int) -> dict:
+    """Plan a scene, and force each effect that arises against what was decided.
+
+    Returns
+    -------
+    dict
+        ``scene``, its number; ``refused``, a sentence or None; ``effects``, for each that has a
+        bound: its name, ``bound``, ``change``, ``error`` of the rays that showed it (0 without
+        rays) and, where an image was refused, ``refused``.
+    """
+    rng = np.random.default_rng([seed, number])
+    record: dict = {"scene": number, "refused": None, "effects": []}
+    try:
+        scene, camera = draw_scene(rng)
+        plan = plan_effects(scene, camera, TOLERANCE)
+    except InputError as error:
+        return record | {"refused": str(error)}
+    decided = {effect.name: effect.kept for effect in plan.effects} | dict.fromkeys(STAGES, False)
+    for effect in plan.effects:
+        silent = effect.name in ("shot_noise", "read_noise", "quantisation")  # bounds of a mean
+        stopped = effect.name == "f_number_mismatch" and not decided["round_aperture"]
+        if not np.isfinite(effect.bound) or effect.bound == 0 or silent or stopped:
+            continue
+        line = {"effect": effect.name, "bound": float(effect.bound), "change": None, "error": 0.0}
+        off = {"f_number_mismatch": False} if effect.name == "round_aperture" else {}
+        states = [decided | off | {effect.name: on} for on in (False, True)]
+        try:
+            line["change"], line["error"] = _largest_change(scene, camera, states, effect.bound)
+        except InputError as error:
+            line["refused"] = str(error)
+        record["effects"].append(line)
+    return record
+
+
+def _largest_change(
+    scene: Scene, camera: PlenopticCamera, states: list[dict[str, bool]], bound: float
+) -> tuple[float, float]:
+    """Largest change of a pixel between two states, and the error of the rays that showed it.
+
+    Both are relative to the brightest pixel. Where a state takes rays, both images do, by as few as
+    show the change to be within the bound; their error is how far fewer rays were off.
+    """
+    rays = any(plan_effects(scene, camera, TOLERANCE, state).traced for state in states)
+    before: list[np.ndarray] = []
+    for count in RAY_COUNTS if rays else (None,):
+        fixed = {"integrator": "rays", "rays": count} if rays else {}
+        images = [
+            render(scene, camera, TOLERANCE, effects=state, seed=1, **fixed).views.astype(float)
+            for state in states
+        ]
+        peak = max(image.max() for image in images) or 1.0
+        change = float(np.abs(images[0] - images[1]).max() / peak)
+        pairs = zip(images, before, strict=False)
+        error = max((float(np.abs(one - other).max() / peak) for one, other in pairs), default=0.0)
+        if change <= bound + ROUNDING:
+            break
+        before = images
+    return change, error

@@ -1,0 +1,92 @@
+"""Table and record of the bounds against random scenes (`experiments.bounds.random_scenes`)."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import read_json, write_json, write_text
+
+SAVED_EVERY = 10
+"""Scenes after which the record is written, so that a stopped run goes on from there."""
+
+
+def run_bounds(scenes: int, seed: int, out: Path, progress) -> Path:
+    """Measure random scenes, those that a record in `out` holds left aside, and write the report.
+
+    Parameters
+    ----------
+    scenes, seed : int
+    out : Path
+        Gets ``bounds.json``, the record, ``bounds.csv`` and ``bounds.md``.
+    progress : callable
+        As `lf_flame._common.progress.step_bar`.
+
+    Returns
+    -------
+    Path
+        ``bounds.md``.
+    """
+    path = out / "bounds.json"
+    found = read_json(path)["scenes"][:scenes] if path.exists() else []
+    if found and read_json(path)["seed"] != seed:
+        found = []
+    todo: Iterable[int] = range(len(found), scenes)
+    for number in progress(todo, len(found), scenes):
+        found.append(measure_scene(seed, number))
+        if len(found) % SAVED_EVERY == 0:
+            _save(path, seed, found)
+    _save(path, seed, found)
+    table = tabulate(found)
+    write_text(out / "bounds.csv", table.to_csv(index=False))
+    write_text(out / "bounds.md", text(table, found))
+    return out / "bounds.md"
+
+
+def _save(path: Path, seed: int, found: Sequence[dict]) -> None:
+    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": list(found)}
+    write_json(path, record | provenance.environment())
+
+
+def tabulate(found: Sequence[dict]) -> pd.DataFrame:
+    """For each effect: how often it was held against its bound, and bound over change.
+
+    Where an effect changes nothing, there is a number but no ratio.
+    """
+    lines = [line for scene in found for line in scene["effects"]]
+    rows = []
+    for effect, group in pd.DataFrame(lines).groupby("effect", sort=False) if lines else ():
+        held = group[group.change.notna()].astype({"change": float})
+        ratios = (held.bound / held.change)[held.change > ROUNDING]
+        rows.append(
+            {
+                "effect": effect,
+                "number": len(held),
+                "smallest": ratios.min(),
+                "median": ratios.median(),
+                "largest": ratios.max(),
+                "refused": len(group) - len(held),
+                "violations": int((held.change > held.bound + held.error + ROUNDING).sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def text(table: pd.DataFrame, found: Sequence[dict]) -> str:
+    """Put the table, and what it means, into Markdown."""
+    refused = sum(scene["refused"] is not None for scene in found)
+    shown = table.copy()
+    for column in ("smallest", "median", "largest"):
+        shown[column] = [f"{value:.3g}" for value in table[column]]
+    return "\n\n".join(
+        [
+            "# Bounds against the largest change of a pixel",
+            f"{len(found)} random scenes, of which {refused} were refused; bound over change, "
+            "where the image changed by more than float32 rounds. An effect was forced on or off "
+            "against what its scene's plan had decided, all else left as decided. A violation is a "
+            "change above the bound and the error of the rays that showed it.",
+            shown.to_markdown(index=False, disable_numparse=True),
+        ]
+    ) + "\n"  # fmt: skip

@@ -1,0 +1,54 @@
+"""`python -m experiments bounds`: scenes drawn from a seed, a record that goes on, a table."""
+
+import json
+
+import numpy as np
+from click.testing import CliRunner
+
+from experiments.__main__ import commands
+from experiments.bounds.random_scenes import draw_scene, measure_scene
+from experiments.bounds.report import tabulate
+from lf_flame import InputError
+
+
+def test_a_run_goes_on_where_it_was_stopped(tmp_path):
+    def run(scenes):
+        arguments = ["bounds", "--out", str(tmp_path), "--scenes", str(scenes), "--seed", "3"]
+        CliRunner().invoke(commands, arguments, catch_exceptions=False)
+        return json.loads((tmp_path / "bounds.json").read_text())["scenes"]
+
+    first = run(2)
+    again = run(3)
+    assert again[:2] == first
+    assert again[2] == measure_scene(3, 2)
+    table = (tmp_path / "bounds.md").read_text()
+    assert "3 random scenes" in table
+    assert (tmp_path / "bounds.csv").read_text().startswith("effect,number,smallest,median")
+
+
+def test_every_imperfection_is_drawn():
+    drawn = []
+    for number in range(40):
+        try:
+            drawn.append(draw_scene(np.random.default_rng([0, number])))
+        except InputError:
+            continue
+    cameras = [camera for _, camera in drawn]
+    layers = [layer for scene, _ in drawn for layer in scene.layers]
+    for name in ("aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm", "chromatic_shift",
+                 "lenslet_rotation_rad", "lenslet_pitch_error", "sensor"):  # fmt: skip
+        stated = [bool(getattr(camera, name)) for camera in cameras]
+        assert 0.2 < np.mean(stated) < 0.8
+    assert any(layer.opaque for layer in layers)
+    assert any(layer.thickness_mm > 1 for layer in layers)
+    assert any(layer.optical_thickness.max() > 0.1 for layer in layers)
+
+
+def test_the_table_counts_violations_and_refusals():
+    lines = [("cos4", 0.2, 0.1), ("cos4", 0.1, 0.11), ("cos4", 0.1, None), ("cos4", 0.1, 0.0)]
+    names = ("effect", "bound", "change", "error")
+    found = [{"effects": [dict(zip(names, (*line, 0.001), strict=True))]} for line in lines]
+    row = tabulate(found).iloc[0]
+    assert (row.number, row.refused, row.violations) == (3, 1, 1)
+    assert row.largest == 2
+    assert row.smallest == 0.1 / 0.11
