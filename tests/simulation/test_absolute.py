@@ -133,16 +133,6 @@ QUICK = {
 """Pairs that the quick suite runs too, beside all effects by themselves."""
 
 NOT_YET = {
-    "a pixel is lit through the lenslet it is named after": {
-        "turned", "stretched", "shrunk", "occlusion, turned", "absorption, stretched",
-        "thickness, stretched", "falloff, stretched", "falloff, turned", "turned, round",
-        "turned, rim", "stretched, round", "turned, stretched", "colour, turned",
-        "long, stretched", "long, turned", "long, white, stretched", "long, white, turned",
-        "small pixels, turned",
-    },
-    "falloff is that of a central ray through the pixel's own lenslet": {
-        "falloff", "occlusion, falloff", "falloff, wide",
-    },
     "light is taken as even over each pixel, and pixels as touching, before it is blurred": {
         "diffraction", "diffraction, small pixels",
     },
@@ -196,7 +186,6 @@ def rms_error(scene, camera, tolerance, count=80):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="three counts of rays agree that do not refine the lenslet")
 def test_the_tolerance_is_met_in_a_thick_absorber():
     rng = np.random.default_rng(2)
     cells = (5, 6)
