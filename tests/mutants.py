@@ -53,7 +53,7 @@ CORE = {
     "lightfield.py": (),
     "optics/camera.py": ("stability/test_conjugates.py", "stability/test_ray_bundle.py"),
     "optics/diffraction.py": (),
-    "optics/ray_bundle.py": ("stability/test_ray_bundle.py", "simulation/test_rendering.py"),
+    "optics/ray_bundle.py": ("stability/test_ray_bundle.py", *SIMULATION),
     "optics/ray_transfer.py": (),
     "optics/sensor.py": (),
     "optics/slope_conventions.py": (),
