@@ -171,33 +171,23 @@ def _whole(squares, down, right):
     return squares is not None and max(abs(down), abs(right)) < 0.5 - 0.75 * squares.pixel
 
 
-def _lit_middle(squares, position):
-    """Middle of the part of a pixel that lies in a square micro-image, from the pixel's own."""
-    if squares is None:
-        return 0.0
-    half = squares.pixel / 2
-    low, high = max(-0.5 - position, -half), min(0.5 - position, half)
-    return (low + high) / 2
-
-
-def _shade(falloff, tilt, down, right, a, c, b, d):
-    """Mean of cos^4 over the angles at which a pixel's rays leave the main lens.
-
-    By the mean and the variance of the squared tangents over the pixel's patch of the main lens.
-    down, right: to be added to the tangents of its central ray, where lenslets stand elsewhere.
-    """
+def _shade(falloff, a, c, b, d):
+    """Mean of cos^4 over the angles at which a pixel's rays leave the main lens."""
     if falloff is None:
         return 1.0
-    if tilt is None:
-        squared = falloff.rows[a, c] + falloff.columns[b, d]
-    else:
-        down += falloff.rows[a, c] + tilt.rows[b, d]
-        right += falloff.columns[b, d] + tilt.columns[a, c]
-        squared = down * down + right * right
-    patch = falloff.patch
-    cos2 = 1.0 / (1.0 + squared + patch)
-    variance = patch * (2.0 * squared + 0.4 * patch)
-    return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
+    return cos4(falloff.rows[a, c] + falloff.columns[b, d], falloff.patch)
+
+
+def _shade_ray(falloff, tilt, m, n, a, c, i, b, d, j):
+    """Mean of cos^4 over a ray's box, through a lenslet m and n pitches further on."""
+    if falloff is None:
+        return 1.0
+    down = falloff.rows[a, c] + falloff.down[i]
+    right = falloff.columns[b, d] + falloff.right[j]
+    if tilt is not None:
+        down += tilt.rows[b, d] + m * tilt.pitch
+        right += tilt.columns[a, c] + n * tilt.pitch
+    return cos4(down * down + right * right, falloff.patch)
 
 
 def _both(shaded, a, c, b, d):
@@ -208,31 +198,21 @@ def _both(shaded, a, c, b, d):
     return rows[a, c] and columns[b, d]
 
 
-def _tilted(tilt, squares, pitches, position):
-    """Tangent that a lenslet some pitches further on adds to a pixel's central ray."""
-    if tilt is None:
-        return 0.0
-    return pitches * tilt.pitch + lit_middle(squares, position) * tilt.micro_image
+def _cos4(squared, patch):
+    """Mean of cos^4 over a patch of the main lens about a place of such a squared tangent.
+
+    By the mean and the variance of the squared tangents over the patch, of a width w along both
+    axes: ``w^2 / 6`` more than in its middle, which is `patch`, and ``r w^2 / 3 + w^4 / 90``.
+    """
+    cos2 = 1.0 / (1.0 + squared + patch)
+    variance = patch * (2.0 * squared + 0.4 * patch)
+    return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
 
 
 def _bundle(
-    planes,
-    transmission,
-    rays,
-    shifts,
-    stop,
-    second,
-    squares,
-    micro_images,
-    m,
-    n,
-    down,
-    right,
-    a,
-    c,
-    b,
-    d,
-):
+    planes, transmission, rays, shifts, stop, second, squares, micro_images, falloff, tilt,
+    m, n, down, right, a, c, b, d
+):  # fmt: skip
     """Sum over the rays of a pixel through one lenslet."""
     light = 0.0
     for i in range(rays.rows.shape[3]):
@@ -240,6 +220,7 @@ def _bundle(
             weight = passes(stop, second, shifts, m, n, a, c, i, b, d, j)
             weight *= inside(squares, micro_images, down, right, i, j)
             if weight != 0.0:
+                weight *= shade_ray(falloff, tilt, m, n, a, c, i, b, d, j)
                 light += weight * radiance_shifted(
                     planes, transmission, rays, shifts, m, n, a, c, i, b, d, j
                 )
@@ -247,21 +228,9 @@ def _bundle(
 
 
 def _through_lenslets(
-    planes,
-    transmission,
-    rays,
-    shifts,
-    stop,
-    second,
-    micro_images,
-    squares,
-    falloff,
-    tilt,
-    a,
-    c,
-    b,
-    d,
-):
+    planes, transmission, rays, shifts, stop, second, micro_images, squares, falloff, tilt,
+    a, c, b, d
+):  # fmt: skip
     """Light of a pixel through every lenslet that can send it any."""
     light = 0.0
     down, right = on_array(micro_images, a, c, b, d)
@@ -270,18 +239,15 @@ def _through_lenslets(
         for h in range(math.ceil(right - reach), math.floor(right + reach) + 1):
             m, n = k * cosine + h * sine, h * cosine - k * sine
             if whole(squares, down - k, right - h):
-                through = bundle(
+                light += bundle(
                     planes, transmission, rays, shifts, stop, second, None, micro_images,
-                    m, n, down - k, right - h, a, c, b, d
+                    falloff, tilt, m, n, down - k, right - h, a, c, b, d
                 )  # fmt: skip
             else:
-                through = bundle(
+                light += bundle(
                     planes, transmission, rays, shifts, stop, second, squares, micro_images,
-                    m, n, down - k, right - h, a, c, b, d
+                    falloff, tilt, m, n, down - k, right - h, a, c, b, d
                 )  # fmt: skip
-            tilt_y = tilted(tilt, squares, m, down - k)
-            tilt_x = tilted(tilt, squares, n, right - h)
-            light += through * shade(falloff, tilt, tilt_y, tilt_x, a, c, b, d)
     return light
 
 
@@ -309,10 +275,11 @@ def _trace_planes(planes, rays, weights, stop, second, falloff, seen, share, out
                 for i in range(rays_y):
                     for j in range(rays_x):
                         weight = passes(stop, second, None, 0.0, 0.0, a, c, i, b, d, j)
+                        weight *= shade_ray(falloff, None, 0.0, 0.0, a, c, i, b, d, j)
                         light += weight * radiance(
                             planes, planes.transmission, rays, weights, a, c, i, b, d, j
                         )
-                out[a, b, c, d] += light * share * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+                out[a, b, c, d] += light * share
 
 
 def _trace_lenslets(
@@ -358,7 +325,7 @@ def _add_polygons(planes, rows, columns, falloff, out):
                             clear *= planes.transmission[at]
                         line += radiance
                     light += rows.areas[i] * line
-                out[a, b, c, d] += light * shade(falloff, None, 0.0, 0.0, a, c, b, d)
+                out[a, b, c, d] += light * shade(falloff, a, c, b, d)
 
 
 def _integrate_columns(texture, start, weight, first, last, out):
@@ -406,18 +373,16 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, shaded, 
                             inside[d] += w * cells[d]
             for d in range(low, high):
                 if not both(shaded, a, c, b, d):
-                    out[a, b, c, d] += out.dtype.type(
-                        total[d] * shade(falloff, None, 0.0, 0.0, a, c, b, d)
-                    )
+                    out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
 
 
 # Each is compiled where it is called, for the types that it meets there. What is called for each
 # ray has no loop and no early return where it can do without: Numba then need not count references
 # to the tables' arrays, which would cost several times the work itself.
 whole = njit(_whole)
-lit_middle = njit(_lit_middle)
-tilted = njit(_tilted)
+cos4 = njit(_cos4)
 shade = njit(_shade)
+shade_ray = njit(_shade_ray)
 both = njit(_both)
 overlap = njit(_overlap)
 crossing = njit(_crossing)

@@ -114,7 +114,7 @@ class OpticalPass:
         Of an array that is not turned.
         """
         if not self.every_lenslet:
-            return [(0, 0)]
+            return [self.neighbour]
         # Squares that only touch do not meet.
         reach = self.micro_image_reach_mm / self.micro_image_mm - 1e-9
         rows, columns = (
@@ -177,26 +177,13 @@ class OpticalPass:
             for axis in (0, 1):
                 tangents[axis] += self.lit_parts(axis)[0] / self.camera.lenslet_focal_mm
         rows, columns = (arrange(table, layout) for table in tangents)
-        return FalloffTable(rows**2, columns**2, self._patch)
+        patch = (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6
+        return FalloffTable(rows**2, columns**2, patch)
 
-    def tilt_tables(self, layout: str) -> tuple[FalloffTable, TiltTable] | tuple[None, None]:
-        """Tangents that are not squared, and what misplaced lenslets add to them."""
-        if not self.falloff:
-            return None, None
+    def tilt_table(self, layout: str) -> TiltTable:
+        """Add to the rays' tangents what misplaced lenslets do."""
         views, focal_mm = self.camera.views, self.camera.lenslet_focal_mm
-        rows, columns = (arrange(self.tangents(axis), layout) for axis in (0, 1))
-        turned_rows, turned_columns = (
+        rows, columns = (
             arrange(np.tile(-self.skew_mm(axis) / focal_mm, (views, 1)), layout) for axis in (0, 1)
         )
-        tilt = TiltTable(
-            turned_rows,
-            turned_columns,
-            pitch=-self.lenslet_pitch_mm / focal_mm,
-            micro_image=self.micro_image_mm / focal_mm,
-        )
-        return FalloffTable(rows, columns, self._patch), tilt
-
-    @property
-    def _patch(self) -> float:
-        """Mean of the squared tangents over a pixel's patch of the main lens, from its middle."""
-        return (self.camera.pixel_mm / self.camera.lenslet_focal_mm) ** 2 / 6
+        return TiltTable(rows, columns, -self.lenslet_pitch_mm / focal_mm)

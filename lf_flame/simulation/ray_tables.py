@@ -118,16 +118,13 @@ class StopTable(NamedTuple):
 
 
 class FalloffTable(NamedTuple):
-    """Tangents of the pixels' central rays behind the main lens, for cos^4.
+    """Squared tangents of the pixels' central rays behind the main lens, for cos^4.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Squared; with a `TiltTable`, as they are.
     patch : float
-        Mean of the squared tangents over a pixel's patch of the main lens, from its middle: of a
-        width w along both axes, ``w^2 / 6``. About a middle of squared tangent r they then have
-        the mean ``r + w^2 / 6`` and the variance ``r w^2 / 3 + w^4 / 90``.
+        Mean of the squared tangents over a pixel's patch of the main lens, from its middle.
     """
 
     rows: np.ndarray
@@ -135,8 +132,28 @@ class FalloffTable(NamedTuple):
     patch: float
 
 
+class RayFalloffTable(NamedTuple):
+    """Tangents of the rays behind the main lens, for cos^4.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of float64, shapes (a, c) and (b, d)
+        Of the pixels' central rays.
+    down, right : ndarray of float64, shapes (i,) and (j,)
+        Of the rays, from those.
+    patch : float
+        Mean of the squared tangents over a ray's patch of the main lens, from its middle.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    down: np.ndarray
+    right: np.ndarray
+    patch: float
+
+
 class TiltTable(NamedTuple):
-    """What lenslets that stand elsewhere add to the tangents of the pixels' central rays.
+    """What lenslets that stand elsewhere add to the tangents of the rays.
 
     Attributes
     ----------
@@ -144,14 +161,11 @@ class TiltTable(NamedTuple):
         Along y, and along x, by a turned array.
     pitch : float
         For each lenslet pitch.
-    micro_image : float
-        For each pitch of the micro-images by which the lit part of a pixel is off its middle.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     pitch: float
-    micro_image: float
 
 
 class MicroImageTable(NamedTuple):
@@ -190,7 +204,7 @@ class SquareTable(NamedTuple):
     height, width : float
         Of a ray's box on the sensor.
     pixel : float
-        Of a pixel.
+        Width of a pixel.
     """
 
     down: np.ndarray

@@ -12,9 +12,9 @@ from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.ray_tables import (
-    FalloffTable,
     MicroImageTable,
     PlaneTable,
+    RayFalloffTable,
     RayTable,
     SeenTable,
     ShiftTable,
@@ -234,6 +234,10 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
     balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
     on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
     on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
+    if optics.stops:  # whose edge cuts the lenslet's image as well, in tiles about as long as wide
+        camera = optics.camera
+        seen = round(math.sqrt(rays * camera.lenslet_pitch_mm / camera.view_step_mm))
+        on_lenslet = max(on_lenslet, min(seen, root))
     spread = optics.defocus or optics.stops or optics.every_lenslet
     on_pixel = math.ceil(rays / on_lenslet) if spread else 1
     pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
@@ -320,21 +324,14 @@ def _trace_group(
     ]
     stop, second = [*stops, None, None][:2]
     seen = SeenTable(y.seen, *seen_range(x.seen))
+    falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
     tables: tuple[tuple | None, ...]
     if optics.every_lenslet:
         kernel, rays = _kernels.trace_lenslets, RayTable(y.positions, x.positions, y.boxes, x.boxes)
         shifts, micro_images = _shift_table(y, x, optics), _micro_image_table(optics, layout)
         squares = _square_table(y.tiling, x.tiling, optics, finite_width)
-        tables = (
-            rays,
-            shifts,
-            stop,
-            second,
-            micro_images,
-            squares,
-            *optics.tilt_tables(layout),
-            seen,
-        )
+        tilt = optics.tilt_table(layout) if optics.falloff else None
+        tables = rays, shifts, stop, second, micro_images, squares, falloff, tilt, seen
     else:  # positions become indices once, outside the ray loop
         kernel = _kernels.trace_planes
         rows, down = _indices(y)
@@ -342,16 +339,27 @@ def _trace_group(
         stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
         rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
         rays, weights = RayTable(rows, columns, y.boxes, x.boxes), WeightTable(down, right)
-        tables = (
-            rays,
-            weights if finite_width else None,
-            stop,
-            second,
-            optics.falloff_table(layout),
-            seen,
-        )
+        tables = rays, weights if finite_width else None, stop, second, falloff, seen
     share = optics.share / (y.count * x.count)
     kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
+
+
+def _falloff_table(
+    y: "Tiling", x: "Tiling", optics: OpticalPass, layout: str, finite_width: bool
+) -> RayFalloffTable | None:
+    """Tangents of all rays, or None without cos^4."""
+    if not optics.falloff:
+        return None
+    rows, columns = (arrange(optics.tangents(axis), layout) for axis in (0, 1))
+    pixel = optics.camera.pixel_mm / optics.camera.lenslet_focal_mm
+    boxes = (pixel / y.on_pixel * finite_width, pixel / x.on_pixel * finite_width)
+    return RayFalloffTable(
+        rows,
+        columns,
+        -pixel * y.along_pixel,  # on upright images rays run the other way than on the sensor
+        -pixel * x.along_pixel,
+        patch=(boxes[0] ** 2 + boxes[1] ** 2) / 12,
+    )
 
 
 def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
@@ -392,7 +400,7 @@ def _square_table(
         return None
     pixel = optics.camera.pixel_mm / optics.micro_image_mm
     return SquareTable(
-        -pixel * y.along_pixel,  # on upright images rays run the other way than on the sensor
+        -pixel * y.along_pixel,  # as for the falloff
         -pixel * x.along_pixel,
         pixel / y.on_pixel * finite_width,
         pixel / x.on_pixel * finite_width,
@@ -430,7 +438,7 @@ LINE_AXES = {
     ShiftTable: {"columns": 2, "stop_columns": 2},
     StopTable: {"rows": 1},
     MicroImageTable: {"rows": 1, "shift_columns": 1},
-    FalloffTable: {"rows": 1},
+    RayFalloffTable: {"rows": 1},
     TiltTable: {"columns": 1},
     SeenTable: {"lines": 1},
 }
