@@ -327,3 +327,15 @@ def test_opaque_layers_that_claim_the_same_place_are_named():
     assert len(Scene([card, beside]).layers) == 2  # they only touch
     with pytest.raises(InputError, match="Layers 1 and 3 are both opaque and overlap at depth 5"):
         Scene([card, beside, Layer([[1.0]], 5.0, (0.2, 0.2), opaque=True)])
+
+
+def test_matter_of_a_thick_layer_dims_what_stands_inside_it():
+    """As a thin plane it stood behind all that is nearer than its middle."""
+    card = Layer([[1.0]], -1e-3, (4.0, 4.0), opaque=True)
+    smoke = Layer([[1e-3]], 0.0, (4.0, 4.0), optical_thickness=0.4, thickness_mm=0.01)
+    scene = Scene([card, smoke])
+    matter = {"self_absorption": True, "occlusion": True}
+    planned = plan_effects(scene, small(), 0.05, matter)["thickness"]
+    on, off = ({**matter, "thickness": thick} for thick in (True, False))
+    largest, _ = change(scene, small(), on, off, tolerance=0.05, integrator="rays", rays=12)
+    assert 0.1 < largest <= planned.bound
