@@ -6,6 +6,7 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -42,6 +43,9 @@ RAYS_SHARE = 0.5
 
 MOST_PARTS = 1024
 """Slabs or colours beyond which a tolerance counts as out of reach."""
+
+POWERS = tuple(2**k for k in range(1, 12))
+"""Powers of 2 that are tried as numbers of parts."""
 
 EIGHTHS_MEAN = 5 / 8
 """Mean move to the far ends of a part's eighths, over the move to the part's end: `smeared`'s."""
@@ -405,15 +409,14 @@ def _count_parts(
     most: int = MOST_PARTS,
 ) -> int:
     """Smallest power of 2, or half between two, whose change is within the allowance."""
-    parts = 2
-    while change(parts) > allowance:
-        parts = parts * 3 // 2 if parts & (parts - 1) == 0 else parts // 3 * 4
-        if parts > most:
-            raise InputError(
-                f"tolerance {tolerance:g} cannot be met: {effect} would need more than "
-                f"{most} parts; allow more, or force {effect} off."
-            )
-    return parts
+    parts = [n for n in sorted((*POWERS, *(3 * n // 2 for n in POWERS))) if n <= most]
+    enough = bisect_left(parts, True, key=lambda n: change(n) <= allowance)
+    if enough == len(parts):
+        raise InputError(
+            f"tolerance {tolerance:g} cannot be met: {effect} would need more than "
+            f"{most} parts; allow more, or force {effect} off."
+        )
+    return parts[enough]
 
 
 def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:

@@ -219,8 +219,9 @@ def _rounding(widths: "_Widths", pairs: Pairs, way: tuple[float, float]) -> Roun
     way: share of each spread that the pairs go to either side; at 0 they stay where they are. A
     spread that is looked at as a whole has its middle in one place; in parts, all over.
     """
-    parts = np.linspace(-1, 1, GROUPS + 1)
-    cells = list(pairwise(parts.tolist()))
+    # The ways of a whole spread are told apart by how far they go; those of its parts are short.
+    steps = np.linspace(0, 1, STEPS + 1).tolist() if 1 in way else (0, 1)
+    cells = list(pairwise(np.linspace(-1, 1, GROUPS + 1).tolist()))
     spreads = [
         [(0.0, 0.0)] if share == 1 or not wide else cells
         for share, wide in zip(way, widths.spreads, strict=True)
@@ -237,7 +238,7 @@ def _rounding(widths: "_Widths", pairs: Pairs, way: tuple[float, float]) -> Roun
     def at(depths: Interval, colours: Interval) -> Rounding:
         ends = [
             (moved(depths, colours, -low, -high), moved(depths, colours, low, high))
-            for low, high in pairwise(np.linspace(0, 1, STEPS + 1).tolist() if any(way) else (0, 0))
+            for low, high in pairwise(steps)
         ]
         return find_rounding(pairs, widths.cell_mm, widths.box(depths, colours), ends, widths.cut)
 
@@ -359,26 +360,39 @@ class _Widths:
     """
 
     def __init__(self, bounds: SceneBounds, layer: Layer, axis: int):
-        self.camera, self.layer, self.axis = bounds.camera, layer, axis
         self.defocus, self.cell_mm = bounds.defocus, _cell_mm(layer, axis)
         self.spreads = layer.thickness_mm > 0, bounds.camera.chromatic_shift > 0
         self.cut = bool(round_stops(bounds.camera))
-        self._found: dict = {}
+        self._shift = bounds.camera.chromatic_shift / 2
+        corners = [
+            _footprint(bounds.camera, layer, axis, depth, colour)
+            for depth, colour in product((0, 1), (0, 1))
+        ]
+        self._lenslets = _plane([corner.lenslet_width_mm for corner in corners])
+        self._pixels = _plane([corner.pixel_width_mm for corner in corners])
 
-    def box(self, depths: tuple[float, float], colours: tuple[float, float]) -> Box:
+    def box(self, depths: Interval, colours: Interval) -> Box:
         """Narrowest and widest between two depths and two colours."""
-        widths = np.array([self._at(*place) for place in product(depths, colours)])
-        low, high = np.abs(widths).min(axis=0), np.abs(widths).max(axis=0)
-        low[widths.min(axis=0) * widths.max(axis=0) < 0] = 0.0
-        pixel = (float(low[1]), float(high[1])) if self.defocus else (0.0, 0.0)
-        return Box((float(low[0]), float(high[0])), pixel)
+        places = [(d, self._power(c)) for d in depths for c in colours]
+        pixel = self._range(self._pixels, places) if self.defocus else (0.0, 0.0)
+        return Box(self._range(self._lenslets, places), pixel)
 
-    def _at(self, depth: float, colour: float) -> tuple[float, float]:
-        if (depth, colour) not in self._found:
-            footprint = _footprint(self.camera, self.layer, self.axis, depth, colour)
-            widths = footprint.lenslet_width_mm, footprint.pixel_width_mm
-            self._found[depth, colour] = widths
-        return self._found[depth, colour]
+    def _power(self, colour: float) -> float:
+        """Change of the power of the lens, over that at a colour of 1."""
+        return colour * (1 + self._shift) / (1 + self._shift * colour)
+
+    @staticmethod
+    def _range(plane: tuple[float, ...], places: list[tuple[float, float]]) -> Interval:
+        here, by_depth, by_power, by_both = plane
+        widths = [here + d * by_depth + p * (by_power + d * by_both) for d, p in places]
+        low, high = min(widths), max(widths)
+        return (0.0 if low <= 0 <= high else min(abs(low), abs(high))), max(-low, high)
+
+
+def _plane(corners: list[float]) -> tuple[float, float, float, float]:
+    """Coefficients of what is linear in two numbers, from its values where each is 0 or 1."""
+    here, other, deeper, both = corners
+    return here, deeper - here, other - here, both - deeper - other + here
 
 
 def _cell_mm(layer: Layer, axis: int) -> float:

@@ -414,7 +414,7 @@ def find_rounding(
     here : Box
         Of the bundles between the pairs.
     ends : sequence of (Box, Box)
-        Of each pair's two sides, from where the last pair's are to its own; one for all.
+        Of each pair's two sides, from where the last pair's are to its own; or one for all.
     cut : bool
         Whether a stop may cut the bundles.
     """

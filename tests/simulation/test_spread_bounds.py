@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
+from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render_plan
@@ -180,3 +181,42 @@ def test_parts_of_a_spread_change_less_and_less(rng):
         changes = [change(bounds, layer, parts) for parts in (1, 2, 4, 16)]
         assert np.all(np.diff(changes) < 0)
         assert changes[-1] < changes[0] / 16
+
+
+def test_a_patch_bends_a_bowl_as_the_bound_says():
+    """The mean of a square over a pixel's width b is b^2 / 12."""
+    cells = (np.arange(-240, 240) + 0.5) / 4
+    layer = Layer(cells[None, :] ** 2 * np.ones((40, 1)), 4.0, (12.0, 6.0))
+    bounds = bound_scene(Scene([layer]), window(5, (6, 6)))
+    truth = (bounds.footprints[layer, 1].pixel_width_mm / 0.05) ** 2 / 12
+    assert largest_change(layer, window(5, (6, 6)), "defocus") == pytest.approx(truth, rel=0.03)
+    assert truth <= patch_change(bounds, layer) <= 1.6 * truth
+
+
+def test_a_saddle_twists_as_the_bound_says():
+    """Of y x, which does not bend along either axis, the mean over M_y and M_x is a twelfth."""
+    cells = (np.arange(-240, 240) + 0.5) / 4
+    layer = Layer(np.outer(cells, cells) + 4000.0, 0.0, (6.0, 6.0), thickness_mm=6.0)
+    camera = window(9, (6, 6))
+    bounds = bound_scene(Scene([layer]), camera)
+    ends = replace(layer, depth_mm=3.0), replace(layer, depth_mm=-3.0)
+    travel = [bound_scene(Scene([end]), camera).footprints[end, 1].centres_mm for end in ends]
+    truth = np.abs(travel[0] - travel[1]).max() ** 2 / 12 / (6.0 / 120) ** 2
+    assert largest_change(layer, camera, "thickness") == pytest.approx(truth, rel=0.03)
+    assert truth <= depth_change(bounds, layer) <= 2 * truth
+
+
+def test_a_wide_band_of_colours_is_not_even():
+    """Even a ramp changes: the power of the lens is no straight line over its focal lengths."""
+    ramp = np.arange(1.0, 801.0) * np.ones((40, 1))
+    layer = Layer(ramp, 0.0, (24.0, 24.0))
+    camera = window(5, (6, 6), chromatic_shift=0.2)
+    bounds = bound_scene(Scene([layer]), camera)
+    here, *ends = (
+        trace_footprint(camera, 0.0, 1, 150.0 * (1 + shift)).centres_mm
+        for shift in (0.0, -0.1, 0.1)
+    )
+    # A quadratic aside: a third of what it is at the ends, on average.
+    truth = np.abs((ends[0] + ends[1]) / 2 - here).max() / 3 / (24.0 / 800)
+    assert largest_change(layer, camera, "chromatic") == pytest.approx(truth, rel=0.05)
+    assert truth <= colour_change(bounds, layer)
