@@ -86,13 +86,14 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
     Where lenslets stand elsewhere than the sensor is read by, or the aperture is wide.
     """
-    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
-    if not any(misplaced_mm(camera)) and widest == camera.aperture_mm:
-        return 0.0
     lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
-    half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor
+    widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
+    wider = (widest - camera.aperture_mm) / 2 * lens_to_sensor
+    moved = max(misplaced_mm(camera)) * (1 + lens_to_sensor)
     corner = 1 + abs(math.tan(camera.lenslet_rotation_rad)) + abs(camera.lenslet_pitch_error)
-    return corner * (half + camera.pixel_mm / 2) - (camera.views - 1) / 2 * camera.pixel_mm
+    half = (widest + camera.lenslet_pitch_mm) / 2 * lens_to_sensor
+    most = corner * (half + camera.pixel_mm / 2) - (camera.views - 1) / 2 * camera.pixel_mm
+    return min(wider + moved, most)
 
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
