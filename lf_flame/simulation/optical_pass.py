@@ -1,4 +1,4 @@
-"""A pass of light through the camera: the effects that are kept, one colour, one lenslet."""
+"""A pass of light through the camera: the effects that are kept, for one colour."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
 
 @dataclass(frozen=True)
 class OpticalPass:
-    """A camera as the kept effects leave it, for one colour and one neighbouring lenslet.
+    """A camera as the kept effects leave it, for one colour.
 
     Parameters
     ----------
@@ -36,12 +36,14 @@ class OpticalPass:
     neighbour : (int, int), optional
         Light that comes through the lenslet this many rows and columns further on.
     every_lenslet : bool, optional
-        Whether light of every lenslet that can send some to a pixel adds up. A round stop at
-        distance 0 ends the micro-images of the lenslets. Without one they are squares about the
-        points that the lenslets image the middle of the main lens on, which tile the sensor: an
-        ideal square aperture, matched to the array as it stands. Default: a pixel gets light
-        through one lenslet only, as an ideal aperture lets it where the array stands as the
-        sensor is read.
+        Whether light of every lenslet that can send some to a pixel adds up. Default: a pixel
+        gets light through one lenslet only, as an ideal aperture lets it where the array stands
+        as the sensor is read.
+    round_aperture : bool, optional
+        Whether the first stop is the aperture, which ends the micro-images of the lenslets.
+        Without one they are squares about the points that the lenslets image the middle of the
+        main lens on, which tile the sensor: an ideal square aperture, matched to the array as it
+        stands.
     """
 
     camera: PlenopticCamera
@@ -54,6 +56,7 @@ class OpticalPass:
     stops: tuple[tuple[float, float], ...] = ()
     neighbour: tuple[int, int] = field(default=(0, 0))
     every_lenslet: bool = False
+    round_aperture: bool = False
 
     def footprint(self, depth_mm: float, axis: int) -> Footprint:
         """Bundles of all pixels on a layer."""
@@ -92,7 +95,7 @@ class OpticalPass:
     @property
     def square_micro_images(self) -> bool:
         """Whether light through every lenslet counts, and no round aperture bounds it."""
-        return self.every_lenslet and all(distance != 0 for distance, _ in self.stops)
+        return self.every_lenslet and not self.round_aperture
 
     @property
     def micro_image_reach_mm(self) -> float:
@@ -102,8 +105,8 @@ class OpticalPass:
         """
         camera, turned = self.camera, 1 + abs(self.lenslet_tangent)
         half = self.micro_image_mm / 2
-        if not self.square_micro_images:
-            radius = min(radius for distance, radius in self.stops if distance == 0)
+        if self.round_aperture:
+            _, radius = self.stops[0]
             lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
             half = (radius + self.lenslet_pitch_mm / 2 * turned) * lens_to_sensor
         return half + camera.pixel_mm / 2 * turned

@@ -452,6 +452,7 @@ def optical_passes(camera: PlenopticCamera, plan: EffectPlan) -> list[OpticalPas
         lenslet_skew=scale * math.sin(angle),
         stops=tuple(stops),
         every_lenslet=angle != 0 or scale != 1 or width > camera.aperture_mm,
+        round_aperture="round_aperture" in plan.traced,
     )
     middles = (np.arange(plan.colours) + 0.5) / plan.colours - 0.5
     focal = [camera.main_lens_focal_mm * (1 + camera.chromatic_shift * place) for place in middles]

@@ -429,8 +429,9 @@ def find_rounding(
         # The narrowest pixel on the way to each pair: the ways of nearer pairs are part of it.
         pixel = np.minimum.accumulate([min(b.pixel[0] for b in (here, *both)) for both in ends])
         if not cut:
+            reach = farthest + pairs.widening_mm / 2
             with np.errstate(divide="ignore", invalid="ignore"):
-                bent = (farthest + pairs.widening_mm / 2) ** 2 / (lenslet * pixel)
+                bent = (reach / lenslet) * (reach / pixel)  # no length of any unit overflows
             most = np.where(pixel > 0, np.minimum(most, bent), most)
     return Rounding(
         float(pairs.weights @ np.minimum(wide, most)),

@@ -316,7 +316,7 @@ def test_effects_are_decided_for_each_sample_of_opaque_shapes(opaque, tmp_path):
         scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
         plan = plan_effects(scene, opaque.camera)
         occluded.append("occlusion" in plan.kept)
-        assert plan.integrator == ("rays" if occluded[-1] else "exact")
+        assert plan.integrator == "exact"  # polygons, where one hides another
         overlap, apart = hides(opaque, index)
         assert occluded[-1] >= overlap
         assert not (occluded[-1] and apart)
@@ -327,7 +327,8 @@ def test_effects_are_decided_for_each_sample_of_opaque_shapes(opaque, tmp_path):
     assert 0 < sum(occluded) < 8
     record = dataset.attrs["simulated"]
     assert record["samples"] == 8
-    assert record["by_rays"] == record["with"]["occlusion"] == sum(occluded)
+    assert record["with"]["occlusion"] == sum(occluded)
+    assert record["by_rays"] == 0
     assert record["with"]["defocus"] == 8
 
 

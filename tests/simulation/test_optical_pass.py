@@ -139,3 +139,10 @@ def test_a_stretched_array_behind_a_card_is_exact_too(small_camera, rng, error):
     rays = render(Scene(layers), camera, integrator="rays", rays=200).views
     np.testing.assert_allclose(rays, exact.views, atol=2e-3)
     assert np.sqrt(np.mean((rays - exact.views) ** 2)) < 4e-4
+
+
+def test_a_rim_at_the_main_lens_that_cuts_nothing_leaves_the_square_aperture(small_camera):
+    """It lets no light of neighbours in that the square aperture keeps out."""
+    camera = replace(small_camera, rim_diameter_mm=300.0, lenslet_rotation_rad=0.01)
+    image = render(WHITE, camera, 0.01, "rays", 8, {"vignetting": True, "lenslet_rotation": True})
+    np.testing.assert_allclose(image.views, 0.8, rtol=1e-6)

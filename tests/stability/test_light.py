@@ -109,7 +109,7 @@ def test_many_colours_keep_their_digits():
     """Naive: add the light of each colour to a float32 image."""
     camera = replace(CAMERA, lenslets=(2, 3), chromatic_shift=1e-3)
     layers = [Layer([[0.02]], 5.0, (20.0, 20.0)), Layer([[0.1]], 6.0, WIDE)]
-    found = render(Scene(layers), camera, tolerance=1e-3)
+    found = render(Scene(layers), camera, tolerance=4e-5)
     colours = found.plan.colours
     assert colours > 50
     naive = np.add.accumulate(np.full(colours, 0.12 / colours, np.float32))[-1]
