@@ -39,7 +39,18 @@ EXPLAINED = Path(__file__).with_name("mutants_explained.toml")
 
 GRID = ("formats/test_raw_lenslets.py",)
 SCENES = ("scenes/test_scene.py", "simulation/test_rendering.py")
-SIMULATION = ("simulation", "stability/test_render.py", "stability/test_light.py")
+IMAGES = (
+    "simulation/test_rendering.py", "stability/test_render.py", "simulation/test_absolute_stops.py",
+    "simulation/test_absolute.py",
+)  # fmt: skip
+MATTER = (
+    "simulation/test_absolute_matter.py", "simulation/test_polygons.py", "stability/test_light.py",
+    *IMAGES,
+)  # fmt: skip
+PLANS = (
+    "simulation/test_scene_bounds.py", "simulation/test_plan.py",
+    "simulation/test_spread_bounds.py", "simulation/test_effects.py",
+)  # fmt: skip
 SPACE = ("refocus/test_shift.py", "refocus/test_surface.py", "refocus/test_fourier.py")
 SHARPNESS = ("refocus/test_sharpness.py",)
 SCORES = ("experiments/paper/test_tables.py", "stability/test_scores.py")
@@ -53,7 +64,7 @@ CORE = {
     "lightfield.py": (),
     "optics/camera.py": ("stability/test_conjugates.py", "stability/test_ray_bundle.py"),
     "optics/diffraction.py": (),
-    "optics/ray_bundle.py": ("stability/test_ray_bundle.py", *SIMULATION),
+    "optics/ray_bundle.py": ("stability/test_ray_bundle.py", *IMAGES),
     "optics/ray_transfer.py": (),
     "optics/sensor.py": (),
     "optics/slope_conventions.py": (),
@@ -62,23 +73,28 @@ CORE = {
     "scenes/flames.py": SCENES,
     "scenes/scene.py": SCENES,
     "scenes/shapes.py": SCENES,
-    "simulation/_kernels.py": SIMULATION,
-    "simulation/bundle_shifts.py": SIMULATION,
-    "simulation/diffraction_blur.py": SIMULATION,
-    "simulation/effects.py": SIMULATION,
-    "simulation/exact.py": SIMULATION,
-    "simulation/layouts.py": SIMULATION,
-    "simulation/optical_pass.py": SIMULATION,
-    "simulation/peak.py": SIMULATION,
-    "simulation/plan.py": SIMULATION,
-    "simulation/ray_tables.py": SIMULATION,
-    "simulation/rays.py": SIMULATION,
-    "simulation/reference/closed_form.py": ("simulation/test_closed_form.py", *SIMULATION),
+    "simulation/_polygon_kernels.py": ("simulation/test_polygons.py",),
+    "simulation/_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
+    "simulation/absorbing_slabs.py": PLANS,
+    "simulation/bundle_shifts.py": PLANS,
+    "simulation/diffraction_blur.py": ("simulation/test_absolute_record.py", *PLANS),
+    "simulation/effects.py": PLANS,
+    "simulation/exact.py": MATTER,
+    "simulation/layouts.py": IMAGES,
+    "simulation/optical_pass.py": IMAGES,
+    "simulation/peak.py": PLANS,
+    "simulation/polygons.py": MATTER,
+    "simulation/plan.py": PLANS,
+    "simulation/ray_tables.py": IMAGES,
+    "simulation/rays.py": MATTER,
+    "simulation/reference/closed_form.py": ("simulation/test_closed_form.py", *IMAGES),
     "simulation/reference/forward.py": ("simulation/test_forward.py",),
-    "simulation/rendering.py": SIMULATION,
-    "simulation/scene_bounds.py": SIMULATION,
-    "simulation/slabs.py": SIMULATION,
-    "simulation/stops.py": SIMULATION,
+    "simulation/rendering.py": (*IMAGES, "simulation/test_effects.py"),
+    "simulation/scene_bounds.py": PLANS,
+    "simulation/spread_bounds.py": PLANS,
+    "simulation/symmetric_spread.py": PLANS,
+    "simulation/slabs.py": (*MATTER, "simulation/test_plan.py"),
+    "simulation/stops.py": PLANS,
     "formats/lenslet_grid.py": GRID,
     "formats/raw_lenslets.py": GRID,
     "formats/view_order.py": ("formats/test_view_folder.py",),
