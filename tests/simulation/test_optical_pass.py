@@ -95,6 +95,19 @@ def test_only_lenslets_whose_light_arrives_are_looked_through(small_camera):
     assert {column for _, column in steps} == {-2, -1, 0, 1, 2}
 
 
+def test_a_round_micro_image_reaches_as_far_as_its_outermost_ray(small_camera):
+    """Rays cross the edge of the aperture and the edge of the lenslet, and meet a pixel's edge."""
+    camera = small_camera
+    optics = OpticalPass(
+        camera, stops=((0.0, 30.0), (5.0, 9.0)), every_lenslet=True, round_aperture=True
+    )
+    to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
+    expected = (30.0 + camera.lenslet_pitch_mm / 2) * to_sensor + camera.pixel_mm / 2
+    assert optics.micro_image_reach_mm == pytest.approx(expected, rel=1e-12)
+    turned = replace(optics, lenslet_skew=0.1)
+    assert turned.micro_image_reach_mm > expected
+
+
 def opened(camera, rays, *stops):
     """Light of every pixel of a white field behind some round stops, (distance, diameter)."""
     planes = slice_scene(WHITE, {}, absorption=False, dimming=set())

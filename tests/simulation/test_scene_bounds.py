@@ -8,7 +8,14 @@ import pytest
 from lf_flame import Layer, Scene, render
 from lf_flame.simulation.bundle_shifts import misplaced_mm, pitch_shifts_mm, rotation_shifts_mm
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
-from lf_flame.simulation.stops import neighbours, round_stops, share_cut
+from lf_flame.simulation.stops import (
+    crosstalk,
+    neighbours,
+    round_stops,
+    share_crossing,
+    share_cut,
+    true_pitch_mm,
+)
 
 
 def glow(rng, depth=10.0, **matter):
@@ -63,6 +70,36 @@ def test_stops_and_misplaced_lenslets_of_an_ideal_camera(small_camera):
     np.testing.assert_array_equal(misplaced_mm(wide), together)
     assert share_cut(wide, 0.0, 1e3) == 0
     assert 0 < share_cut(wide, 0.0, 40.0) <= share_cut(wide, 0.0, 20.0) <= 1
+
+
+def test_micro_images_that_move_over_a_pixel(small_camera):
+    """An edge inside a pixel is at most two of its sides long; up to four discs meet in it."""
+    camera, shift = small_camera, 1e-3
+    on_sensor = shift * (1 + camera.lenslet_focal_mm / camera.image_distance_mm)
+    for moved, axes in (((shift, 0.0), 1), ((shift, shift), 2)):
+        found = share_crossing(camera, 0.0, camera.aperture_mm / 2, moved)
+        assert found == pytest.approx(4 * axes * 2 * on_sensor / camera.pixel_mm, rel=1e-12)
+    wide = share_crossing(camera, 0.0, 1.1 * camera.aperture_mm, (shift, shift))
+    assert wide == pytest.approx(9 / 4 * found, rel=1e-12)
+
+
+def test_how_far_off_lenslets_light_comes_from(small_camera):
+    assert true_pitch_mm(replace(small_camera, lenslet_pitch_error=0.05)) == 0.112 * 1.05
+    wide = replace(small_camera, aperture_diameter_mm=2.2 * small_camera.aperture_mm)
+    assert neighbours(wide) == 1
+    long = replace(wide, lenslets=(8, 200))
+    assert neighbours(replace(long, lenslet_rotation_rad=0.05)) == 2
+    matched = replace(small_camera, aperture_diameter_mm=small_camera.aperture_mm)
+    assert crosstalk(small_camera) == crosstalk(matched) == 0
+    # Lenslets that stand closer overlap by the error of their pitch, on four sides of a pixel.
+    close = replace(matched, lenslet_pitch_error=-0.01)
+    expected = 4 * 0.01 * camera_ratio(close) / 2
+    assert crosstalk(close) == pytest.approx(expected, rel=1e-12)
+
+
+def camera_ratio(camera):
+    """Pixels across a matched micro-image."""
+    return camera.aperture_mm / camera.view_step_mm
 
 
 def test_bounds_do_not_change(small_camera, rng):
