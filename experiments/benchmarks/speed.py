@@ -223,7 +223,7 @@ def bare_rows() -> list[tuple]:
     )
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
     args = captured("integrate_rows", lambda: integrate(planes, optics, "views", image))
-    lines, start, weight, _, _, first, last, _ = args
+    lines, start, weight, _, _, first, last, _, _ = args
     pair = best_of(
         15,
         lambda: _kernels.integrate_rows(*args),

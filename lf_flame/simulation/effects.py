@@ -8,6 +8,7 @@ before anything is rendered. Sources of the criteria stand with the functions.
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
@@ -37,6 +38,10 @@ from lf_flame.simulation.spread_bounds import (
 )
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut, true_pitch_mm
 
+CLEAR = 0.02
+"""Change by the farthest move, relative to the brightest pixel, beyond which defocus is not looked
+into more closely: that would take longer than it could save."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -60,20 +65,20 @@ def _defocus(bounds: SceneBounds) -> Estimate:
     A box moves rays by b/4 on average. (Circle of confusion for one view; Hahne et al., Opt.
     Express 24, 21521, 2016, give it for plenoptic cameras.)
     """
-    change, widest = 0.0, 0.0
-    for layer in bounds.layers:
-        moved = 0.0
-        for axis in (0, 1):
-            # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
-            seen = [
-                trace_footprint(bounds.camera, depth, axis, focal)
-                for depth, focal in focus_spread(bounds.camera, layer)
-            ]
-            width = max(abs(footprint.pixel_width_mm) for footprint in seen)
-            lenslet = min(abs(footprint.lenslet_width_mm) for footprint in seen)
-            widest = max(widest, width)
-            moved += displaced(bounds, layer, axis, width / 4, lenslet)
-        change += min(moved, patch_change(bounds, layer))
+    moved, widest = dict.fromkeys(bounds.layers, 0.0), 0.0
+    for layer, axis in product(bounds.layers, (0, 1)):
+        # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
+        seen = [
+            trace_footprint(bounds.camera, depth, axis, focal)
+            for depth, focal in focus_spread(bounds.camera, layer)
+        ]
+        width = max(abs(footprint.pixel_width_mm) for footprint in seen)
+        lenslet = min(abs(footprint.lenslet_width_mm) for footprint in seen)
+        widest = max(widest, width)
+        moved[layer] += displaced(bounds, layer, axis, width / 4, lenslet)
+    change = sum(moved.values())
+    if bounds.relative(change) <= CLEAR:
+        change = sum(min(moved[layer], patch_change(bounds, layer)) for layer in bounds.layers)
     words = f"a pixel's patch of the main lens blurs {widest:.3g} mm"
     return Estimate(bounds.relative(change), words)
 

@@ -52,6 +52,14 @@ def steps(tmp_path_factory):
     return {row["step"]: row for row in rows}
 
 
+def test_kernels_with_no_effect_kept_compute_what_bare_ones_do():
+    from experiments.benchmarks.speed import bare_rows
+
+    for what, ours, bare, _, ratio, _, difference in bare_rows():
+        assert ratio == pytest.approx(bare / ours), what
+        assert float(difference) < 1e-6, what
+
+
 def test_opponents_here_are_timed_and_refocus_as_we_do(rows):
     for name in ("NumPy, separable", "NumPy, separable, matrix product", "SciPy ndimage.shift"):
         found = [row for row in rows if row["baseline"] == name]
