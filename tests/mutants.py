@@ -77,7 +77,15 @@ CORE = {
     "simulation/_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
     "simulation/absorbing_slabs.py": PLANS,
     "simulation/bundle_shifts.py": PLANS,
-    "simulation/diffraction_blur.py": ("simulation/test_absolute_record.py", *PLANS),
+    "simulation/lenslet_blur.py": (
+        "simulation/test_absolute_record.py",
+        "simulation/test_absolute.py",
+    ),
+    "simulation/main_lens_blur.py": (
+        "simulation/test_absolute_record.py",
+        "simulation/test_absolute.py",
+    ),
+    "simulation/pixel_parts.py": ("simulation/test_lenslet_blur.py", "simulation/test_absolute.py"),
     "simulation/effects.py": PLANS,
     "simulation/exact.py": MATTER,
     "simulation/layouts.py": IMAGES,

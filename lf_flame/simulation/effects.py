@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from itertools import product
 
-from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.simulation.bundle_shifts import (
@@ -19,7 +18,8 @@ from lf_flame.simulation.bundle_shifts import (
     pitch_shifts_mm,
     rotation_shifts_mm,
 )
-from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
+from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
+from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
 from lf_flame.simulation.scene_bounds import (
     SceneBounds,
     dimmed_inside,
@@ -215,9 +215,7 @@ def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
     camera = bounds.camera
     if camera.wavelength_nm is None:
         return Estimate(0.0, "no wavelength_nm: ray optics")
-    share = diffraction.share_leaving(main_lens_kernel(camera))
-    width = camera.aperture_diameter_mm or camera.aperture_mm
-    spread = camera.wavelength_nm * 1e-6 * camera.image_distance_mm / width
+    share, spread = main_lens_share_leaving(camera), main_lens_spread_mm(camera)
     words = f"spread {spread * 1e3:.3g} um on lenslets of {camera.lenslet_pitch_mm * 1e3:.4g} um"
     change = sum(main_lens_blur_change(bounds, layer) for layer in bounds.layers)
     return Estimate(bounds.relative(min(share * bounds.brightest_raw, change)), words)

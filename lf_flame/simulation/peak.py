@@ -3,18 +3,19 @@
 import itertools
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import minimum_filter, uniform_filter
 
 from lf_flame._common.arrays import centred
-from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import aside_mm, focus_spread, misplaced_mm
-from lf_flame.simulation.diffraction_blur import lenslet_share_leaving, main_lens_kernel
 from lf_flame.simulation.exact import band_weights
+from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
+from lf_flame.simulation.main_lens_blur import blur_layer, main_lens_share_leaving
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import round_stops, share_cut
 
@@ -39,14 +40,14 @@ def peak_radiance(
     float
         0 or above, in the unit of the textures; no more than the full well of a sensor.
     """
-    peak, clear = 0.0, _clear_of_stops(camera) * _undiffracted(camera)
+    peak, clear = 0.0, _clear_of_stops(camera) * _undiffracted(camera, layers)
     for layer in layers:
         glow = layer.texture * self_absorbed(layer.optical_thickness)
         places = [_nearest(camera, layer, glow, footprints)]
         if any(_before(front, layer) and _dims(front) for front in layers):
             places.append(_least_hidden(camera, layers, layer, glow, footprints))
         for near in places:
-            brightest = _brightest(camera, layer, glow, near)
+            brightest = _brightest(camera, *_blurred(camera, layers, layer, glow, near), near)
             peak = max(peak, clear * brightest * _seen(camera, layers, layer, near))
     sensor = camera.sensor
     return peak if sensor is None else min(peak, sensor.full_well_e / sensor.exposure_e)
@@ -64,12 +65,32 @@ def _clear_of_stops(camera: PlenopticCamera) -> float:
     return max(0.0, 1 - cut)
 
 
-def _undiffracted(camera: PlenopticCamera) -> float:
-    """Share of a point's light that stays where it would be without diffraction."""
+def _undiffracted(camera: PlenopticCamera, layers: tuple[Layer, ...]) -> float:
+    """Share of a point's light that stays where it would be without diffraction.
+
+    Of the main lens only where matter keeps it from being a blur of the layers.
+    """
     if camera.wavelength_nm is None:
         return 1.0
-    main_lens = diffraction.share_leaving(main_lens_kernel(camera))
+    main_lens = main_lens_share_leaving(camera) if any(map(_dims, layers)) else 0.0
     return (1 - lenslet_share_leaving(camera)) * (1 - main_lens)
+
+
+def _blurred(
+    camera: PlenopticCamera,
+    layers: tuple[Layer, ...],
+    layer: Layer,
+    glow: np.ndarray,
+    near: list[slice],
+) -> tuple[Layer, np.ndarray]:
+    """Blur a layer by the main lens's diffraction where some pixels look; the cells, their glow."""
+    if camera.wavelength_nm is None or any(map(_dims, layers)):
+        return layer, glow
+    (top, bottom), (left, right) = (
+        _looked_at_mm(camera, layer, near[axis], axis) for axis in (0, 1)
+    )
+    blurred = blur_layer(layer, glow, camera, layer.depth_mm, ((top, bottom), (left, right)))
+    return replace(blurred, thickness_mm=layer.thickness_mm), blurred.texture
 
 
 def _before(front: Layer, layer: Layer) -> bool:
@@ -219,13 +240,21 @@ def _seen(
 
 def _met(camera: PlenopticCamera, front: Layer, near: slice, axis: int) -> slice:
     """Cells of a layer, along one axis, that some pixels of the central view can look at."""
-    edges, places = front.cell_edges_mm(axis), []
+    edges, (low, high) = front.cell_edges_mm(axis), _looked_at_mm(camera, front, near, axis)
+    first = np.searchsorted(edges, low, side="left") - 1
+    last = np.searchsorted(edges, high, side="right")
+    return slice(max(int(first), 0), max(int(last), 0))
+
+
+def _looked_at_mm(
+    camera: PlenopticCamera, layer: Layer, near: slice, axis: int
+) -> tuple[float, float]:
+    """Between which places of a layer, along one axis, some pixels of the central view look."""
+    places = []
     # Between its faces a ray is straight, and so is the border of a bundle of them.
-    for depth_mm, focal_mm in focus_spread(camera, front):
+    for depth_mm, focal_mm in focus_spread(camera, layer):
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
         centres = footprint.centres_mm[camera.views // 2, near]
         reach = footprint.half_width_mm + _most_moved_mm(camera, footprint, axis)
         places += [centres.min() - reach, centres.max() + reach]
-    first = np.searchsorted(edges, min(places), side="left") - 1
-    last = np.searchsorted(edges, max(places), side="right")
-    return slice(max(int(first), 0), max(int(last), 0))
+    return float(min(places)), float(max(places))

@@ -18,15 +18,16 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, expose
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.diffraction_blur import (
-    blur_gapped,
-    lenslet_kernel,
-    main_lens_kernel,
-    tiled_sensor,
-)
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import as_views, blank_image
+from lf_flame.simulation.lenslet_blur import (
+    blur_on_sensor,
+    leaves_gaps,
+    tiled_sensor,
+)
+from lf_flame.simulation.main_lens_blur import blur_planes, main_lens_kernel
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.pixel_parts import count_pixel_parts
 from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optical_passes, plan_effects
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane, slice_scene
@@ -36,6 +37,12 @@ RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
 
 FEW_PORTIONS = 4
 """Portions of light that are added in float32; more are added in float64."""
+
+PIXEL_PARTS_SHARE = 0.5
+"""Share of the tolerance for the parts of pixels on which diffraction takes the light as even."""
+
+PARTS_BESIDE_GAPS = 4
+"""Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
 
 PROBE_LINES = 24
 """Lines of the image on which the number of rays for a tolerance is found."""
@@ -65,7 +72,8 @@ def render(
         "auto" takes the cheapest that does all that the plan keeps.
     rays : int, optional
         Fixed number of rays per pixel along each axis for the ray integrator, instead of the
-        tolerance.
+        tolerance. Lenslet diffraction then takes the light on each pixel as even, or on its
+        sixteenth parts where pixels leave gaps.
     effects : mapping of str to bool, optional
         Effects to force on or off, by name (`lf_flame.simulation.effects.EFFECTS`).
     seed : int or sequence of int, optional
@@ -120,12 +128,23 @@ def render_plan(
         dimming=set(plan.traced),
     )
     _check_field(scene, OpticalPass(camera))
+    dims = any(plane.transmission is not None for plane in planes)
+    if _diffracts(camera, plan, "main_lens") and not dims:
+        planes = blur_planes(planes, camera)
     method = plan.integrator if integrator == "auto" else integrator
-    views = _gather(planes, camera, plan, method, rays, layout)
-    if camera.wavelength_nm is not None and "lenslet_diffraction" in plan.kept:
-        tiled = tiled_sensor(camera)
-        tiles = views if tiled is camera else _gather(planes, tiled, plan, method, rays, "raw")
-        views = _blur_lenslets(views, tiles, camera)
+    if _diffracts(camera, plan, "lenslet"):
+
+        def diffracted(seen: list[Plane], sensor: PlenopticCamera, parts: int) -> np.ndarray:
+            return _blurred_by_lenslets(seen, sensor, parts, plan, method, rays)
+
+        allowance = PIXEL_PARTS_SHARE * plan.tolerance
+        if rays:
+            parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
+        else:
+            parts = count_pixel_parts(planes, camera, allowance, diffracted)
+        views = as_views(diffracted(planes, camera, parts), camera, "raw")
+    else:
+        views = _gather(planes, camera, plan, method, rays, layout)
     return _record(views, camera, plan, seed, layout)
 
 
@@ -153,9 +172,14 @@ def _gather(
         for optics in passes:
             trace(planes, optics, layout, rays, image)
     views = as_views(image.astype(np.float32, copy=False), camera, layout)
-    if camera.wavelength_nm is not None and "main_lens_diffraction" in plan.kept:
+    dims = any(plane.transmission is not None for plane in planes)
+    if _diffracts(camera, plan, "main_lens") and dims:
         views = diffraction.blur_views(views, main_lens_kernel(camera))
     return views
+
+
+def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
+    return camera.wavelength_nm is not None and f"{lens}_diffraction" in plan.kept
 
 
 def _check_options(integrator: str, rays: int | None, layout: str) -> None:
@@ -224,14 +248,18 @@ def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
     return next(i for i, rays in enumerate(RAY_COUNTS) if rays >= min(dense, 41))
 
 
-def _blur_lenslets(views: np.ndarray, tiles: np.ndarray, camera: PlenopticCamera) -> np.ndarray:
-    """Let lenslets diffract the light on the sensor; tiles: the same light on one without gaps."""
-    raw = LightField.trusted(views).to_raw()
-    if tiles is views:
-        blurred = diffraction.blur_raw(raw, lenslet_kernel(camera))
-    else:
-        blurred = blur_gapped(raw, LightField.trusted(tiles).to_raw(), camera)
-    return as_views(blurred, camera, "raw")
+def _blurred_by_lenslets(
+    planes: list[Plane],
+    camera: PlenopticCamera,
+    parts: int,
+    plan: EffectPlan,
+    method: str,
+    rays: int | None,
+) -> np.ndarray:
+    """Gather light on parts of the pixels, and let the lenslets diffract it: a raw image."""
+    tiled = tiled_sensor(camera, parts)
+    tiles = _gather(planes, tiled, plan, method, rays, "raw")
+    return blur_on_sensor(LightField.trusted(tiles).to_raw(), tiled, camera)
 
 
 def _record(views: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:

@@ -15,8 +15,14 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import misplaced_mm
-from lf_flame.simulation.diffraction_blur import lenslet_kernel, main_lens_kernel, tiled_sensor
+from lf_flame.simulation.bundle_shifts import focus_spread, misplaced_mm
+from lf_flame.simulation.lenslet_blur import leaves_gaps, lenslet_kernel
+from lf_flame.simulation.main_lens_blur import (
+    gain_on_layer,
+    main_lens_kernel,
+    main_lens_spread_mm,
+    throws_beyond,
+)
 from lf_flame.simulation.scene_bounds import SceneBounds, displaced
 from lf_flame.simulation.stops import neighbours, round_stops
 from lf_flame.simulation.symmetric_spread import (
@@ -41,6 +47,9 @@ GROUPS = 4
 """Parts of a spread of depth or colour whose bundles are told apart by their widths."""
 
 Interval = tuple[float, float]
+
+DISTANCES = 24
+"""Distances over which the main lens's pattern is divided: evenly in their logarithms."""
 
 FAR_CELLS = 30
 """Distance in cells beyond which light that diffraction spreads counts as all of a layer's."""
@@ -127,9 +136,9 @@ def lenslet_blur_change(bounds: SceneBounds, layer: Layer) -> float:
     camera = bounds.camera
     if _unknown(bounds) or round_stops(camera) or not camera.falloff_corrected:
         return math.inf
-    if tiled_sensor(camera) is not camera:  # pixels that leave gaps
+    if leaves_gaps(camera):
         return math.inf
-    kernel = lenslet_kernel(camera)
+    kernel, beyond = lenslet_kernel(camera)
     count, view = np.arange(1, len(kernel) // 2 + 1), np.arange(camera.views)[:, None]
 
     def ways(step: float, view_step: float) -> Ways:
@@ -139,23 +148,28 @@ def lenslet_blur_change(bounds: SceneBounds, layer: Layer) -> float:
         backward = back * step + ((view - count) % camera.views - view) * view_step
         return Ways.of(forward, backward, lenslets * step)
 
-    return _blur_change(bounds, layer, (kernel, kernel), ways)
+    near = _blur_change(bounds, layer, kernel, ways)
+    return near + 2 * beyond * float(layer.texture.max())
 
 
 def main_lens_blur_change(bounds: SceneBounds, layer: Layer) -> float:
     """Bound on the change of a pixel by the diffraction of the main lens."""
-    camera = bounds.camera
-    if _unknown(bounds) or camera.rim_diameter_mm is not None or not camera.falloff_corrected:
+    if _unknown(bounds) or bounds.camera.rim_diameter_mm is not None:
         return math.inf
-    kernel = main_lens_kernel(camera)
-    # A round kernel is symmetric along each axis: only its sums along the other count.
-    kernels = (kernel.sum(axis=1), kernel.sum(axis=0)) if kernel.ndim == 2 else (kernel, kernel)
-    count = np.arange(1, len(kernels[0]) // 2 + 1)[None, :]
-
-    def ways(step: float, _view_step: float) -> Ways:
-        return Ways.of(count * step, -count * step, 0 * count)
-
-    return _blur_change(bounds, layer, kernels, ways)
+    camera, axes, far = bounds.camera, [], 0.0
+    gain = max(gain_on_layer(camera, *place) for place in focus_spread(camera, layer))
+    spread = main_lens_spread_mm(camera) * gain
+    for axis in (0, 1):
+        widths = _Widths(bounds, layer, axis)
+        box = widths.box((-1, 1), (-1, 1))
+        farthest = max(FAR_CELLS * widths.cell_mm, 4 * box.half_mm)
+        moves = np.geomspace(min(spread, farthest) / 4, farthest, DISTANCES)
+        beyond = throws_beyond(camera, moves, gain)
+        pairs = Pairs.alike(-np.diff(beyond, prepend=1.0), moves)
+        far += beyond[-1] * layer.texture.max()
+        rounding = _rounding(widths, pairs, (0.0, 0.0))
+        axes.append(AxisSpread(box, _centres(bounds, layer, axis), pairs, rounding))
+    return spread_change(layer, (axes[0], axes[1]), together=False) + far
 
 
 def _unknown(bounds: SceneBounds) -> bool:
@@ -257,7 +271,7 @@ def _rounding(widths: "_Widths", pairs: Pairs, way: tuple[float, float]) -> Roun
 def _blur_change(
     bounds: SceneBounds,
     layer: Layer,
-    kernels: tuple[np.ndarray, np.ndarray],
+    kernel: np.ndarray,
     ways: Callable[[float, float], Ways],
 ) -> float:
     """Bound on the change by a blur of the pixels, symmetric in their order along each axis.
@@ -266,7 +280,7 @@ def _blur_change(
     """
     axes, far = [], 0.0
     for axis in (0, 1):
-        widths, kernel = _Widths(bounds, layer, axis), kernels[axis]
+        widths = _Widths(bounds, layer, axis)
         box = widths.box((-1, 1), (-1, 1))
         shares, mixed = _mixed(bounds.camera, layer, axis, kernel[len(kernel) // 2 + 1 :], ways)
         limit = max(FAR_CELLS * widths.cell_mm, 4 * box.half_mm)

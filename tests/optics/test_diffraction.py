@@ -2,19 +2,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import special
+from scipy import ndimage, special
 
 from lf_flame import InputError
 from lf_flame.optics import diffraction
 from lf_flame.optics.diffraction import (
     MOST_ROUND_SAMPLES,
     MOST_SAMPLES,
+    blur_cells,
+    blur_lines,
     blur_raw,
     blur_views,
     round_kernel,
+    share_beyond,
     share_leaving,
+    share_leaving_square,
     square_kernel,
-    square_weights,
 )
 
 KERNELS = {"square": square_kernel, "round": round_kernel}
@@ -86,26 +89,69 @@ def test_kernels_are_weights(kernel, spread, tail):
         np.testing.assert_array_equal(weights, weights[::-1])
 
 
-@pytest.mark.parametrize("spread", [1e-20, 0.02, 0.6, 5.0])
-def test_boxes_of_any_width_share_out_their_light(spread):
-    """Among pixels that tile, all of it; against the spread, integrated; and as the kernel."""
-    edges = np.array([-1.3, -1.25, 0.0, 0.5, 2.0])
-    pixels = np.arange(-400, 400) * 0.7
-    weights = square_weights(spread, pixels, 0.7, edges)
-    shared = weights.sum(axis=0) * 0.7 / np.diff(edges)
-    # beyond a distance d there is spread / (pi^2 d) of the light on average, on two sides
-    np.testing.assert_allclose(shared, 1, atol=1.5 * spread / np.pi**2 / 280 * 2 + 1e-12)
-    if spread > 0.1:
-        x, share = np.polynomial.legendre.leggauss(80)
-        middles, widths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
-        apart = 0.7 + 0.35 * x[:, None, None] - middles - widths / 2 * x[:, None]
-        light = np.sinc(apart / spread) ** 2 / spread
-        expected = np.einsum("ikj,i,k->j", light, share / 2, share / 2) * widths
-        np.testing.assert_allclose(weights[401], expected, rtol=1e-6, atol=1e-12)
-    tiled = square_weights(spread, pixels[400:401], 0.7, pixels - 0.35)[0, 400:420]
-    kernel = square_kernel(spread, 0.7, 0)
-    kernel = np.append(kernel[kernel.size // 2 :], np.zeros(20))[:20]  # of sum 1, cut as it is
-    np.testing.assert_allclose(tiled, kernel, rtol=4e-3, atol=1e-12)
+@pytest.mark.parametrize("spread", [0.05, 0.1, 0.3, 1.0, 7.0])
+@pytest.mark.parametrize("round_aperture", [False, True])
+def test_a_cell_is_blurred_by_the_transfer_function(spread, round_aperture):
+    """A lone cell among dark ones, against weights from the transfer function by quadrature."""
+    place = ((-6, 7), (-4, 9))
+    cell = np.ones((1, 1))
+    found = blur_cells(cell, spread, (1.0, 1.0), round_aperture, place, (1500, 1500))
+    if round_aperture:
+        quadrant = round_by_frequency(spread, 9)
+    else:
+        quadrant = np.multiply.outer(*[square_by_frequency(spread, 9)] * 2)
+    rows, columns = (np.abs(np.arange(*ends)) for ends in place)
+    expected = quadrant[np.ix_(rows, columns)]
+    # Airy patterns far smaller than cells are taken along each axis by itself: of what leaves a
+    # lone cell that is up to a seventh too much.
+    separate = round_aperture and spread < 0.06
+    allowed = (1 - quadrant[0, 0]) / 7 if separate else 2e-6 * (1 + spread)
+    np.testing.assert_allclose(found, expected, atol=allowed)
+
+
+@pytest.mark.parametrize("round_aperture", [False, True])
+def test_cells_need_not_be_square(rng, round_aperture):
+    """Cells of 1 x 2, against the same light on cells of 1 x 1."""
+    cells = rng.random((5, 3))
+    seen = ((-2, 9), (-1, 5))
+    found = blur_cells(cells, 1.3, (1.0, 2.0), round_aperture, seen, (500, 250))
+    even = np.repeat(cells, 2, axis=1)
+    fine = blur_cells(even, 1.3, (1.0, 1.0), round_aperture, ((-2, 9), (-2, 10)), (500, 500))
+    np.testing.assert_allclose(found, fine.reshape(11, 6, 2).mean(axis=2), atol=2e-6)
+
+
+@pytest.mark.parametrize("spread", [0.05, 1.0, 7.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lines_go_on_beyond_their_border(rng, spread, axis):
+    image = rng.random((6, 7))
+    weights = square_by_frequency(spread, 40 if spread < 1 else 400)
+    kernel = np.concatenate([weights[:0:-1], weights])
+    expected = ndimage.convolve1d(image, kernel, axis, mode="nearest")
+    found = blur_lines(image, axis, spread, 1.0)
+    np.testing.assert_allclose(found, expected, atol=3e-4 * spread + 2e-4)
+    np.testing.assert_allclose(blur_lines(image, axis, 0, 1.0), image, atol=1e-12)
+
+
+@pytest.mark.parametrize("round_aperture", [False, True])
+def test_share_beyond_a_line(round_aperture):
+    """Against ``1 - 2 integral of T(f) sin(2 pi f t) / (pi f)`` over the transfer function T."""
+    x, weight = np.polynomial.legendre.leggauss(4000)
+    q = (1 + x) / 2
+    square, round_ = 1 - q, 2 / np.pi * (np.arccos(q) - q * np.sqrt(1 - q**2))
+    t = np.array([0.02, 0.3, 1.0, 2.7, 11.0])
+    waves = np.sin(2 * np.pi * q * t[:, None]) / (np.pi * q)
+    expected = 1 - 2 * waves @ ((round_ if round_aperture else square) * weight / 2)
+    found = share_beyond(0.4 * t, 0.4, round_aperture)
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.3, 2.0])
+def test_share_that_leaves_a_square(spread):
+    square = 1 - square_by_frequency(spread, 1)[0] ** 2
+    assert share_leaving_square(spread, 1.0, False) == pytest.approx(square, rel=1e-6)
+    round_ = 1 - round_by_frequency(spread, 1)[0, 0]
+    assert share_leaving_square(2 * spread, 2.0, True) == pytest.approx(round_, rel=1e-4)
+    assert share_leaving_square(0.0, 1.0, False) == share_leaving_square(0.0, 1.0, True) == 0
 
 
 def test_first_dark_line_of_a_square_aperture():

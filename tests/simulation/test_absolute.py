@@ -145,23 +145,10 @@ QUICK = {
 }  # fmt: skip
 """Pairs that the quick suite runs too, beside all effects by themselves."""
 
-NOT_YET = {
-    "light is taken as even over each pixel, and pixels as touching, before it is blurred": {
-        "diffraction", "diffraction, small pixels",
-    },
-}  # fmt: skip
-"""Cases that the library does not meet yet, by reason."""
-
 
 def cases():
     for name in CASES:
-        marks = [
-            pytest.mark.xfail(strict=True, reason=reason)
-            for reason, names in NOT_YET.items()
-            if name in names
-        ]
-        if "," in name and name not in QUICK:
-            marks.append(pytest.mark.slow)
+        marks = [pytest.mark.slow] if "," in name and name not in QUICK else []
         yield pytest.param(name, id=name, marks=marks)
 
 

@@ -97,12 +97,8 @@ SPARES = {
 }
 """One that does not call for it: of the effect's cause there is little."""
 
-ABSENT = (
-    "occlusion", "round_aperture", "vignetting", "lenslet_diffraction", "main_lens_diffraction",
-    "saturation",
-)  # fmt: skip
-"""Effects that cannot be had in small amounts: their spare scenes do without. (Kernels leave out
-up to a share of the light, and are a point for such short waves.)"""
+ABSENT = ("occlusion", "round_aperture", "vignetting", "saturation")
+"""Effects that cannot be had in small amounts: their spare scenes do without."""
 
 
 @pytest.mark.parametrize("name", EFFECTS)

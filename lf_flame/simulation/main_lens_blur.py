@@ -1,0 +1,229 @@
+"""Diffraction at the main lens, as a blur of what the planes of a scene emit.
+
+Light that the main lens spreads over the lenslet array keeps its direction: along a ray through
+another place of the array it would have come from another place of the plane. So the pattern's
+image on the plane blurs its cells, before any pixel gathers them, however large a lenslet is
+beside the pattern. It holds where light only adds; a plane that hides or dims another would have
+to be blurred together with it.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from lf_flame.optics import diffraction
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.ray_bundle import trace_footprint
+from lf_flame.scenes.scene import Layer
+from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm
+from lf_flame.simulation.lenslet_blur import TAIL, wavelength_mm
+from lf_flame.simulation.slabs import Plane
+
+Interval = tuple[float, float]
+
+PARTS = 8
+"""Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
+
+MARGIN = 200
+"""Spreads of the pattern beside the light that stay dark, so that hardly any comes back from the
+other side of the transform: beyond them lies 5e-4 of a line's light, on each side half of it."""
+
+MOST_DARK = 2048
+"""Cells of that margin at most: for patterns far wider than a lenslet a narrower one has to do."""
+
+MOST_CELLS = 4096
+"""Cells of a plane along each axis beyond which they are taken wider."""
+
+
+def main_lens_spread_mm(camera: PlenopticCamera) -> float:
+    """Spread of the main lens's pattern on the lenslet array: wavelength times distance / width.
+
+    Raises
+    ------
+    InputError
+        If the camera has no wavelength.
+    """
+    width = camera.aperture_diameter_mm or camera.aperture_mm
+    return wavelength_mm(camera) * camera.image_distance_mm / width
+
+
+def main_lens_share_leaving(camera: PlenopticCamera) -> float:
+    """Share of the light on a lenslet, where it is even, that diffraction throws out of it."""
+    spread = main_lens_spread_mm(camera)
+    return diffraction.share_leaving_square(spread, camera.lenslet_pitch_mm, _is_round(camera))
+
+
+@lru_cache(maxsize=16)
+def main_lens_kernel(camera: PlenopticCamera) -> np.ndarray:
+    """Diffraction of the main lens in lenslets: (odd,), or (odd, odd) for a round aperture.
+
+    For what is known of the light on each lenslet as a whole only.
+    """
+    spread, pitch = main_lens_spread_mm(camera), camera.lenslet_pitch_mm
+    kernel = diffraction.round_kernel if _is_round(camera) else diffraction.square_kernel
+    return kernel(spread, pitch, TAIL)
+
+
+def throws_beyond(camera: PlenopticCamera, distances_mm: np.ndarray, gain: float) -> np.ndarray:
+    """Share of a point's light that is thrown farther than some distances along an axis."""
+    spread = main_lens_spread_mm(camera) * gain
+    return diffraction.share_beyond(distances_mm, spread, _is_round(camera))
+
+
+def _is_round(camera: PlenopticCamera) -> bool:
+    return camera.aperture_diameter_mm is not None
+
+
+def gain_on_layer(camera: PlenopticCamera, depth_mm: float, focal_mm: float | None = None) -> float:
+    """How far a ray moves on a layer for each mm on the array, as it keeps its direction there."""
+    footprint = trace_footprint(camera, depth_mm, 0, focal_mm)
+    return abs(footprint.lenslet_width_mm) / camera.lenslet_pitch_mm
+
+
+def blur_planes(planes: list[Plane], camera: PlenopticCamera) -> list[Plane]:
+    """Blur what planes emit by diffraction at the main lens.
+
+    Parameters
+    ----------
+    planes : list of Plane
+        None of which dims another.
+    camera : PlenopticCamera
+        With a wavelength.
+
+    Returns
+    -------
+    list of Plane
+        On cells of their own, as far as the camera sees.
+    """
+    blurred = []
+    for plane in planes:
+        layer = blur_layer(plane.layer, plane.emission, camera, plane.depth_mm)
+        blurred.append(Plane(layer.texture, None, plane.depth_mm, layer))
+    return blurred
+
+
+def blur_layer(
+    layer: Layer,
+    emission: np.ndarray,
+    camera: PlenopticCamera,
+    depth_mm: float,
+    window_mm: tuple[Interval, Interval] | None = None,
+) -> Layer:
+    """Blur light on the cells of a layer that stands at a depth; on cells of its own.
+
+    Parameters
+    ----------
+    layer : Layer
+        Where the cells lie.
+    emission : ndarray of float64, shape (rows, columns)
+        Radiance of the cells.
+    camera : PlenopticCamera
+        With a wavelength.
+    depth_mm : float
+    window_mm : ((float, float), (float, float)), optional
+        Where the blurred light is wanted, along y and x; default: where the camera sees it.
+    """
+    gain = gain_on_layer(camera, depth_mm)
+    spread = main_lens_spread_mm(camera) * gain
+    if not (spread > 0 and emission.any()):
+        return Layer(emission, depth_mm, layer.size_mm, layer.centre_mm)
+    wanted = gain * camera.lenslet_pitch_mm / PARTS
+    window = window_mm or tuple(_seen_mm(camera, depth_mm, axis) for axis in (0, 1))
+    grids = []
+    for axis in (0, 1):
+        lit = layer.extent_mm(emission, axis)
+        grids.append(_Grid.over(layer.cell_edges_mm(axis), lit, window[axis], spread, wanted))
+    cells = emission
+    for axis, grid in enumerate(grids):
+        cells = grid.cut(cells, axis)
+    (top, left), (height, width) = zip(*(grid.place_mm for grid in grids), strict=True)
+    blurred = diffraction.blur_cells(
+        cells,
+        spread,
+        (grids[0].cell_mm, grids[1].cell_mm),
+        _is_round(camera),
+        (grids[0].wanted, grids[1].wanted),
+        (grids[0].dark, grids[1].dark),
+    )
+    return Layer(blurred, depth_mm, (height, width), (top + height / 2, left + width / 2))
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cells along one axis on which the light of a layer is blurred.
+
+    Attributes
+    ----------
+    first, last : int
+        Of the layer's cells, the first that can send light to where it is wanted, and one after
+        the last.
+    parts, merged : int
+        Into how many each is cut, or how many make one.
+    cell_mm : float
+    wanted : (int, int)
+        First cell that is wanted and one after the last, from the first that can send light.
+    dark : int
+        Cells beside all these that stay dark.
+    start_mm : float
+        Where the first that can send light begins.
+    """
+
+    first: int
+    last: int
+    parts: int
+    merged: int
+    cell_mm: float
+    wanted: tuple[int, int]
+    dark: int
+    start_mm: float
+
+    @classmethod
+    def over(
+        cls, edges: np.ndarray, lit: Interval, window: Interval, spread: float, wanted: float
+    ) -> "_Grid":
+        """Lay the grid on the edges of a layer's cells.
+
+        lit: where there is light; window: where it is wanted; wanted: width of the cells, in mm.
+        """
+        cell, count = float(edges[1] - edges[0]), edges.size - 1
+        reach = MARGIN * spread
+        low, high = max(window[0], lit[0] - reach), min(window[1], lit[1] + reach)
+        high = max(low, high)
+        first = min(max(math.floor((low - reach - edges[0]) / cell), 0), count - 1)
+        last = min(max(math.ceil((high + reach - edges[0]) / cell), first + 1), count)
+        whole = max((high - low) / cell, last - first)
+        parts = max(1, min(math.ceil(cell / wanted), int(MOST_CELLS / whole)))
+        merged = math.ceil(whole / MOST_CELLS)
+        fine, start = cell * merged / parts, float(edges[first])
+        begin = math.floor((low - start) / fine)
+        end = max(math.ceil((high - start) / fine), begin + 1)
+        dark = math.ceil(min(reach / fine, MOST_DARK))
+        return cls(first, last, parts, merged, fine, (begin, end), dark, start)
+
+    def cut(self, cells: np.ndarray, axis: int) -> np.ndarray:
+        """Take the cells of this grid from those of the layer, along an axis."""
+        near = np.moveaxis(cells, axis, 0)[self.first : self.last].repeat(self.parts, 0)
+        beyond = np.zeros((-near.shape[0] % self.merged, near.shape[1]))
+        merged = np.concatenate([near, beyond]).reshape(-1, self.merged, near.shape[1]).mean(axis=1)
+        return np.moveaxis(merged, 0, axis)
+
+    @property
+    def place_mm(self) -> tuple[float, float]:
+        """Where what is wanted begins, and how wide it is."""
+        begin, end = self.wanted
+        return self.start_mm + begin * self.cell_mm, (end - begin) * self.cell_mm
+
+
+def _seen_mm(camera: PlenopticCamera, depth_mm: float, axis: int) -> tuple[float, float]:
+    """First and last place on a layer that a pixel can see, through any lenslet, in any colour."""
+    low, high = math.inf, -math.inf
+    for colour in (-0.5, 0.5) if camera.chromatic_shift else (0.0,):
+        focal_mm = camera.main_lens_focal_mm * (1 + camera.chromatic_shift * colour)
+        footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
+        aside = beyond_mm(camera) + sum(misplaced_mm(camera))
+        reach = footprint.half_width_mm + abs(footprint.shift_per_lenslet_shift) * aside
+        low = min(low, footprint.centres_mm.min() - reach)
+        high = max(high, footprint.centres_mm.max() + reach)
+    return low, high

@@ -1,0 +1,103 @@
+"""Diffraction at the main lens, on lenslets far wider than its pattern."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame.optics.diffraction import share_beyond
+from lf_flame.simulation.main_lens_blur import (
+    blur_layer,
+    gain_on_layer,
+    main_lens_share_leaving,
+    main_lens_spread_mm,
+)
+
+CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (16, 18), wavelength_nm=3000.0)
+ONLY = {"main_lens_diffraction": True, "lenslet_diffraction": False}
+ROUND = {"aperture_diameter_mm": CAMERA.aperture_mm}
+
+
+def both(scene, camera, tolerance=1e-4):
+    """Views with the main lens's diffraction and without."""
+    return (
+        render(scene, camera, tolerance, effects=ONLY | {"main_lens_diffraction": on}).views[1, 1]
+        for on in (True, False)
+    )
+
+
+@pytest.mark.parametrize("aperture", [{}, ROUND], ids=["square", "round"])
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_an_edge_in_the_focal_plane_bleeds_by_the_share_thrown_beyond_it(aperture, shift):
+    """Along an edge inside a lenslet, anywhere: the pattern's integral from each point of it."""
+    camera = replace(CAMERA, **aperture)
+    forced = {"round_aperture": False, "f_number_mismatch": False} if aperture else {}
+    pitch = camera.field_mm(0)[1] / 18  # of the lenslets, on the focal plane
+    scene = Scene([Layer([[1.0]], 0.0, (400 * pitch, 400 * pitch), (0.0, (200 + shift) * pitch))])
+    found = render(scene, camera, 1e-4, effects=ONLY | forced).views[1, 1, 8]
+    # In lenslets from the edge; a point is lit by all that is thrown that far, from one side.
+    places = np.arange(18)[:, None] - 8.5 - shift + (np.arange(400) + 0.5) / 400 - 0.5
+    thrown = share_beyond(
+        np.abs(places) * camera.lenslet_pitch_mm, main_lens_spread_mm(camera), bool(aperture)
+    )
+    lit = np.where(places > 0, 1 - thrown / 2, thrown / 2).mean(axis=1)
+    np.testing.assert_allclose(found, lit, atol=6e-4)
+
+
+def test_a_blur_grows_with_the_distance_from_the_lens():
+    """A ray that keeps its direction on the array moves on a layer as the field widens there."""
+    for depth in (-40.0, 0.0, 25.0):
+        middle = CAMERA.field_mm(depth)[0] / 16 / CAMERA.lenslet_pitch_mm
+        # The central view's rays cross the middle of the lens instead: nearly that.
+        assert gain_on_layer(CAMERA, depth) == pytest.approx(middle, rel=0.2)
+    assert gain_on_layer(CAMERA, 0.0) == pytest.approx(CAMERA.field_mm(0)[0] / 16 / 0.112)
+
+
+def test_light_from_beyond_the_field_comes_in(rng):
+    """As of a layer that ends where the field does, and of one that goes on."""
+    height, width = CAMERA.field_mm(0.0)
+    inside, outside = (Layer(np.ones((1, 1)), 0.0, (height * k, width * k)) for k in (1.0, 3.0))
+    ends, goes_on = (next(both(Scene([layer]), CAMERA)) for layer in (inside, outside))
+    np.testing.assert_allclose(goes_on, 1, atol=2e-3)
+    assert np.all(ends[0] < 0.98)
+    # Of two neighbours beyond an edge one throws back what the other lost.
+    dark = main_lens_share_leaving(replace(CAMERA, lenslets=(1, 1)))
+    assert 1 - ends[8, 0] < dark
+
+
+@pytest.mark.parametrize("size", [(0.02, 0.02), (30.0, 0.5)])
+@pytest.mark.parametrize("cells", [(1, 1), (40, 3)])
+def test_all_light_is_kept_on_any_cells(rng, size, cells):
+    layer = Layer(rng.random(cells), 5.0, size)
+    wide = ((-40.0, 40.0), (-40.0, 40.0))
+    blurred = blur_layer(layer, layer.texture, CAMERA, 5.0, wide)
+    light = [
+        one.texture.sum() * np.prod(one.size_mm) / one.texture.size for one in (layer, blurred)
+    ]
+    assert light[1] == pytest.approx(light[0], rel=5e-3)
+    y, x = (
+        blurred.texture.sum(axis=1 - axis)
+        @ np.convolve(blurred.cell_edges_mm(axis), [0.5, 0.5], "valid")
+        / blurred.texture.sum()
+        for axis in (0, 1)
+    )
+    given = [
+        layer.texture.sum(axis=1 - axis)
+        @ np.convolve(layer.cell_edges_mm(axis), [0.5, 0.5], "valid")
+        / layer.texture.sum()
+        for axis in (0, 1)
+    ]
+    np.testing.assert_allclose([y, x], given, atol=5e-3)
+
+
+@pytest.mark.parametrize("nm", [1e-9, 1e4])
+def test_hard_cases_stay_light(rng, nm):
+    """Patterns far smaller than a cell, and far wider than the field; cells of any size."""
+    camera = replace(CAMERA, wavelength_nm=nm, aperture_diameter_mm=0.5)
+    for size in ((1e-3, 1e-3), (300.0, 200.0)):
+        layer = Layer(rng.random((7, 9)), 3.0, size)
+        blurred = blur_layer(layer, layer.texture, camera, 3.0)
+        assert np.isfinite(blurred.texture).all()
+        assert 0 <= blurred.texture.min() <= blurred.texture.max() <= layer.texture.max() + 1e-9
+        assert blurred.texture.size < 2**25
