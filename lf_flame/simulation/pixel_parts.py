@@ -86,7 +86,9 @@ def _windows(
         yield [_aside(plane, camera, window, corner) for plane in planes], window
 
 
-def _corners(planes: list[Plane], camera: PlenopticCamera, size: tuple[int, int]) -> set[tuple[int, int]]:
+def _corners(
+    planes: list[Plane], camera: PlenopticCamera, size: tuple[int, int]
+) -> set[tuple[int, int]]:
     """First lenslets of the windows: all over the array, and where planes are rough or bright."""
     last = [n - m for n, m in zip(camera.lenslets, size, strict=True)]
     along = [np.round(np.linspace(0, end, GRID)).astype(int).tolist() for end in last]
