@@ -13,7 +13,8 @@ from lf_flame.commands.options import FOLDER
 @click.option("--out", type=FOLDER, default="results/bounds", show_default=True)
 @click.option("--scenes", type=click.IntRange(min=1), default=1000, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-def bounds(out: Path, scenes: int, seed: int) -> None:
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; default: one per core.")
+def bounds(out: Path, scenes: int, seed: int, workers: int | None) -> None:
     """Hold the effect plan's bounds against the images of random scenes.
 
     Scenes of flames, rough textures and cards before cameras with every imperfection. Each effect
@@ -23,6 +24,7 @@ def bounds(out: Path, scenes: int, seed: int) -> None:
     """
     from experiments.bounds.report import run_bounds
     from lf_flame._common.progress import step_bar
+    from lf_flame._common.provenance import cpu_count
 
-    path = run_bounds(scenes, seed, out, step_bar)
+    path = run_bounds(scenes, seed, out, step_bar, workers or cpu_count())
     click.echo(set_beside(path, f"bounds/{path.name}"))

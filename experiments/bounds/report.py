@@ -1,8 +1,12 @@
 """Table and record of the bounds against random scenes (`experiments.bounds.random_scenes`)."""
 
-from collections.abc import Iterable, Sequence
+import multiprocessing
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
+import numba
 import pandas as pd
 
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
@@ -13,7 +17,7 @@ SAVED_EVERY = 10
 """Scenes after which the record is written, so that a stopped run goes on from there."""
 
 
-def run_bounds(scenes: int, seed: int, out: Path, progress) -> Path:
+def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) -> Path:
     """Measure random scenes, those that a record in `out` holds left aside, and write the report.
 
     Parameters
@@ -23,6 +27,8 @@ def run_bounds(scenes: int, seed: int, out: Path, progress) -> Path:
         Gets ``bounds.json``, the record, ``bounds.csv`` and ``bounds.md``.
     progress : callable
         As `lf_flame._common.progress.step_bar`.
+    workers : int, optional
+        Processes; they change the time alone.
 
     Returns
     -------
@@ -33,11 +39,16 @@ def run_bounds(scenes: int, seed: int, out: Path, progress) -> Path:
     found = read_json(path)["scenes"][:scenes] if path.exists() else []
     if found and read_json(path)["seed"] != seed:
         found = []
-    todo: Iterable[int] = range(len(found), scenes)
-    for number in progress(todo, len(found), scenes):
-        found.append(measure_scene(seed, number))
-        if len(found) % SAVED_EVERY == 0:
-            _save(path, seed, found)
+    done, context = len(found), multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, numba.set_num_threads, (1,)) as pool:
+        measured = pool.map(partial(measure_scene, seed), range(done, scenes))
+        try:
+            for scene in progress(measured, done, scenes):
+                found.append(scene)
+                if len(found) % SAVED_EVERY == 0:
+                    _save(path, seed, found)
+        finally:
+            pool.shutdown(cancel_futures=True)
     _save(path, seed, found)
     table = tabulate(found)
     write_text(out / "bounds.csv", table.to_csv(index=False))

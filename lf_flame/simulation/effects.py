@@ -38,7 +38,7 @@ from lf_flame.simulation.spread_bounds import (
 )
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut, true_pitch_mm
 
-CLEAR = 0.02
+CLEAR = 0.25
 """Change by the farthest move, relative to the brightest pixel, beyond which defocus is not looked
 into more closely: that would take longer than it could save."""
 
