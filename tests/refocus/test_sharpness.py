@@ -162,6 +162,8 @@ def test_colours_and_other_types_are_searched(kind, rng):
     assert find_sharpest_slope(views).slope == pytest.approx(0.77, abs=0.01)
     assert find_sharpest_slope(colour).slope == pytest.approx(0.77, abs=0.01)
     assert find_sharpest_slope(LightField(colour)).slope == find_sharpest_slope(colour).slope
+    (tile,) = find_sharpest_slopes(colour, tiles=(1, 1))
+    assert tile.slope == find_sharpest_slope(colour).slope
 
 
 def test_default_range_widens_until_the_peak_is_inside(rng):
@@ -171,6 +173,15 @@ def test_default_range_widens_until_the_peak_is_inside(rng):
         assert found.slopes[0] < -5.37
         steps = np.diff(found.slopes)
         np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+
+
+def test_a_clear_peak_in_strong_noise_does_not_widen_the_range(rng):
+    """81 views share less than a half of their energy, but far more than 3 / 81."""
+    light_field = planted(band_limited(rng, (64, 64), 0.12), 1.4, (9, 9))
+    light_field += 0.5 * rng.normal(size=light_field.shape)
+    found = find_sharpest_slope(light_field)
+    assert found.slope == pytest.approx(1.4, abs=0.02)
+    assert found.slopes[-1] == pytest.approx(3.0, abs=0.1)
 
 
 def test_a_peak_beyond_the_range_is_named(rng):
