@@ -15,6 +15,7 @@ from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, rend
 from lf_flame._common.arrays import centred
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
+    _semblance_kernels,
     find_sharpest_slope,
     find_sharpest_slopes,
     fourier_refocus,
@@ -230,6 +231,16 @@ def test_confidence_is_low_without_parallax(rng):
     found = find_sharpest_slope(planted(broad, 0.4, (3, 3)), np.linspace(-2, 2, 41))
     assert found.slope == pytest.approx(0.4, abs=0.001)
     assert found.confidence < 0.2
+
+
+@pytest.mark.parametrize("multiply", ["multiply", "_multiply"])
+@pytest.mark.parametrize("columns", [3, 512, 1100])
+def test_the_compiled_product_is_that_of_matrices(multiply, columns, rng):
+    """And its Python, which minds the ends of arrays."""
+    left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
+    out = np.full((2, columns), np.nan)
+    getattr(_semblance_kernels, multiply)(left, right, out)
+    np.testing.assert_allclose(out, left @ right, rtol=1e-12, atol=1e-12)
 
 
 def side_by_side(rng):
