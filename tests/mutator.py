@@ -78,7 +78,7 @@ def _replaced(source: str, start: int, end: int, text: str) -> str:
     return (code[:start] + text.encode() + code[end:]).decode()
 
 
-def find_mutants(source: str, file: str) -> list[Mutant]:
+def find_mutants(source: str, file: str, line: str | None = None) -> list[Mutant]:
     """Find every error that can be planted in a program, in the order of its text.
 
     Parameters
@@ -86,6 +86,8 @@ def find_mutants(source: str, file: str) -> list[Mutant]:
     source : str
     file : str
         Its path, for the record.
+    line : str, optional
+        Only on lines that read so, but for the spaces around. Default: on all.
 
     Returns
     -------
@@ -94,12 +96,14 @@ def find_mutants(source: str, file: str) -> list[Mutant]:
     """
     tree = ast.parse(source)
     found = sorted(_Finder(source, file).walk(tree), key=lambda m: (m.start, m.end, m.after))
-    return [m for m in dict.fromkeys(found) if _is_another_program(m.apply(source), tree)]
+    lines, same = [text.strip() for text in source.splitlines()], ast.dump(tree)
+    wanted = (m for m in dict.fromkeys(found) if line in (None, lines[m.line - 1]))
+    return [m for m in wanted if _is_another_program(m.apply(source), same)]
 
 
-def _is_another_program(changed: str, tree: ast.Module) -> bool:
+def _is_another_program(changed: str, same: str) -> bool:
     try:
-        return ast.dump(ast.parse(changed)) != ast.dump(tree)
+        return ast.dump(ast.parse(changed)) != same
     except SyntaxError:
         return False
 

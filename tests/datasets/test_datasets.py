@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skimage.transform import resize
 
-from lf_flame import InputError, plan_effects, render
+from lf_flame import InputError, Scene, plan_effects, render
 from lf_flame._common.config import build
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
@@ -65,6 +65,18 @@ def test_slopes_found_are_the_geometrys(name):
     config = read_config(DATA_GEN / f"{name}.toml")
     found = [search.slope for search in search_slopes(config)]
     np.testing.assert_allclose(found, config.camera.depth_to_slope(config.depths_mm), atol=0.01)
+
+
+def test_each_object_is_searched_where_it_stands(tiny):
+    """All lenslets that it lights in the middle view, and a few around them, up to the edges."""
+    scene, _ = tiny.draw(None)
+    for layer, search in zip(scene.layers, search_slopes(tiny), strict=True):
+        lit = render(Scene([layer]), tiny.camera).views[2, 2] > 0
+        for axis, length in enumerate(tiny.camera.lenslets):
+            places = np.flatnonzero(lit.any(axis=1 - axis))
+            first, end = search.region[2 * axis : 2 * axis + 2]
+            assert first == 0 or 3 <= places[0] - first <= 9
+            assert end == length or 3 <= end - 1 - places[-1] <= 9
 
 
 def test_input_is_the_raw_image_resized_by_area(tiny):

@@ -15,6 +15,7 @@ from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, rend
 from lf_flame._common.arrays import centred
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
+    _semblance_kernels,
     find_sharpest_slope,
     find_sharpest_slopes,
     fourier_refocus,
@@ -162,6 +163,8 @@ def test_colours_and_other_types_are_searched(kind, rng):
     assert find_sharpest_slope(views).slope == pytest.approx(0.77, abs=0.01)
     assert find_sharpest_slope(colour).slope == pytest.approx(0.77, abs=0.01)
     assert find_sharpest_slope(LightField(colour)).slope == find_sharpest_slope(colour).slope
+    (tile,) = find_sharpest_slopes(colour, tiles=(1, 1))
+    assert tile.slope == find_sharpest_slope(colour).slope
 
 
 def test_default_range_widens_until_the_peak_is_inside(rng):
@@ -171,6 +174,15 @@ def test_default_range_widens_until_the_peak_is_inside(rng):
         assert found.slopes[0] < -5.37
         steps = np.diff(found.slopes)
         np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+
+
+def test_a_clear_peak_in_strong_noise_does_not_widen_the_range(rng):
+    """81 views share less than a half of their energy, but far more than 3 / 81."""
+    light_field = planted(band_limited(rng, (64, 64), 0.12), 1.4, (9, 9))
+    light_field += 0.5 * rng.normal(size=light_field.shape)
+    found = find_sharpest_slope(light_field)
+    assert found.slope == pytest.approx(1.4, abs=0.02)
+    assert found.slopes[-1] == pytest.approx(3.0, abs=0.1)
 
 
 def test_a_peak_beyond_the_range_is_named(rng):
@@ -219,6 +231,16 @@ def test_confidence_is_low_without_parallax(rng):
     found = find_sharpest_slope(planted(broad, 0.4, (3, 3)), np.linspace(-2, 2, 41))
     assert found.slope == pytest.approx(0.4, abs=0.001)
     assert found.confidence < 0.2
+
+
+@pytest.mark.parametrize("multiply", ["multiply", "_multiply"])
+@pytest.mark.parametrize("columns", [3, 512, 1100])
+def test_the_compiled_product_is_that_of_matrices(multiply, columns, rng):
+    """And its Python, which minds the ends of arrays."""
+    left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
+    out = np.full((2, columns), np.nan)
+    getattr(_semblance_kernels, multiply)(left, right, out)
+    np.testing.assert_allclose(out, left @ right, rtol=1e-12, atol=1e-12)
 
 
 def side_by_side(rng):

@@ -139,6 +139,28 @@ def test_slope_zero_is_the_plain_mean(rng):
     np.testing.assert_allclose(shift_and_sum(views, 0)[0], views.mean(axis=(0, 1)), rtol=1e-6)
 
 
+@pytest.mark.parametrize("shape", [(5, 5), (3, 3), (7, 3), (9, 9)])
+def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
+    """No digit of a sum is lost before the last: up to 81 x 255 it fits into float32."""
+    views = rng.integers(0, 256, (*shape, 12, 14)).astype(np.uint8)
+    expected = (views.sum(axis=(0, 1)) / np.prod(shape)).astype(np.float32)
+    np.testing.assert_array_equal(shift_and_sum(views, 0)[0], expected)
+
+
+@pytest.mark.parametrize(
+    ("start", "reach", "size", "channels"), [(20, 3, 16, 1), (0, 3, 16, 1), (30, 6, 30, 3)]
+)
+def test_a_cut_line_leaves_what_is_beside_it_alone(start, reach, size, channels):
+    """Its own pixels are those of the line, the edges repeated, and the rest stays."""
+    line = np.arange(1.0, 200, dtype=np.float32)[:42]
+    lines, base = np.full(150, -1, np.float32), 25
+    _kernels.cut_line(line, start, reach, channels, lines, base, size, np.zeros(size, np.float32))
+    at = np.arange(start - reach, start - reach + size)
+    pixel = np.clip(at // channels, 0, line.size // channels - 1)
+    np.testing.assert_array_equal(lines[base : base + size], line[pixel * channels + at % channels])
+    assert np.all(np.delete(lines, np.s_[base : base + size]) == -1)
+
+
 def test_constant_light_field_keeps_its_value():
     views = np.full((5, 5, 12, 11), 0.3, np.float32)
     np.testing.assert_allclose(shift_and_sum(views, [-1.3, 0.4, 2]), 0.3, rtol=1e-7)

@@ -8,6 +8,7 @@ Of a row ``b exp(-q^2) (1 + c (q^2 + 1/2))`` with ``q = x / b``, Gaussian moment
 import numpy as np
 import pytest
 
+from lf_flame import InputError
 from lf_flame.datasets.templates import FlameObject, FlameTemplate
 from lf_flame.scenes.flames import HALF_WIDTH, WAVES, draw_wrinkles, flame_texture
 
@@ -118,3 +119,10 @@ def test_a_template_sways_by_a_share_of_the_radius(radius):
         sways.append(middle[0] / (1 - (row + 0.5) / rows))
     # 300 normal numbers: a standard error of 4 %
     assert np.sqrt(np.mean(np.square(sways))) == pytest.approx(0.06 * radius, rel=0.15)
+
+
+def test_a_flame_that_flickers_down_to_nothing_is_refused():
+    """A sine of this standard deviation swings by sqrt(2) of it, here by the whole height."""
+    with pytest.raises(InputError, match="height_mm above the swing of its flicker"):
+        FlameObject("flame", 0.0, (0.0, 0.0), 2**0.5, 1.0, RADIUS)
+    assert FlameObject("flame", 0.0, (0.0, 0.0), 1.42, 1.0, RADIUS).height_mm == 1.42

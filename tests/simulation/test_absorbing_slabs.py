@@ -1,10 +1,12 @@
 """Thick layers that absorb, against radiative transfer integrated along rays."""
 
+from itertools import pairwise, permutations
+
 import numpy as np
 import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
-from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
+from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
 from lf_flame.simulation.scene_bounds import bound_scene
 from lf_flame.simulation.slabs import slab_edges, slice_scene
 
@@ -136,6 +138,49 @@ def test_slabs_err_by_no_more_than_their_bound(name, behind):
         for slabs in (4, 16):
             assert abs(sliced(layer, CAMERA, pixel, slabs, behind) - truth) <= bound(slabs)
     assert bound(256) <= bound(128) / 3  # the second order
+
+
+@pytest.mark.parametrize("edges", [[0, 0.1, 0.9, 1], [0, 0.2, 0.3, 0.6, 1]])
+def test_what_a_border_changes_fades_as_a_ray_through_it_does(edges):
+    """A ray crosses the border somewhere in a slab, from the thin side or from the thick one."""
+    least, most, edges = 3.0, 8.0, np.array(edges)
+    one = np.ones((1, 1))
+
+    def both(shown, passed):
+        steps = MatterSteps(shown * one, passed * one, least * one, most * one, most * one)
+        return float(steps.at_edges(edges).max()), float(steps.inside(edges).max())
+
+    whole, part, widths = [], [], np.diff(edges)
+    for low, high in pairwise(edges):
+        ways = np.linspace(low, high, 1001)  # to the border, of the whole way
+        orders = [a * ways + b * (1 - ways) for a, b in permutations((least, most))]
+        whole.append(np.exp(-np.min(orders)))  # passes all matter
+        part.append(np.exp(-least * low))  # comes from the border to the front
+    fading = widths**2 * np.minimum(1, most * widths)
+    expected = np.max(widths**2 * part), np.sum(fading * part)
+    assert both(shown=1, passed=0) == pytest.approx(expected, rel=1e-9)
+    expected = np.max(widths**2 * whole), np.sum(fading * whole)
+    assert both(shown=0, passed=1) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("near", [(0, 0), (2, 1), (1, 3)])
+def test_radiances_that_arrive_are_those_of_the_cells_around(near, rng):
+    """Sources between those of all cells so near; more, where one of them glows and is clear."""
+    emission, tau = rng.random((9, 11)), rng.uniform(0.5, 5, (9, 11))
+    tau[:, 8:] = 0
+    emission[:, 9:] = 0
+    emission[:4, 8] = 0  # nothing; below it, clear glow
+    low, high, through = _arriving(emission, tau, near, 0.4)
+    for i, j in np.ndindex(emission.shape):
+        around = (slice(max(i - near[0], 0), i + near[0] + 1),
+                  slice(max(j - near[1], 0), j + near[1] + 1))  # fmt: skip
+        light, matter = emission[around].ravel(), tau[around].ravel()
+        sources = light[matter > 0] / matter[matter > 0]
+        least, most = (sources.min(), sources.max()) if sources.size else (0, 0)
+        if np.any(light[matter == 0] > 0):
+            least, most = 0, 0.4 + emission.max()
+        assert (low[i, j], high[i, j]) == pytest.approx((least, most), rel=1e-12)
+        assert through[i, j] == max(high[i, j], 0.4)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])

@@ -173,6 +173,17 @@ def test_numbers_are_uniform_and_chunks_go_on(monkeypatch, sequence):
         np.testing.assert_allclose(np.histogram(column, 10, (0, 1))[0], 100, atol=40)
 
 
+@pytest.mark.parametrize(("height", "pixel"), [(0.31, 6), (-0.31, 2), (0.02, 4)])
+def test_a_ray_behind_a_lenslet_goes_on_by_its_matrix(height, pixel):
+    """A ray along the axis has come half as near to it at half the focal length.
+
+    Of one lenslet of 1 mm; nine pixels of 0.1 mm.
+    """
+    halfway = np.array([[0.5, 5.0], [-0.1, 0.5]])  # a lens of 10 mm, and 5 mm behind it
+    found = forward.catch(height, 0.0, (-np.eye(2), halfway), (1.0, 1.0, 0.1), 1, 9)
+    assert found == (0, pixel)
+
+
 @pytest.mark.jit
 def test_the_compiled_kernel_equals_its_python(small_camera, rng, monkeypatch):
     card = Layer([[0.0]], -10.0, (1.0, 1.0), (0.2, 0.1), opaque=True)

@@ -213,6 +213,17 @@ def test_other_passes_of_light(tiny_camera, rng, changes):
     check(planes, bare, bundles, rng, pixels=6)
 
 
+@pytest.mark.parametrize("depth", [-30.0, 0.0, 12.0])
+def test_a_bundle_reaches_as_far_as_its_corner_rays(small_camera, rng, depth):
+    layer = glow(rng, depth)
+    for axis in (0, 1):
+        _, lenslet, pixel = similar_triangles(small_camera, depth, axis)
+        places = np.add.outer([-lenslet / 2, lenslet / 2], [-pixel / 2, pixel / 2])
+        cell_mm = layer.size_mm[axis] / layer.texture.shape[axis]
+        reach = bundles_on(planes_of(layer), OpticalPass(small_camera), axis).reach
+        np.testing.assert_allclose(reach, [np.ptp(places) / 2 / cell_mm], rtol=1e-9)
+
+
 def test_uniform_fields_dim_by_the_product_of_all_they_cross(small_camera):
     """And by cos^4, as the exact integrator has it for open light."""
     camera, size = replace(small_camera, lenslets=(3, 4), views=2), (90.0, 90.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, Scene, render
+from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.simulation.bundle_shifts import misplaced_mm, pitch_shifts_mm, rotation_shifts_mm
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
 from lf_flame.simulation.stops import (
@@ -70,6 +71,24 @@ def test_stops_and_misplaced_lenslets_of_an_ideal_camera(small_camera):
     np.testing.assert_array_equal(misplaced_mm(wide), together)
     assert share_cut(wide, 0.0, 1e3) == 0
     assert 0 < share_cut(wide, 0.0, 40.0) <= share_cut(wide, 0.0, 20.0) <= 1
+
+
+@pytest.mark.parametrize("angle", [-0.05, 0.003, 0.1])
+def test_a_turned_array_moves_its_corners(small_camera, angle):
+    height, width = (0.112 * n / 2 for n in small_camera.lenslets)
+    corners = np.array([width + 1j * height, width - 1j * height])
+    moved = corners * np.exp(1j * angle) - corners
+    found = rotation_shifts_mm(replace(small_camera, lenslet_rotation_rad=angle))
+    expected = np.abs(moved.imag).max(), np.abs(moved.real).max()
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("distance_mm", [0.0, 40.0])
+def test_a_stop_that_the_worst_bundle_just_passes_cuts_nothing(small_camera, distance_mm):
+    footprints = [trace_stop(small_camera, distance_mm, axis) for axis in (0, 1)]
+    farthest = [np.abs(f.centres_mm).max() + f.half_width_mm for f in footprints]
+    assert share_cut(small_camera, distance_mm, np.hypot(*farthest)) == 0
+    assert share_cut(small_camera, distance_mm, 0.999 * np.hypot(*farthest)) > 0
 
 
 def test_micro_images_that_move_over_a_pixel(small_camera):

@@ -106,6 +106,13 @@ def test_all_views_are_shift_and_sum_itself(views):
     np.testing.assert_array_equal(ShiftAndSum().refocus(views, [0.7, -0.2]), expected)
 
 
+def test_some_views_are_shift_and_sum_with_the_others_left_out(views):
+    weights = sparse_aperture((9, 9), square_of_views(9, 9))
+    expected = shift_and_sum(views, [0.7, -0.2], weights=weights)
+    found = ShiftAndSum("few", square_of_views).refocus(views, [0.7, -0.2])
+    np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("count", [9, 11, 15, 17, 27])
 def test_lattice_shares_no_row_and_no_column(count):
     indices = np.array(lattice_of_views(count, count))

@@ -37,6 +37,17 @@ def test_slope_of_a_region_is_found(two_depths):
     assert out_of_reach < min(likeness) - 0.1
 
 
+@pytest.mark.parametrize(
+    ("region", "slopes", "slope"),
+    [((10, 50, 70, 110), (-0.7, 3.3), -0.61), ((10, 50, 10, 50), (-3.1, 0.9), 0.83)],
+)
+def test_a_slope_beside_an_end_of_the_range_is_found(two_depths, region, slopes, slope):
+    """Of the ten steps of 0.4 the outermost is divided again, up to the end of the range."""
+    found, likeness = search_region_slope(two_depths, region, slopes)
+    assert found == pytest.approx(slope, abs=0.1)
+    assert likeness > 0.9
+
+
 @pytest.mark.parametrize("dense", [False, True])
 def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, dense):
     regions = [(16, 44, 10, 50), (16, 44, 70, 110)]
@@ -59,6 +70,8 @@ def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, de
         ((0, 5, 0, 50), (-1, 1), "11 pixels or more along each side, got 5 x 50"),
         ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 pixels of the views, got"),
         ((0, 50, 0, 50), (1, 1), "two rising numbers, got 1 and 1"),
+        ((0, 50, 0, 50), (0, np.inf), "two rising numbers, got 0 and inf"),
+        ((0, 50, 0, 50), (-np.inf, 0), "two rising numbers, got -inf and 0"),
         ((0, 50, 0), (-1, 1), "four whole numbers, got"),
         ((0, 50, 0, 5.5), (-1, 1), "four whole numbers, got"),
     ],

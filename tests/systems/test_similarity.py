@@ -35,6 +35,19 @@ def test_ms_ssim_is_tensorflows(pictures):
     np.testing.assert_allclose(keras.ops.convert_to_numpy(ms_ssim(*pictures)), expected, atol=2e-5)
 
 
+def test_all_five_scales_weigh_as_in_tensorflow(rng):
+    """Its own weights, those of the paper, on images that are large enough for all."""
+    import tensorflow as tf
+
+    truth = rng.random((1, 22, 26, 1)).repeat(8, axis=1).repeat(8, axis=2).astype(np.float32)
+    image = np.clip(truth + rng.normal(0, 0.2, truth.shape), 0, 1).astype(np.float32)
+    image = (image + np.roll(image, 12, axis=1)) / 2  # the coarsest scale is unlike, too
+    expected = tf.image.ssim_multiscale(truth, image, 1.0)
+    assert 0.1 < float(expected[0]) < 0.9
+    found = keras.ops.convert_to_numpy(ms_ssim(truth, image))
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
 def test_equal_images_score_one_and_worse_ones_less(pictures):
     smooth, noisy = pictures
     half = (smooth + noisy) / 2
