@@ -50,7 +50,7 @@ def _draw_camera(rng: np.random.Generator) -> PlenopticCamera:
         rim_diameter_mm=maybe(rng.uniform(50, 140)),
         rim_distance_mm=rng.uniform(0, 30),
         wavelength_nm=maybe(rng.uniform(450, 700)),
-        chromatic_shift=maybe(10 ** rng.uniform(-5, -2), 0.0),
+        chromatic_shift=maybe(10 ** rng.uniform(-5, -3), 0.0),
         lenslet_rotation_rad=maybe(10 ** rng.uniform(-6, -2), 0.0),
         lenslet_pitch_error=maybe(10 ** rng.uniform(-6, -2), 0.0),
         falloff_corrected=bool(rng.random() < 0.5),
