@@ -128,21 +128,11 @@ def render_plan(
         dimming=set(plan.traced),
     )
     _check_field(scene, OpticalPass(camera))
-    dims = any(plane.transmission is not None for plane in planes)
-    if _diffracts(camera, plan, "main_lens") and not dims:
+    if _diffracts(camera, plan, "main_lens") and not _dim(planes):
         planes = blur_planes(planes, camera)
     method = plan.integrator if integrator == "auto" else integrator
     if _diffracts(camera, plan, "lenslet"):
-
-        def diffracted(seen: list[Plane], sensor: PlenopticCamera, parts: int) -> np.ndarray:
-            return _blurred_by_lenslets(seen, sensor, parts, plan, method, rays)
-
-        allowance = PIXEL_PARTS_SHARE * plan.tolerance
-        if rays:
-            parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
-        else:
-            parts = count_pixel_parts(planes, camera, allowance, diffracted)
-        views = as_views(diffracted(planes, camera, parts), camera, "raw")
+        views = _gather_diffracted(planes, camera, plan, method, rays)
     else:
         views = _gather(planes, camera, plan, method, rays, layout)
     return _record(views, camera, plan, seed, layout)
@@ -172,14 +162,18 @@ def _gather(
         for optics in passes:
             trace(planes, optics, layout, rays, image)
     views = as_views(image.astype(np.float32, copy=False), camera, layout)
-    dims = any(plane.transmission is not None for plane in planes)
-    if _diffracts(camera, plan, "main_lens") and dims:
+    if _diffracts(camera, plan, "main_lens") and _dim(planes):
         views = diffraction.blur_views(views, main_lens_kernel(camera))
     return views
 
 
 def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
     return camera.wavelength_nm is not None and f"{lens}_diffraction" in plan.kept
+
+
+def _dim(planes: list[Plane]) -> bool:
+    """Whether any plane hides or dims what is behind it."""
+    return any(plane.transmission is not None for plane in planes)
 
 
 def _check_options(integrator: str, rays: int | None, layout: str) -> None:
@@ -248,18 +242,23 @@ def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
     return next(i for i, rays in enumerate(RAY_COUNTS) if rays >= min(dense, 41))
 
 
-def _blurred_by_lenslets(
-    planes: list[Plane],
-    camera: PlenopticCamera,
-    parts: int,
-    plan: EffectPlan,
-    method: str,
-    rays: int | None,
+def _gather_diffracted(
+    planes: list[Plane], camera: PlenopticCamera, plan: EffectPlan, method: str, rays: int | None
 ) -> np.ndarray:
-    """Gather light on parts of the pixels, and let the lenslets diffract it: a raw image."""
-    tiled = tiled_sensor(camera, parts)
-    tiles = _gather(planes, tiled, plan, method, rays, "raw")
-    return blur_on_sensor(LightField.trusted(tiles).to_raw(), tiled, camera)
+    """Gather the light of all planes as views, and let the lenslets diffract it."""
+
+    def diffracted(planes: list[Plane], camera: PlenopticCamera, parts: int) -> np.ndarray:
+        """Raw image by the light on parts of the pixels."""
+        tiled = tiled_sensor(camera, parts)
+        tiles = LightField.trusted(_gather(planes, tiled, plan, method, rays, "raw"))
+        return blur_on_sensor(tiles.to_raw(), tiled, camera)
+
+    if rays:
+        parts = PARTS_BESIDE_GAPS if leaves_gaps(camera) else 1
+    else:
+        allowance = PIXEL_PARTS_SHARE * plan.tolerance
+        parts = count_pixel_parts(planes, camera, allowance, diffracted)
+    return as_views(diffracted(planes, camera, parts), camera, "raw")
 
 
 def _record(views: np.ndarray, camera, plan: EffectPlan, seed, layout: str) -> LightField:
