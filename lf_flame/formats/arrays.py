@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common.pixels import readable
 from lf_flame.errors import InputError
-from lf_flame.formats.images import readable, to_unit
+from lf_flame.formats.images import to_unit
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.lightfield import LightField
 

@@ -2,19 +2,15 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import tifffile
 from PIL import Image
-from skimage.io import imread
 
 from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.pixels import TIFF_SUFFIXES, read_pixels
 from lf_flame.errors import InputError
-
-TIFF_SUFFIXES = (".tif", ".tiff")
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
 """Endings that are taken for images, in small or capital letters."""
@@ -37,9 +33,7 @@ def read_image(path: str | Path) -> np.ndarray:
     InputError
         If the file is missing or damaged, is no image, or has other channels or levels.
     """
-    with readable(path):
-        is_tiff = Path(path).suffix.lower() in TIFF_SUFFIXES
-        pixels = imread(path) if is_tiff else _read_pillow(path)
+    pixels = read_pixels(path)
     if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
         pixels = pixels[..., :-1]
     if pixels.ndim == 3 and pixels.shape[2] == 1:
@@ -49,43 +43,6 @@ def read_image(path: str | Path) -> np.ndarray:
             f"The image {path} must have 1 or 3 channels, got an array of shape {pixels.shape}."
         )
     return to_unit(pixels, path)
-
-
-@contextmanager
-def readable(path: str | Path) -> Iterator[None]:
-    """Turn whatever a decoder raises at a damaged or strange file into an InputError."""
-    if not Path(path).is_file():
-        raise InputError(f"{path} cannot be read: there is no such file.")
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # damage can make a decoder raise anything
-        reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__
-        raise InputError(
-            f"{path} cannot be read: it is damaged, or of a kind that is not known ({reason})."
-        ) from error
-
-
-def _read_pillow(path: str | Path) -> np.ndarray:
-    """Read an image in full depth.
-
-    Of 16-bit colour in PNG, Pillow's decoder keeps the high byte of each level. Told that the bytes
-    stand the other way round, it keeps the low one.
-    """
-    with Image.open(path) as image:
-        tiles = image.tile
-        packed = tiles[0].args if image.format == "PNG" else ""
-        if packed == "LA;16B":
-            raise InputError(f"{path} has 16-bit grey with transparency: store it without.")
-        plain = image.mode in ("1", "L", "LA", "I;16", "I", "F", "RGB", "RGBA")
-        high = np.asarray(image if plain else image.convert("RGB"))
-    if packed not in ("RGB;16B", "RGBA;16B"):
-        return high
-    with Image.open(path) as image:
-        image.tile = [tiles[0]._replace(args=packed.replace("16B", "16L"))]
-        low = np.asarray(image)
-    return high * np.uint16(256) + low
 
 
 def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:

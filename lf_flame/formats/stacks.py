@@ -9,8 +9,9 @@ import tifffile
 from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.pixels import readable
 from lf_flame.errors import InputError
-from lf_flame.formats.images import readable, to_unit
+from lf_flame.formats.images import to_unit
 from lf_flame.formats.view_order import arranged, find_order
 from lf_flame.lightfield import LightField
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from skimage.io import imread
 from skimage.util import img_as_float64
 
 from lf_flame._common.config import build, read_record, read_toml
+from lf_flame._common.pixels import read_pixels
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
@@ -147,12 +147,9 @@ def read_camera(path: str | Path) -> PlenopticCamera:
 
 def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Read the radiance of an image's pixels, and how far they are there at all."""
-    if not path.is_file():
-        raise InputError(f"The image {path} cannot be read: there is no such file.")
-    try:
-        image = img_as_float64(imread(path))
-    except (OSError, ValueError, SyntaxError):  # the readers' own texts run over many lines
-        raise InputError(f"The image {path} cannot be read: it is no image file.") from None
+    image = img_as_float64(read_pixels(path))
+    if image.ndim not in (2, 3):
+        raise InputError(f"{path} must be one image, got an array of shape {image.shape}.")
     coverage = np.ones(image.shape[:2])
     if image.ndim == 3 and image.shape[2] in (2, 4):
         coverage = image[..., -1]
