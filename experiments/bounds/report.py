@@ -1,8 +1,6 @@
 """Table and record of the bounds against random scenes (`experiments.bounds.random_scenes`)."""
 
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import pandas as pd
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import read_json, write_json, write_text
+from lf_flame._common.workers import worker_pool
 
 SAVED_EVERY = 10
 """Scenes after which the record is written, so that a stopped run goes on from there."""
@@ -39,8 +38,8 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
     found = read_json(path)["scenes"][:scenes] if path.exists() else []
     if found and read_json(path)["seed"] != seed:
         found = []
-    done, context = len(found), multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, numba.set_num_threads, (1,)) as pool:
+    done = len(found)
+    with worker_pool(workers, numba.set_num_threads, 1) as pool:
         measured = pool.map(partial(measure_scene, seed), range(done, scenes))
         try:
             for scene in progress(measured, done, scenes):

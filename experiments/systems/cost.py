@@ -3,11 +3,9 @@
 This module imports nothing heavy, so that a process that runs no network does not load one.
 """
 
-import multiprocessing
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.timing import forget_peak_memory, peak_memory
+from lf_flame._common.workers import worker_pool
 from lf_flame.systems.base import RefocusingSystem
 
 REPEATS = 15
@@ -55,8 +54,7 @@ def measure_cost(
     views, slopes, block
         The frame, see `RefocusingSystem.refocus`.
     """
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, context, _shut_standard_error) as pool:
+    with worker_pool(1, _shut_standard_error) as pool:
         try:
             return pool.submit(_measure, load, views, slopes, block).result()
         except BrokenProcessPool:  # killed, as for want of memory

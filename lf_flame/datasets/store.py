@@ -12,10 +12,9 @@ when it is whole.
 
 import hashlib
 import json
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
+from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
@@ -160,9 +160,8 @@ def _run(
             _store(group, index, simulate_sample(config, slopes, index))
             yield index
         return
-    context = multiprocessing.get_context("spawn")
     setup = (config_to_json(config), slopes, str(part))
-    with ProcessPoolExecutor(workers, context, _start_worker, setup) as pool:
+    with worker_pool(workers, _start_worker, *setup) as pool:
         jobs = [pool.submit(_work, index) for index in indices]
         try:
             for job in as_completed(jobs):
@@ -175,11 +174,8 @@ _worker: dict[str, Any] = {}
 
 
 def _start_worker(config: dict, slopes: list[float], part: str) -> None:
-    import signal
-
     import numba
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     numba.set_num_threads(1)  # one process per core: the kernels run serially here
     _worker["config"] = config_from_json(config, part)
     _worker["slopes"] = slopes

@@ -135,7 +135,11 @@ def test_simulate_writes_what_it_says(tmp_path):
             ["layer 1: ", "none.png cannot be read: there is no such file"],
         ),
         ('shape = "circle"', "", ["needs a shape or an image file, one of them"]),
-        ('shape = "circle"', 'image = "scene.toml"', ["scene.toml cannot be read: it is damaged, or of a kind"]),
+        (
+            'shape = "circle"',
+            'image = "scene.toml"',
+            ["scene.toml cannot be read: it is damaged, or of a kind"],
+        ),
         ("views = 3", "views = 99999999999999999999", ["of 1 to 100000 each"]),
         ("[20, 30]", "[90000, 90000]", ["There is not enough memory"]),
         ("[[layers]]", "[[layers]", ["is not a TOML file"]),

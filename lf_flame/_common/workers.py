@@ -1,0 +1,43 @@
+"""Processes that work for another one, and end with it."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.connection import wait
+from threading import Thread
+
+
+def worker_pool(
+    workers: int, setup: Callable[..., None] | None = None, *arguments
+) -> ProcessPoolExecutor:
+    """Start processes that leave Ctrl-C to this one, and end when it ends, whatever ends it.
+
+    Parameters
+    ----------
+    workers : int
+    setup : callable, optional
+        Called in each of them, with the arguments, before its first work.
+
+    Returns
+    -------
+    ProcessPoolExecutor
+    """
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, context, _start, (setup, arguments))
+
+
+def _start(setup: Callable[..., None] | None, arguments: tuple) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+    if setup is not None:
+        setup(*arguments)
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the process that started this one, which may not be able to say so."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

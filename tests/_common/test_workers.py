@@ -1,0 +1,63 @@
+"""Worker processes end with the one that started them, whatever ends that."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from lf_flame._common.workers import worker_pool
+
+PROGRAM = """
+import os, sys, time
+from lf_flame._common.workers import worker_pool
+
+def work(seconds):
+    print(os.getpid(), flush=True)
+    time.sleep(seconds)
+
+if __name__ == "__main__":
+    with worker_pool(2) as pool:
+        list(pool.map(work, [60, 60]))
+"""
+
+
+def alive(process):
+    """Whether a process runs; one that ended and waits to be asked for its status does not."""
+    try:
+        status = Path(f"/proc/{process}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="asks /proc which processes run")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_their_parent(tmp_path, how):
+    (tmp_path / "program.py").write_text(PROGRAM)
+    command = [sys.executable, tmp_path / "program.py"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        assert all(map(alive, workers))
+        parent.send_signal(how)
+        parent.wait(10)
+    end = time.monotonic() + 10
+    while any(map(alive, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(map(alive, workers))
+
+
+def _remember(value):
+    os.environ["LF_FLAME_TEST"] = value
+
+
+def _recall(_):
+    return os.environ["LF_FLAME_TEST"], signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_workers_are_set_up_and_leave_ctrl_c_to_their_parent():
+    with worker_pool(1, _remember, "set up") as pool:
+        assert list(pool.map(_recall, range(2))) == [("set up", True)] * 2
