@@ -1,7 +1,8 @@
 """A training run's checkpoints: the history, the best weights and the whole state of the trainer.
 
 A run folder holds ``checkpoint-EPOCH/``, written aside and renamed, then its predecessor is
-removed; so there is always one that is whole. ``history.csv`` is for reading.
+removed; so there is always one that is whole. Its ``manifest.json`` says which run it belongs to,
+and knows its files by their SHA-256. ``history.csv`` is for reading.
 """
 
 import shutil
@@ -14,7 +15,14 @@ import numpy as np
 import pandas as pd
 
 from lf_flame._common.atomic_files import read_json, write_json, write_text
+from lf_flame._common.checksums import file_sha256
+from lf_flame._common.config import read_record
 from lf_flame.errors import InputError
+
+MANIFEST = "manifest.json"
+
+FILES = ("state.npz", "best.npz", "history.json")
+"""What a checkpoint is made of."""
 
 
 @dataclass
@@ -58,8 +66,16 @@ class Checkpoint:
             self.best = trainer.weights
 
 
-def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
-    """Write a checkpoint beside the last one, then remove that."""
+def save_checkpoint(checkpoint: Checkpoint, folder: Path, run: dict) -> None:
+    """Write a checkpoint of a run beside the last one, then remove that.
+
+    Parameters
+    ----------
+    checkpoint : Checkpoint
+    folder : Path
+    run : dict
+        All that decides how the run goes up to here, as JSON values.
+    """
     name = f"checkpoint-{checkpoint.epochs_done:06d}"
     aside = folder / f"{name}.part"
     shutil.rmtree(aside, ignore_errors=True)
@@ -68,6 +84,8 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
         np.savez(aside / "state.npz", *checkpoint.state)
         np.savez(aside / "best.npz", *checkpoint.best)
         write_json(aside / "history.json", {"epochs": checkpoint.history})
+        hashes = {name: file_sha256(aside / name) for name in FILES}
+        write_json(aside / MANIFEST, {"run": run, "sha256": hashes})
     except BaseException:  # a full disk, Ctrl-C: the last checkpoint stays
         shutil.rmtree(aside, ignore_errors=True)
         raise
@@ -78,17 +96,24 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def load_checkpoint(folder: Path) -> Checkpoint:
+def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
     """Load the newest checkpoint of a run folder; an empty one where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+    run : dict
+        As for `save_checkpoint`.
 
     Raises
     ------
     InputError
-        If it is damaged.
+        If it is damaged, or belongs to another run.
     """
     if not _checkpoints(folder):
         return Checkpoint()
     path = _checkpoints(folder)[-1]
+    _check_manifest(path, run)
     try:
         return Checkpoint(
             read_json(path / "history.json")["epochs"],
@@ -99,6 +124,30 @@ def load_checkpoint(folder: Path) -> Checkpoint:
         raise InputError(
             f"The checkpoint {path} is damaged ({error}); remove it to start again."
         ) from None
+
+
+def _check_manifest(path: Path, run: dict) -> None:
+    if not (path / MANIFEST).is_file():
+        raise InputError(
+            f"The checkpoint {path} has no {MANIFEST}, which says what run it belongs to; remove "
+            f"it to start again."
+        )
+    manifest = read_record(path / MANIFEST)
+    belongs, written = manifest.get("run"), manifest.get("sha256")
+    hashes = written if isinstance(written, dict) else {}
+    for name in FILES:
+        if not (path / name).is_file() or file_sha256(path / name) != hashes.get(name):
+            raise InputError(
+                f"The checkpoint {path} is damaged ({name} is not the file that was written); "
+                f"remove it to start again."
+            )
+    if belongs != run:
+        known = belongs if isinstance(belongs, dict) else {}
+        key = next((key for key in run if known.get(key) != run[key]), "request")
+        raise InputError(
+            f"The checkpoint {path} belongs to a run with another {key} ({known.get(key)}, now "
+            f"{run.get(key)}); remove it, or choose another folder."
+        )
 
 
 def _checkpoints(folder: Path) -> list[Path]:

@@ -5,13 +5,13 @@ exported network is ``NAME.keras``, which Keras loads without this package, and 
 card.
 """
 
-import hashlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
+from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build, read_record, to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.strict import strict
@@ -112,7 +112,7 @@ def read_card(path: str | Path) -> NetworkCard:
             f"that was not exported, name the run folder."
         )
     card = build(NetworkCard, read_record(beside), beside)
-    if card.sha256 != _sha256(path):
+    if card.sha256 != file_sha256(path):
         raise InputError(f"{path} is not the file that {beside} was written for; export it again.")
     return card
 
@@ -123,7 +123,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
     shape = config.input.shape(config.image)
     named = {key: record.pop(key) for key in ("title", "preset", "backbone_weights")}
     model = {k: v for k, v in record["model"].items() if k != "backbone_weights"}  # asked for
-    left_out = ("test_indices", "dataset", "data", "model")
+    left_out = ("test_indices", "dataset", "data", "model", "model_sha256")
     training = {k: v for k, v in record.items() if k not in left_out} | {"model": model}
     return NetworkCard(
         **named,
@@ -132,7 +132,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
         slopes=run.slopes,
         objects=run.objects,
         camera=config.camera,
-        sha256=_sha256(_model_file(folder)),
+        sha256=file_sha256(_model_file(folder)),
         training=training,
         input=config.input,
         usage=USAGE.format(*shape, SHOWN[config.input.kind]),
@@ -193,14 +193,9 @@ def export_network(run: str | Path, out: str | Path) -> None:
     network = load_network(run, card)
     with atomic_write(out) as aside:
         network.save(aside)
-        card = replace(card, sha256=_sha256(aside), exported=provenance.environment())
+        card = replace(card, sha256=file_sha256(aside), exported=provenance.environment())
         write_json(out.with_suffix(".json"), to_json(card))
 
 
 def _model_file(path: Path) -> Path:
     return path / "model.keras" if path.is_dir() else path
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import keras
 import numpy as np
@@ -17,6 +18,7 @@ from tqdm import tqdm
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
+from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
@@ -91,7 +93,7 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
         model.touch()  # make compares it with the configuration file
         return model
     _claim_folder(out, job.request)
-    run = load_checkpoint(out)
+    run = load_checkpoint(out, _decides_epochs(job.request))
     if run.history:
         tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
     if run.next_epoch <= job.epochs:
@@ -112,9 +114,9 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
         "wall_s": round(time.perf_counter() - started, 2),
         **provenance.environment(),
     }
-    write_json(out / "run.json", record)
-    with atomic_write(model) as aside:  # last: make looks at this file
+    with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
+        write_json(out / "run.json", record | {"model_sha256": file_sha256(aside)})
     return model
 
 
@@ -128,7 +130,28 @@ def _is_done(out: Path, request: dict) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
     found = _without_folders(read_record(out / "run.json"))
-    return all(found.get(key) == request[key] for key in request)
+    return _is_whole(out / "model.keras", found.get("model_sha256")) and all(
+        found.get(key) == request[key] for key in request
+    )
+
+
+def _is_whole(model: Path, sha256: str | None) -> bool:
+    """Whether a network is the one that was written, by its hash; older records know none."""
+    if sha256 is not None:
+        return file_sha256(model) == sha256
+    try:
+        with ZipFile(model) as archive:
+            return archive.testzip() is None
+    except BadZipFile:
+        return False
+
+
+def _decides_epochs(request: dict) -> dict:
+    """Take what decides how the epochs go, however many there are at a constant rate."""
+    recipe = request["recipe"]
+    if recipe["schedule"] == "constant":
+        recipe = {key: value for key, value in recipe.items() if key != "epochs"}
+    return {**request, "recipe": recipe}
 
 
 def _claim_folder(out: Path, request: dict) -> None:
@@ -183,7 +206,7 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
             now = time.perf_counter()
             if epoch == job.epochs or now - saved_at >= job.checkpoint_s:
                 run.state = trainer.state
-                save_checkpoint(run, out)
+                save_checkpoint(run, out, _decides_epochs(job.request))
                 saved_at = now
 
 

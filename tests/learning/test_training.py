@@ -1,5 +1,8 @@
+import hashlib
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import keras
 import numpy as np
@@ -53,7 +56,7 @@ def data(tmp_path_factory):
     return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def config():
     values = {
         "title": "test",
@@ -193,14 +196,76 @@ def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_pat
         train(config.with_epochs("smoke", 2), "smoke", data, tmp_path / "longer", show=False)
 
 
+def again(config, data, out):
+    """Go on with a run whose network is gone, so that its checkpoint is read."""
+    (out / "model.keras").unlink(missing_ok=True)
+    return train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+
+
+@pytest.fixture(scope="module")
+def finished(config, data, tmp_path_factory):
+    out = tmp_path_factory.mktemp("finished")
+    train(change_recipe(config, epochs=1), "smoke", data, out, show=False)
+    return out
+
+
+@pytest.fixture
+def run(finished, tmp_path):
+    return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
 @pytest.mark.slow
-def test_a_damaged_checkpoint_is_named(config, data, tmp_path):
-    train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
-    checkpoint = next(tmp_path.glob("checkpoint-*"))
-    (checkpoint / "state.npz").write_bytes(b"PK\3\4 and then nothing")
-    (tmp_path / "model.keras").unlink()  # what is finished reads no checkpoint
-    with pytest.raises(InputError, match="checkpoint-000001 is damaged"):
-        train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
+@pytest.mark.parametrize("name", ["state.npz", "best.npz", "history.json"])
+@pytest.mark.parametrize("damage", [b"", b"PK\3\4 and then nothing", None])
+def test_a_damaged_checkpoint_is_named(config, data, run, name, damage):
+    file = next(run.glob("checkpoint-*")) / name
+    file.unlink() if damage is None else file.write_bytes(damage)
+    with pytest.raises(InputError, match=f"checkpoint-000001 is damaged .{name}"):
+        again(config, data, run)
+
+
+@pytest.mark.slow
+def test_a_history_that_lost_its_end_is_no_start(config, data, run):
+    checkpoint = next(run.glob("checkpoint-*"))
+    history = json.loads((checkpoint / "history.json").read_text())
+    (checkpoint / "history.json").write_text(json.dumps({"epochs": history["epochs"][:0]}))
+    with pytest.raises(InputError, match="history.json is not the file that was written"):
+        again(config, data, run)
+
+
+@pytest.mark.slow
+def test_a_checkpoint_of_another_run_is_refused(config, data, run):
+    (run / "config.json").unlink()
+    with pytest.raises(InputError, match=r"belongs to a run with another seed \(1, now 2\)"):
+        again(replace(config, seed=2), data, run)
+    (run / "config.json").unlink()
+    (next(run.glob("checkpoint-*")) / "manifest.json").unlink()
+    with pytest.raises(InputError, match="says what run it belongs to; remove it"):
+        again(config, data, run)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keep", [0, 1000])
+@pytest.mark.parametrize("known", [True, False])
+def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, known):
+    """By its hash; in the record of an older run, which has none, by the checksums in the file."""
+    shutil.copy(run / "model.keras", run.parent / "whole.keras")
+    if not known:
+        record = json.loads((run / "run.json").read_text())
+        del record["model_sha256"]
+        (run / "run.json").write_text(json.dumps(record))
+        before = (run / "model.keras").stat().st_ino
+        train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+        assert (run / "model.keras").stat().st_ino == before  # whole as it is
+    (run / "model.keras").write_bytes((run / "model.keras").read_bytes()[:keep])
+    model = train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
+    networks = [
+        keras.saving.load_model(path, compile=False) for path in (model, run.parent / "whole.keras")
+    ]
+    for one, other in zip(*(network.get_weights() for network in networks), strict=True):
+        np.testing.assert_array_equal(one, other)
+    record = json.loads((run / "run.json").read_text())
+    assert record["model_sha256"] == hashlib.sha256(model.read_bytes()).hexdigest()
 
 
 @pytest.mark.slow
