@@ -16,6 +16,9 @@ TAIL = 1e-3
 SAME_PITCH = 1e-9
 """Relative difference at which pixels still tile a micro-image."""
 
+COLUMNS_AT_ONCE = 256
+"""Columns of an image that are held as float64 at a time."""
+
 MOST_TILES = 2**30
 """Tiles of the whole sensor beyond which they would fill the memory."""
 
@@ -65,7 +68,9 @@ def tiled_sensor(camera: PlenopticCamera, parts: int = 1) -> PlenopticCamera:
     return replace(camera, views=tiles, pixel_pitch_mm=None)
 
 
-def blur_on_sensor(tiles: np.ndarray, tiled: PlenopticCamera, camera: PlenopticCamera):
+def blur_on_sensor(
+    tiles: np.ndarray, tiled: PlenopticCamera, camera: PlenopticCamera
+) -> np.ndarray:
     """Let the lenslets diffract the light on a sensor, and let the pixels gather it.
 
     The light is taken as even over each tile. Beyond the border the outermost tiles go on.
@@ -84,11 +89,15 @@ def blur_on_sensor(tiles: np.ndarray, tiled: PlenopticCamera, camera: PlenopticC
     ndarray of float32, shape (t * v, s * u)
     """
     image = tiles
-    for axis in (0, 1):
-        blurred = diffraction.blur_lines(image, axis, _spread_mm(camera), tiled.pixel_mm)
-        lines = _pixel_means(np.moveaxis(blurred, axis, 0), tiled, camera, camera.lenslets[axis])
-        image = np.moveaxis(lines, 0, axis)
-    return np.ascontiguousarray(image, np.float32)
+    for axis, lenslets in enumerate(camera.lenslets):
+        lines = np.moveaxis(image, axis, 0)
+        found = np.empty((lenslets * camera.views, lines.shape[1]), np.float32)
+        for low in range(0, lines.shape[1], COLUMNS_AT_ONCE):
+            part = np.s_[:, low : low + COLUMNS_AT_ONCE]
+            blurred = diffraction.blur_lines(lines[part], 0, _spread_mm(camera), tiled.pixel_mm)
+            found[part] = _pixel_means(blurred, tiled, camera, lenslets)
+        image = np.moveaxis(found, 0, axis)
+    return np.ascontiguousarray(image)
 
 
 def _pixel_means(
@@ -96,9 +105,11 @@ def _pixel_means(
 ) -> np.ndarray:
     """Take the means of tiles over the pixels, along the first axis.
 
-    As differences of their sum, which is interpolated between the edges of tiles by cubics: what
-    was blurred is smooth there.
+    Where tiles do not lie on pixels, as differences of their sum, which is interpolated between the
+    edges of tiles by cubics: what was blurred is smooth there.
     """
+    if not leaves_gaps(camera):
+        return lines.reshape(lenslets * camera.views, -1, lines.shape[1]).mean(axis=1)
     tiles_of_pixel = camera.pixel_mm / tiled.pixel_mm
     views = np.arange(camera.views + 1) - camera.views / 2
     edges = (np.arange(lenslets)[:, None] + 0.5) * tiled.views + views * tiles_of_pixel
