@@ -37,8 +37,14 @@ def read_pixels(path: str | Path) -> np.ndarray:
     """
     with readable(path):
         if Path(path).suffix.lower() in TIFF_SUFFIXES:
-            return tifffile.imread(path)
+            return _channels_last(tifffile.imread(path))
         return _read_pillow(path)
+
+
+def _channels_last(pixels: np.ndarray) -> np.ndarray:
+    """Bring the channels to the end, which a TIFF file may store one after the other."""
+    planar = pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] not in (3, 4)
+    return np.moveaxis(pixels, 0, -1) if planar else pixels
 
 
 @contextmanager

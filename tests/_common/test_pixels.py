@@ -4,6 +4,7 @@ import stat
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import EpsImagePlugin, Image
 
 from lf_flame import InputError
@@ -69,3 +70,11 @@ def test_a_palette_keeps_its_transparency(tmp_path):
     image.save(tmp_path / "a.png", transparency=1)
     found = read_pixels(tmp_path / "a.png")
     np.testing.assert_array_equal(found, [[[255, 0, 0, 255], [0, 255, 0, 0]]])
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_channels_come_last_however_they_are_stored(tmp_path, rng, planar):
+    levels = rng.integers(0, 256, (9, 7, 3)).astype(np.uint8)
+    stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
+    tifffile.imwrite(tmp_path / "a.tif", stored, photometric="rgb", planarconfig=planar)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)

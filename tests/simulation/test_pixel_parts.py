@@ -42,6 +42,8 @@ def test_a_window_shows_a_part_of_the_image(rng):
     corners = pixel_parts._corners(planes, CAMERA, (size, size))
     assert len(windows) == len(corners) > pixel_parts.GRID**2
     assert {(0, 0), (32, 22)} <= corners
+    small = replace(CAMERA, lenslets=(2 * size, 2 * size))
+    assert list(pixel_parts._windows(planes, small)) == [(planes, small)]
     for (seen, window), (row, column) in zip(windows, corners, strict=True):
         found = sharp(seen, window)
         expected = whole[:, :, row : row + size, column : column + size]

@@ -132,7 +132,7 @@ def pixel_by_lines(planes, bundles, pixel):
     return tall @ light @ wide
 
 
-def check(planes, optics, bundles, rng, pixels=12):
+def assert_sums_of_lines(planes, optics, bundles, rng, pixels=12):
     image = image_of(planes, optics)
     raw = image.transpose(0, 2, 1, 3).reshape(image.shape[0] * image.shape[2], -1)
     some = rng.integers(0, raw.shape, (400, 2))
@@ -170,7 +170,7 @@ def test_four_planes_one_behind_the_other(tiny_camera, rng):
     def bundles(plane, axis):
         return similar_triangles(tiny_camera, plane.depth_mm, axis)
 
-    check(planes_of(*three_planes(rng)), OpticalPass(tiny_camera), bundles, rng)
+    assert_sums_of_lines(planes_of(*three_planes(rng)), OpticalPass(tiny_camera), bundles, rng)
 
 
 def test_slabs_of_thick_layers_that_interleave(tiny_camera, rng):
@@ -182,7 +182,7 @@ def test_slabs_of_thick_layers_that_interleave(tiny_camera, rng):
     def bundles(plane, axis):
         return similar_triangles(tiny_camera, plane.depth_mm, axis)
 
-    check(planes, OpticalPass(tiny_camera), bundles, rng, pixels=6)
+    assert_sums_of_lines(planes, OpticalPass(tiny_camera), bundles, rng, pixels=6)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_other_passes_of_light(tiny_camera, rng, changes):
     np.testing.assert_allclose(
         image_of(planes, optics), optics.share * image_of(planes, bare), rtol=1e-14
     )
-    check(planes, bare, bundles, rng, pixels=6)
+    assert_sums_of_lines(planes, bare, bundles, rng, pixels=6)
 
 
 @pytest.mark.parametrize("depth", [-30.0, 0.0, 12.0])
