@@ -62,6 +62,7 @@ CORE = {
     "_common/arrays.py": ("datasets/test_encodings.py", "refocus/test_fourier.py"),
     "_common/metrics.py": SCORES,
     "lightfield.py": (),
+    "optics/aperture_response.py": ("optics/test_diffraction.py",),
     "optics/camera.py": ("stability/test_conjugates.py", "stability/test_ray_bundle.py"),
     "optics/diffraction.py": (),
     "optics/ray_bundle.py": ("stability/test_ray_bundle.py", *IMAGES),

@@ -12,8 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft, ndimage, signal, special
-from scipy.interpolate import CubicSpline, RectBivariateSpline
+from scipy import ndimage, signal, special
 
 from lf_flame.errors import InputError
 
@@ -30,18 +29,6 @@ oscillates about its trend by less than 1e-5, which changes a weight by less tha
 NODES = 12
 """Gauss-Legendre nodes in each panel; no panel holds more than one resolved ring."""
 
-COARSE_FREQUENCIES = 65
-"""Frequencies along each axis at which the aliases of a round aperture's response are summed; they
-are smooth between these."""
-
-MOST_ALIASES = 16
-"""Aliases to each side beyond which those of a round aperture are taken along each axis alone."""
-
-BORDER, MOST_BORDER = 200, 2048
-"""Spreads of a pattern, and samples at most, by which an image is taken to go on."""
-
-FINEST = 1e-5
-"""Spread of a pattern in cells below which it blurs nothing: it would move 3e-5 of the light."""
 
 ANGLES = 256
 """Directions over which the share of an Airy pattern beyond a line is averaged."""
@@ -126,153 +113,6 @@ def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
     mirrored = np.abs(np.arange(-half, half + 1))
     kernel = weights[np.ix_(mirrored, mirrored)]
     return kernel / kernel.sum()
-
-
-def blur_cells(
-    cells: np.ndarray,
-    spread_mm: float,
-    cell_mm: tuple[float, float],
-    round_aperture: bool,
-    over: tuple[tuple[int, int], tuple[int, int]],
-    dark: tuple[int, int],
-) -> np.ndarray:
-    """Blur light that is constant over each cell: the mean over each cell, and over cells beside.
-
-    By the product with the aperture's transfer function, which takes all of the pattern: nothing
-    is cut off, and no cell need be small beside the pattern.
-
-    Parameters
-    ----------
-    cells : ndarray of float64, shape (rows, columns)
-        Radiance, and none beyond.
-    spread_mm : float
-        As in `square_kernel` and `round_kernel`; above 0.
-    cell_mm : (float, float)
-        Height and width of a cell, above 0.
-    round_aperture : bool
-        Whether the aperture is round, or square.
-    over : ((int, int), (int, int))
-        First row and one after the last, and columns alike, that are returned; counted from the
-        first cell, and possibly beyond the cells.
-    dark : (int, int)
-        Rows and columns beside all these that stay dark. The pattern goes on periodically beyond.
-
-    Returns
-    -------
-    ndarray of float64, shape (rows of `over`, columns of `over`)
-        0 or above.
-    """
-    firsts = [min(first, 0) for first, _ in over]
-    ends = [max(end, count) for (_, end), count in zip(over, cells.shape, strict=True)]
-    counts = [
-        fft.next_fast_len(end - first + beside, real=True)
-        for first, end, beside in zip(firsts, ends, dark, strict=True)
-    ]
-    field = np.zeros(counts)
-    field[tuple(slice(-f, n - f) for f, n in zip(firsts, cells.shape, strict=True))] = cells
-    response = _round_response if round_aperture else _square_response
-    spectrum = fft.rfft2(field) * response(counts, spread_mm, cell_mm)
-    blurred = fft.irfft2(spectrum, counts)
-    wanted = tuple(slice(a - f, b - f) for (a, b), f in zip(over, firsts, strict=True))
-    return blurred[wanted].clip(0)
-
-
-def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float) -> np.ndarray:
-    """Blur an image along one axis by a square aperture, with all of its pattern.
-
-    Parameters
-    ----------
-    image : ndarray, shape (y, x)
-        Constant over each sample; beyond its border the outermost samples go on.
-    axis : int
-    spread_mm, sample_mm : float
-        As in `square_kernel`.
-
-    Returns
-    -------
-    ndarray of float64, shape (y, x)
-    """
-    lines = np.moveaxis(image, axis, -1)
-    count, out = lines.shape[1], np.empty(lines.shape)
-    beside = math.ceil(min(BORDER * spread_mm / sample_mm, MOST_BORDER)) + 1
-    size = fft.next_fast_len(count + 2 * beside, real=True)
-    border = ((0, 0), (beside, size - count - beside))
-    (response,) = _along_axes([size], spread_mm, [sample_mm], _triangle)
-    for low in range(0, len(lines), ROWS_AT_ONCE):
-        padded = np.pad(lines[low : low + ROWS_AT_ONCE].astype(np.float64), border, "edge")
-        spectrum = fft.rfft(padded, axis=1) * response
-        blurred = fft.irfft(spectrum, size, axis=1)
-        out[low : low + ROWS_AT_ONCE] = blurred[:, beside : beside + count]
-    return np.moveaxis(out, -1, axis)
-
-
-def _square_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Find what `blur_cells` does to each frequency of a real transform."""
-    rows, columns = _along_axes(counts, spread_mm, cell_mm, _triangle)
-    return _mirrored(rows[:, None] * columns, counts[0])
-
-
-def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Do the same for a round aperture; the aliases, which are smooth, from a coarse grid."""
-    if max(_aliases(spread_mm, cell) for cell in cell_mm) > MOST_ALIASES:
-        # Beside such a pattern the edges of cells are straight: each axis by itself.
-        rows, columns = _along_axes(counts, spread_mm, cell_mm, _round_transfer)
-        return _mirrored(rows[:, None] * columns, counts[0])
-    ratios = [spread_mm / cell for cell in cell_mm]
-
-    def passed(y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Share that passes, at frequencies in cycles per cell along y and along x."""
-        tall, wide = (y * ratios[0])[:, None], (x * ratios[1])[None, :]
-        boxes = (np.sinc(y) ** 2)[:, None] * np.sinc(x) ** 2
-        return _round_transfer(np.hypot(tall, wide)) * boxes
-
-    coarse = np.linspace(0, 0.5, COARSE_FREQUENCIES)
-    folded = np.zeros((coarse.size, coarse.size))
-    most = [_aliases(spread_mm, cell) for cell in cell_mm]
-    for i in range(-most[0], most[0] + 1):
-        for j in range(-most[1], most[1] + 1):
-            if i or j:
-                folded += passed(coarse + i, coarse + j)
-    y, x = (fft.rfftfreq(count) for count in counts)
-    half = passed(y, x) + RectBivariateSpline(coarse, coarse, folded)(y, x)
-    return _mirrored(half, counts[0])
-
-
-def _along_axes(counts, spread_mm: float, cell_mm, transfer) -> list[np.ndarray]:
-    """Find what a pattern that is separable does to each frequency of each axis, from 0 up."""
-    coarse, found = np.linspace(0, 0.5, COARSE_FREQUENCIES), []
-    for count, cell in zip(counts, cell_mm, strict=True):
-        if spread_mm < FINEST * cell:
-            found.append(np.ones(count // 2 + 1))
-            continue
-        aliases = np.arange(1, _aliases(spread_mm, cell) + 1)
-        cycles = coarse[:, None] + np.concatenate([-aliases, aliases])
-        passed = transfer(np.abs(cycles) * (spread_mm / cell)) * np.sinc(cycles) ** 2
-        folded = CubicSpline(coarse, passed.sum(axis=1))
-        here = fft.rfftfreq(count)
-        found.append(transfer(here * (spread_mm / cell)) * np.sinc(here) ** 2 + folded(here))
-    return found
-
-
-def _mirrored(half: np.ndarray, count: int) -> np.ndarray:
-    """Complete the first axis by the frequencies below 0."""
-    return np.concatenate([half, half[(count - 1) // 2 : 0 : -1]])
-
-
-def _aliases(spread_mm: float, cell_mm: float) -> int:
-    """Multiples of the sampling frequency, to each side, that a transfer function reaches."""
-    return math.ceil(cell_mm / spread_mm + 0.5)
-
-
-def _triangle(q: np.ndarray) -> np.ndarray:
-    """Transfer function of a square aperture at frequencies times its spread (Goodman, 6.3)."""
-    return np.maximum(1 - q, 0)
-
-
-def _round_transfer(q: np.ndarray) -> np.ndarray:
-    """Transfer function of a round aperture at frequencies times its spread (Goodman, 6.3)."""
-    inside = np.minimum(q, 1)
-    return 2 / np.pi * (np.arccos(inside) - inside * np.sqrt(1 - inside**2))
 
 
 def share_beyond(distances_mm: ArrayLike, spread_mm: float, round_aperture: bool) -> np.ndarray:

@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from lf_flame.optics import diffraction
+from lf_flame.optics.aperture_response import blur_cells
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
@@ -139,7 +140,7 @@ def blur_layer(
     for axis, grid in enumerate(grids):
         cells = grid.cut(cells, axis)
     (top, left), (height, width) = zip(*(grid.place_mm for grid in grids), strict=True)
-    blurred = diffraction.blur_cells(
+    blurred = blur_cells(
         cells,
         spread,
         (grids[0].cell_mm, grids[1].cell_mm),

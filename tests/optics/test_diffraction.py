@@ -6,11 +6,10 @@ from scipy import ndimage, special
 
 from lf_flame import InputError
 from lf_flame.optics import diffraction
+from lf_flame.optics.aperture_response import blur_cells, blur_lines
 from lf_flame.optics.diffraction import (
     MOST_ROUND_SAMPLES,
     MOST_SAMPLES,
-    blur_cells,
-    blur_lines,
     blur_raw,
     blur_views,
     round_kernel,
