@@ -19,6 +19,14 @@ RAY_COUNTS = (12, 36, 108)
 ROUNDING = 1e-6
 """Of float32 images, relative to the brightest pixel."""
 
+WITHOUT = {
+    "round_aperture": ("f_number_mismatch",),
+    "occlusion": ("main_lens_diffraction",),
+    "self_absorption": ("main_lens_diffraction",),
+}
+"""What is left out where an effect is measured: what is another effect without it. Where planes
+hide or dim, diffraction at the main lens is taken of each lenslet's light as a whole."""
+
 
 def draw_scene(rng: np.random.Generator) -> tuple[Scene, PlenopticCamera]:
     """Draw one to three layers, flames or rough textures, and a small camera.
@@ -97,7 +105,7 @@ def measure_scene(seed: int, number: int) -> dict:
         if not np.isfinite(effect.bound) or effect.bound == 0 or silent or stopped:
             continue
         line = {"effect": effect.name, "bound": float(effect.bound), "change": None, "error": 0.0}
-        off = {"f_number_mismatch": False} if effect.name == "round_aperture" else {}
+        off = dict.fromkeys(WITHOUT.get(effect.name, ()), False)
         states = [decided | off | {effect.name: on} for on in (False, True)]
         try:
             line["change"], line["error"] = _largest_change(scene, camera, states, effect.bound)
@@ -113,7 +121,7 @@ def _largest_change(
     """Largest change of a pixel between two states, and the error of the rays that showed it.
 
     Both are relative to the brightest pixel. Where a state takes rays, both images do, by as few as
-    show the change to be within the bound; their error is how far fewer rays were off.
+    show the change to be within the bound; their error is how far fewer rays were off in both.
     """
     rays = any(plan_effects(scene, camera, TOLERANCE, state).traced for state in states)
     before: list[np.ndarray] = []
@@ -126,7 +134,7 @@ def _largest_change(
         peak = max(image.max() for image in images) or 1.0
         change = float(np.abs(images[0] - images[1]).max() / peak)
         pairs = zip(images, before, strict=False)
-        error = max((float(np.abs(one - other).max() / peak) for one, other in pairs), default=0.0)
+        error = sum(float(np.abs(one - other).max() / peak) for one, other in pairs)
         if change <= bound + ROUNDING:
             break
         before = images

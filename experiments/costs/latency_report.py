@@ -9,7 +9,7 @@ import pandas as pd
 from experiments.costs.latency import STAGES, WHOLE, columns
 from experiments.costs.precision import REFERENCE
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.figures import subplots
 
 COLOURS = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
@@ -59,10 +59,11 @@ def write_report(out: Path, table: pd.DataFrame, record: dict) -> Path:
     Path
         ``latency.md``.
     """
-    write_text(out / "latency.csv", table.to_csv(index=False))
-    write_text(out / "latency.md", text(table, record))
-    figures.save(figure(table, record), out / "latency.png")
-    write_json(out / "latency.json", record)
+    with together(out, last="latency.json") as aside:
+        write_text(aside / "latency.csv", table.to_csv(index=False))
+        write_text(aside / "latency.md", text(table, record))
+        figures.save(figure(table, record), aside / "latency.png")
+        write_json(aside / "latency.json", record)
     return out / "latency.md"
 
 

@@ -11,7 +11,7 @@ from matplotlib.transforms import Bbox
 
 from experiments.costs.refocusing import ALONE, NETWORK, binned
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.figures import subplots
 
 VIDEO_HZ = 25
@@ -63,10 +63,11 @@ def write_report(out: Path, found, table: pd.DataFrame, record: dict) -> Path:
     Path
         ``refocusing.md``.
     """
-    write_text(out / "refocusing.csv", table.to_csv(index=False))
-    write_text(out / "refocusing.md", text(found, table, record))
-    figures.save(figure(found, table), out / "refocusing.png")
-    write_json(out / "refocusing.json", record)
+    with together(out, last="refocusing.json") as aside:
+        write_text(aside / "refocusing.csv", table.to_csv(index=False))
+        write_text(aside / "refocusing.md", text(found, table, record))
+        figures.save(figure(found, table), aside / "refocusing.png")
+        write_json(aside / "refocusing.json", record)
     return out / "refocusing.md"
 
 

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from experiments.costs.rendering import METHODS, TOLERANCE, Study, work
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.figures import subplots
 from lf_flame.simulation.plan import LEFT_OUT_SHARE, NANOSECONDS
 
@@ -99,12 +99,13 @@ def write_report(
     Path
         ``costs.md``.
     """
-    write_text(out / "accuracy.csv", accuracy.to_csv(index=False))
-    write_text(out / "effects.csv", effects.to_csv(index=False))
-    write_text(out / "costs.md", text(studies, accuracy, effects, record))
-    figures.save(accuracy_figure(studies, accuracy), out / "costs.png")
-    figures.save(effects_figure(effects), out / "effects.png")
-    write_json(out / "costs.json", record)
+    with together(out, last="costs.json") as aside:
+        write_text(aside / "accuracy.csv", accuracy.to_csv(index=False))
+        write_text(aside / "effects.csv", effects.to_csv(index=False))
+        write_text(aside / "costs.md", text(studies, accuracy, effects, record))
+        figures.save(accuracy_figure(studies, accuracy), aside / "costs.png")
+        figures.save(effects_figure(effects), aside / "effects.png")
+        write_json(aside / "costs.json", record)
     return out / "costs.md"
 
 
@@ -226,7 +227,12 @@ def _nanoseconds_table(studies, accuracy: pd.DataFrame, effects: pd.DataFrame) -
                 rows.append(
                     (kind, f"{study.name}, {METHODS[name].label}", finest["seconds"] / units)
                 )
-    kinds = {"cos4": "cos4", "lenslet_diffraction": "fourier", "shot_noise": "noise"}
+    kinds = {
+        "cos4": "cos4",
+        "lenslet_diffraction": "lenslet_blur",
+        "main_lens_diffraction": "main_lens_blur",
+        "shot_noise": "noise",
+    }
     for line in effects.itertuples():
         if line.effect in kinds:
             per_pixel = line.seconds_added / line.pixels

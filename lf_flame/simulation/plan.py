@@ -72,7 +72,8 @@ NANOSECONDS = {
     "polygon": 1.2,
     "ray_effect": 1.0,
     "cos4": 0.25,
-    "fourier": 35.0,
+    "lenslet_blur": 420.0,
+    "main_lens_blur": 35.0,
     "noise": 18.0,
 }
 """Time for a pixel and plane (exact), a ray and plane (ray; dimmed: where planes dim others), two
@@ -493,9 +494,9 @@ def _estimate_seconds(bounds, kept: set[str], slabs, colours: int, costs, integr
     for name in (*MATTER, *RAYS):
         if name in kept:
             seconds[name] = per_ray if name in RAYS else base - costs["open"] * colours
-    kernels = ("lenslet_diffraction", "main_lens_diffraction")
     if camera.wavelength_nm is not None:
-        seconds.update(dict.fromkeys(kernels, pixels * NANOSECONDS["fourier"] * 1e-9))
+        for stop in ("lenslet", "main_lens"):
+            seconds[f"{stop}_diffraction"] = pixels * NANOSECONDS[f"{stop}_blur"] * 1e-9
     if camera.sensor is not None:
         seconds.update(dict.fromkeys(STAGES, pixels * NANOSECONDS["noise"] * 1e-9))
     return seconds

@@ -51,3 +51,17 @@ def test_results_and_texts_do_not_make_a_revision_another_programs_do(checkout):
     assert revision(checkout).strip() == known
     (checkout / "lf_flame" / "__init__.py").write_text("# changed")
     assert revision(checkout).strip() == f"{known}+"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [(("-m", "tool"), "python -m tool"), (("tool/__main__.py",), "__main__.py")],
+)
+def test_a_module_is_named_as_it_is_called(tmp_path, arguments, named):
+    code = "from lf_flame._common.provenance import environment; print(environment()['command'])"
+    (tmp_path / "tool").mkdir()
+    (tmp_path / "tool" / "__init__.py").touch()
+    (tmp_path / "tool" / "__main__.py").write_text(code)
+    command = [sys.executable, *arguments, "--out", "here"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == f"{named} --out here"
