@@ -20,7 +20,7 @@ import pandas as pd
 
 from experiments.beside_reference import set_beside
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import read_json, write_json, write_text
+from lf_flame._common.atomic_files import read_json, together, write_json, write_text
 
 ROOT = Path(__file__).parents[2]
 
@@ -171,9 +171,10 @@ def write_report(stem: Path, rows: list[dict]) -> None:
         f"{record['machine']}. Versions, and what failed, are in the record, {stem.name}.json. "
         f"Command: `{record['command']}`.\n"
     )
-    write_text(stem.with_suffix(".md"), text)
-    write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
-    write_json(stem.with_suffix(".json"), record)
+    with together(stem.parent, last=f"{stem.name}.json") as aside:
+        write_text(aside / f"{stem.name}.md", text)
+        write_text(aside / f"{stem.name}.csv", table.to_csv(index=False))
+        write_json(aside / f"{stem.name}.json", record)
 
 
 if __name__ == "__main__":

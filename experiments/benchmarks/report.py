@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from experiments.beside_reference import set_beside
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 
 
 def write_table(
@@ -26,7 +26,8 @@ def write_table(
         + f"\n\n{notes}Best of some rounds in turn; {record['machine']}, revision "
         f"{record['git_revision']}. Command: `make benchmarks`.\n"
     )
-    write_text(stem.with_suffix(".md"), text)
-    write_text(stem.with_suffix(".csv"), table.to_csv(index=False))
-    write_json(stem.with_suffix(".json"), {**record, "rows": known.to_dict("records")})
+    with together(stem.parent, last=f"{stem.name}.json") as aside:
+        write_text(aside / f"{stem.name}.md", text)
+        write_text(aside / f"{stem.name}.csv", table.to_csv(index=False))
+        write_json(aside / f"{stem.name}.json", {**record, "rows": known.to_dict("records")})
     sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))

@@ -9,7 +9,7 @@ import pandas as pd
 
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import read_json, write_json, write_text
+from lf_flame._common.atomic_files import read_json, together, write_json, write_text
 from lf_flame._common.workers import worker_pool
 
 SAVED_EVERY = 10
@@ -50,8 +50,9 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
             pool.shutdown(cancel_futures=True)
     _save(path, seed, found)
     table = tabulate(found)
-    write_text(out / "bounds.csv", table.to_csv(index=False))
-    write_text(out / "bounds.md", text(table, found))
+    with together(out, last="bounds.md") as aside:
+        write_text(aside / "bounds.csv", table.to_csv(index=False))
+        write_text(aside / "bounds.md", text(table, found))
     return out / "bounds.md"
 
 

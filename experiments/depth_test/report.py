@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 
@@ -35,25 +35,26 @@ def write_report(
     Path
         ``depth_test.md``.
     """
-    for number, outcome in enumerate(outcomes):
-        name = "_".join(re.findall(r"\w+", outcome.scenario.name))
-        picture = scenario_figure(config, subjects, outcome)
-        figures.save(picture, out / f"depth_test_{number}_{name}.png", dpi=90)
-    figures.save(score_figure(table, subjects, config.kind), out / "depth_test.png")
-    write_json(
-        out / "depth_test.json",
-        {
-            "config": to_json(config),
-            "slopes": list(slopes),
-            "scenarios": [vars(outcome.scenario) for outcome in outcomes],
-            "samples": len(outcomes[0].truth),
-            "systems": {subject.name: subject.title for subject in subjects},
-            "runs": {subject.name: subject.about for subject in subjects if subject.about},
-            **provenance.environment(),
-        },
-    )
-    write_text(out / "depth_test.csv", table.round(5).to_csv(index=False))
-    write_text(out / "depth_test.md", text(config, subjects, outcomes, table))
+    with together(out, last="depth_test.json") as aside:
+        for number, outcome in enumerate(outcomes):
+            name = "_".join(re.findall(r"\w+", outcome.scenario.name))
+            picture = scenario_figure(config, subjects, outcome)
+            figures.save(picture, aside / f"depth_test_{number}_{name}.png", dpi=90)
+        figures.save(score_figure(table, subjects, config.kind), aside / "depth_test.png")
+        write_json(
+            aside / "depth_test.json",
+            {
+                "config": to_json(config),
+                "slopes": list(slopes),
+                "scenarios": [vars(outcome.scenario) for outcome in outcomes],
+                "samples": len(outcomes[0].truth),
+                "systems": {subject.name: subject.title for subject in subjects},
+                "runs": {subject.name: subject.about for subject in subjects if subject.about},
+                **provenance.environment(),
+            },
+        )
+        write_text(aside / "depth_test.csv", table.round(5).to_csv(index=False))
+        write_text(aside / "depth_test.md", text(config, subjects, outcomes, table))
     return out / "depth_test.md"
 
 

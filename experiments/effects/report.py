@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 
 HEADINGS = {
     "effect": "effect",
@@ -37,9 +37,10 @@ def write_report(out: Path, table: pd.DataFrame, record: dict) -> Path:
     Path
         ``absolute.md``.
     """
-    write_text(out / "absolute.csv", table.to_csv(index=False))
-    write_json(out / "absolute.json", record)
-    write_text(out / "absolute.md", text(table, record))
+    with together(out, last="absolute.json") as aside:
+        write_text(aside / "absolute.csv", table.to_csv(index=False))
+        write_json(aside / "absolute.json", record)
+        write_text(aside / "absolute.md", text(table, record))
     return out / "absolute.md"
 
 

@@ -13,7 +13,7 @@ from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import TABLES, read_tables
 from lf_flame._common import figures
-from lf_flame._common.atomic_files import write_text
+from lf_flame._common.atomic_files import together, write_text
 from lf_flame._common.config import read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.scoring import standard_deviation
@@ -216,8 +216,9 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
     if out is not None:
         numbers = pd.concat(tables).set_index("table").round(6)
-        write_text(out, text)
-        write_text(out.with_suffix(".csv"), numbers.to_csv())
+        with together(out.parent) as aside:
+            write_text(aside / out.name, text)
+            write_text(aside / f"{out.stem}.csv", numbers.to_csv())
     return text
 
 

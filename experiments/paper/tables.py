@@ -9,7 +9,7 @@ from tqdm import tqdm
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.metrics import FOREGROUND, WINDOWS
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
@@ -160,7 +160,7 @@ def write_table(
     name: str,
     out: Path,
 ) -> None:
-    """Write ``NAME.json``, ``NAME.md`` and, last because make looks at it, ``NAME.csv``."""
+    """Write ``NAME.json``, ``NAME.md`` and ``NAME.csv``."""
     evaluation = provenance.environment()
     # What was asked for as weights may not be what was had; `backbone_weights` is what was used.
     model = {key: value for key, value in run["model"].items() if key != "backbone_weights"}
@@ -212,9 +212,11 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
         f"{record['title']}: sample {indices[0]}, the first of the test split ({record['preset']}, "
         f"backbone {record['backbone_weights']})",
     )
-    figures.save(picture, out / f"{figure}.png")
     train = training_indices(len(dataset), record)
     baselines = score_baselines(dataset, train, indices)
-    write_text(out / f"{table}_history.csv", (run / "history.csv").read_text(encoding="utf-8"))
     windows = score_windows(targets, predictions)
-    write_table(scores, baselines, windows, paper, record, table, out)
+    history = (run / "history.csv").read_text(encoding="utf-8")
+    with together(out, last=f"{table}.csv") as aside:  # make looks at it
+        figures.save(picture, aside / f"{figure}.png")
+        write_text(aside / f"{table}_history.csv", history)
+        write_table(scores, baselines, windows, paper, record, table, aside)

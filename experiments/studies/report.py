@@ -11,7 +11,7 @@ import pandas as pd
 from experiments.paper.figures import draw_learning
 from experiments.paper.paper_values import read_paper_values
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 
@@ -69,17 +69,18 @@ def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, o
         "paper": printed["source"],
         **provenance.environment(),
     }
-    if study.x is None:
-        figures.save(bar_figure(study.title, rows, printed), out / f"{name}.png")
-    else:
-        figures.save(curve_figure(study, rows, printed), out / f"{name}.png")
-    if study.timed:
-        curves = read_curves(study.variants, scores, runs)
-        figures.save(time_figure(study.title, curves), out / f"{name}_time.png")
-        write_text(out / f"{name}_time.csv", curves.round(4).to_csv(index=False))
-    write_json(out / f"{name}.json", record)
-    write_text(out / f"{name}.csv", rows.round(4).to_csv(index=False))
-    write_text(out / f"{name}.md", text(study, rows, scores, printed, record))
+    with together(out, last=f"{name}.json") as aside:
+        if study.x is None:
+            figures.save(bar_figure(study.title, rows, printed), aside / f"{name}.png")
+        else:
+            figures.save(curve_figure(study, rows, printed), aside / f"{name}.png")
+        if study.timed:
+            curves = read_curves(study.variants, scores, runs)
+            figures.save(time_figure(study.title, curves), aside / f"{name}_time.png")
+            write_text(aside / f"{name}_time.csv", curves.round(4).to_csv(index=False))
+        write_json(aside / f"{name}.json", record)
+        write_text(aside / f"{name}.csv", rows.round(4).to_csv(index=False))
+        write_text(aside / f"{name}.md", text(study, rows, scores, printed, record))
     return out / f"{name}.md"
 
 

@@ -29,6 +29,7 @@ from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import make_dataset
 from lf_flame.errors import InputError
+from lf_flame.learning.checkpoints import find_checkpoints
 from lf_flame.learning.decoder import AVERAGES
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
@@ -362,7 +363,7 @@ def run_trial(
             **{name: run[name] for name in PROVENANCE},
         },
     )
-    for checkpoint in folder.glob("checkpoint-*"):  # hundreds of megabytes, needed no more
+    for checkpoint in find_checkpoints(folder):  # hundreds of megabytes, needed no more
         shutil.rmtree(checkpoint)
 
 

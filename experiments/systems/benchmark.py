@@ -21,7 +21,7 @@ from experiments.systems.compared_sets import Scene, TestSet
 from experiments.systems.cost import measure_cost
 from experiments.systems.figures import figure, noise_figure
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run, open_run
@@ -237,14 +237,15 @@ def run_benchmark(
         "wall_s": round(time.perf_counter() - started, 1),
         **provenance.environment(),
     }
-    write_text(out / "compare.csv", scores.round(5).to_csv(index=False))
-    write_text(out / "systems.csv", costs.round(3).to_csv(index=False))
-    write_text(out / "compare.md", report.text(scores, costs, record))
-    clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
-    figures.save(figure(clean, costs), out / "compare.png")
-    if len(dark):
-        figures.save(noise_figure(dark), out / "compare_noise.png")
-    write_json(out / "compare.json", record)
+    with together(out, last="compare.json") as aside:
+        write_text(aside / "compare.csv", scores.round(5).to_csv(index=False))
+        write_text(aside / "systems.csv", costs.round(3).to_csv(index=False))
+        write_text(aside / "compare.md", report.text(scores, costs, record))
+        clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
+        figures.save(figure(clean, costs), aside / "compare.png")
+        if len(dark):
+            figures.save(noise_figure(dark), aside / "compare_noise.png")
+        write_json(aside / "compare.json", record)
     return out / "compare.md"
 
 

@@ -7,7 +7,16 @@ import click
 import cloup
 
 from lf_flame import __version__
-from lf_flame.commands import datasets, light_fields, moved, networks, program, simulation, systems
+from lf_flame.commands import (
+    datasets,
+    light_fields,
+    moved,
+    networks,
+    program,
+    simulation,
+    systems,
+    verify,
+)
 from lf_flame.commands.options import HELP
 
 TOUR = """Simulate a plenoptic camera, refocus light fields, and train networks to do it.
@@ -30,6 +39,7 @@ SECTIONS = [
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),
     cloup.Section("Refocusing systems", [systems.train_system]),
+    cloup.Section("Results", [verify.verify]),
 ]
 
 

@@ -248,7 +248,7 @@ def refocus(source, camera, out, **options):
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
     from lf_flame.commands.refocus_job import RefocusJob, check_job
-    from lf_flame.commands.refocus_output import PictureFolder
+    from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
     from lf_flame.scenes.scene_files import read_camera
 
@@ -259,18 +259,19 @@ def refocus(source, camera, out, **options):
     check_movie(f"sweep.{look.movie}")
     if look.network:
         look.refuse_for_network(focus.slope_map)
-    folder = PictureFolder(_folder_for(source, out), source)
-    network = _open_network(look.network)
-    light_field = reading.read(source)
-    views = light_field.views.shape[:2]
-    slopes = focus.asked_slopes(views[1], lens)
-    job = RefocusJob(light_field, look.options(views, lens), network)
-    check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
-    folder.facts["depths_mm"] = focus.depths
-    if network:
-        folder.facts["network"] = network.name
-    _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
-    click.echo(f"{', '.join(folder.written)} are in {folder.folder}")
+    with picture_folder(_folder_for(source, out), source) as folder:
+        network = _open_network(look.network)
+        light_field = reading.read(source)
+        views = light_field.views.shape[:2]
+        slopes = focus.asked_slopes(views[1], lens)
+        job = RefocusJob(light_field, look.options(views, lens), network)
+        check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
+        describe_job(job, folder)
+        folder.facts["depths_mm"] = focus.depths
+        if network:
+            folder.facts["network"] = network.name
+        _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
+    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
 
 
 def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) -> None:
@@ -291,7 +292,6 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
     if focus.slope_map:
         share = output.write_slope_map(job, focus.slope_map, folder)
         click.echo(f"slope map: {share:.0%} of the pixels are certain")
-    folder.write_record(job)
 
 
 def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
@@ -358,32 +358,32 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     if cross or network:
         load_keras()
     from lf_flame.commands.refocus_job import RefocusJob, check_job
-    from lf_flame.commands.refocus_output import PictureFolder, write_regions
+    from lf_flame.commands.refocus_output import describe_job, picture_folder, write_regions
     from lf_flame.systems.region_refocus import refocus_regions
 
-    folder = PictureFolder(_folder_for(source, out, "-regions"), source)
-    unet = _open_network(network)
-    _refuse_other_network(network, unet)
-    dense = not (cross or unet)
-    folder.facts |= {
-        "slopes_searched": slopes,
-        "background": slopes[0] if background is None else background,
-        "views_used": "all" if dense else "a cross of 17",
-        "network": unet.name if unet else None,
-    }
-    job = RefocusJob(Reading(**options).read(source))
-    check_job(job, [*slopes, *([] if background is None else [background])])
-    image, surface, found = refocus_regions(
-        job.views_to_white, regions, slopes, background, dense, unet
-    )
-    for region, (slope, trust) in zip(regions, found, strict=True):
-        sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"
-        click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
-    measure = "certain" if dense else "ms_ssim"
-    facts = [{"slope": slope, measure: trust} for slope, trust in found]
-    write_regions(job, image, surface, regions, facts, folder)
-    folder.write_record(job)
-    click.echo(f"{', '.join(folder.written)} are in {folder.folder}")
+    with picture_folder(_folder_for(source, out, "-regions"), source) as folder:
+        unet = _open_network(network)
+        _refuse_other_network(network, unet)
+        dense = not (cross or unet)
+        folder.facts |= {
+            "slopes_searched": slopes,
+            "background": slopes[0] if background is None else background,
+            "views_used": "all" if dense else "a cross of 17",
+            "network": unet.name if unet else None,
+        }
+        job = RefocusJob(Reading(**options).read(source))
+        check_job(job, [*slopes, *([] if background is None else [background])])
+        describe_job(job, folder)
+        image, surface, found = refocus_regions(
+            job.views_to_white, regions, slopes, background, dense, unet
+        )
+        for region, (slope, trust) in zip(regions, found, strict=True):
+            sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"
+            click.echo(f"region {' '.join(map(str, region))}: slope {slope:+.2f}, {sure}")
+        measure = "certain" if dense else "ms_ssim"
+        facts = [{"slope": slope, measure: trust} for slope, trust in found]
+        write_regions(job, image, surface, regions, facts, folder)
+    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
 
 
 @cloup.command()
@@ -401,7 +401,12 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
       lf-flame convert views lenslets.png                  for programs that read lenslet images
     """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.locks import exclusive
     from lf_flame.formats import write_light_field
 
-    write_light_field(Reading(**options).read(source), target, int(bits))
+    reading = Reading(**options)
+    if target.resolve() in {path.resolve() for path in (source, reading.white) if path}:
+        raise InputError(f"{target} is read, and cannot be replaced; name another file.")
+    with exclusive(target):
+        write_light_field(reading.read(source), target, int(bits))
     click.echo(f"{target} is written")

@@ -1,15 +1,14 @@
 """The refocused pictures a user looks at, and their record, in a folder."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import read_record
+from lf_flame._common import figures
+from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview, write_image
@@ -28,8 +27,9 @@ SLOPE_MAP_STEPS = 33
 """Slopes of the stack from which a slope map is made."""
 
 
-class PictureFolder:
-    """A folder that holds the pictures of one light field and ``refocus.json``, their record.
+@contextmanager
+def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
+    """Fill a folder with the pictures of one light field, and ``refocus.json``, their record.
 
     Parameters
     ----------
@@ -37,61 +37,38 @@ class PictureFolder:
     source : Path
         Where the light field comes from.
 
-    Attributes
-    ----------
-    written : list of str
-        Names of the files, as they are written.
-    facts : dict
-        What the record says.
-
     Raises
     ------
     InputError
-        If the folder holds pictures of another light field, or its record is damaged.
+        If the folder holds pictures of another light field; or as `output_folder` says.
     """
-
-    def __init__(self, folder: Path, source: Path):
-        self.folder = folder
-        self.written: list[str] = []
-        self.facts: dict[str, Any] = {"source": os.path.relpath(source, folder)}
-        self._before = read_record(folder / RECORD) if (folder / RECORD).exists() else {}
-        self._refuse_other_source(source)
-
-    def _refuse_other_source(self, source: Path) -> None:
-        if "source" not in self._before:
-            return
-        before = str(self._before["source"])
-        # A record names the source from its own folder; older ones from the working folder.
-        known = {(start / before).resolve() for start in (self.folder, Path())}
-        if source.resolve() not in known:
-            raise InputError(
-                f"{self.folder} holds the pictures of {before}; for those of {source} choose "
-                f"another folder with --out."
-            )
-
-    def path(self, name: str) -> Path:
-        """Give the path of a file that is about to be written."""
-        self.written.append(name)
-        return self.folder / name
-
-    def write_record(self, job: RefocusJob) -> None:
-        """Write ``refocus.json``, and remove the pictures of an earlier call."""
-        v, u, t, s = job.light_field.views.shape[:4]
-        record = {
-            "views": [v, u],
-            "lenslets": [t, s],
-            **{k: value for k, value in job.options.items() if k != "weights"},
-            **self.facts,
-            "files": [*self.written, RECORD],
-            **provenance.environment(),
-        }
-        write_json(self.path(RECORD), record)
-        for name in map(str, self._before.get("files", [])):
-            if name not in self.written and name == Path(name).name:  # never outside the folder
-                (self.folder / name).unlink(missing_ok=True)
+    with output_folder(folder, RECORD) as out:
+        _refuse_other_source(out, source)
+        out.facts["source"] = os.path.relpath(source, folder)
+        yield out
 
 
-def write_refocused(job: RefocusJob, slopes: Sequence[float], out: PictureFolder) -> None:
+def _refuse_other_source(out: OutputFolder, source: Path) -> None:
+    if "source" not in out.before:
+        return
+    before = str(out.before["source"])
+    # A record names the source from its own folder; older ones from the working folder.
+    known = {(start / before).resolve() for start in (out.folder, Path())}
+    if source.resolve() not in known:
+        raise InputError(
+            f"{out.folder} holds the pictures of {before}; for those of {source} choose "
+            f"another folder with --out."
+        )
+
+
+def describe_job(job: RefocusJob, out: OutputFolder) -> None:
+    """Say in the record what was refocused, and how."""
+    v, u, t, s = job.light_field.views.shape[:4]
+    options = {name: value for name, value in job.options.items() if name != "weights"}
+    out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
+
+
+def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
     """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes."""
     stack = job.refocus(slopes)
     write_focal_stack(stack, slopes, out.path("focal_stack.tif"))
@@ -103,7 +80,7 @@ def write_refocused(job: RefocusJob, slopes: Sequence[float], out: PictureFolder
     out.facts["radiance_of_white_in_png"] = job.white
 
 
-def write_search(job: RefocusJob, out: PictureFolder) -> SlopeSearch:
+def write_search(job: RefocusJob, out: OutputFolder) -> SlopeSearch:
     """Find the slope of sharpest focus; writes its curve as ``slope_search.png``."""
     search = find_sharpest_slope(job.light_field)
     figures.save(search_figure([search]), out.path("slope_search.png"))
@@ -115,7 +92,7 @@ def write_sweep(
     job: RefocusJob,
     ends: tuple[float, float],
     movie: str,
-    out: PictureFolder,
+    out: OutputFolder,
     progress: Callable = iter,
 ) -> None:
     """Write a movie through focus, from one slope to another and back.
@@ -126,7 +103,7 @@ def write_sweep(
     ends : (float, float)
     movie : str
         Name of the file, which ends in .gif or .mp4.
-    out : PictureFolder
+    out : OutputFolder
     progress : callable, optional
         Wraps the list of the slopes that are refocused together.
     """
@@ -142,7 +119,7 @@ def write_sweep(
     out.facts["sweep"] = list(ends)
 
 
-def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: PictureFolder) -> float:
+def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> float:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
 
     Returns
@@ -166,7 +143,7 @@ def write_regions(
     surface: np.ndarray,
     regions: Sequence[Sequence[int]],
     found: Sequence[dict],
-    out: PictureFolder,
+    out: OutputFolder,
 ) -> None:
     """Write an image of which some regions are in focus, and the slope of each pixel.
 
@@ -180,7 +157,7 @@ def write_regions(
         First row and the one behind the last, first column and the one behind the last.
     found : sequence of dict
         What the record is to say of each region.
-    out : PictureFolder
+    out : OutputFolder
     """
     image = image * np.float32(job.white)
     write_image(out.path("regions.tif"), image)

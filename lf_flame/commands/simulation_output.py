@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import atomic_write, write_json, write_text
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.commands.view_sheet import view_sheet
 from lf_flame.formats import write_focal_stack
 from lf_flame.formats.images import to_preview, white_level, write_image
@@ -36,30 +37,35 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options: Any) -
     Returns
     -------
     dict
-        The record.
+        What the record says of the scene and its image.
     """
-    light_field = render(scene, camera, **options)
+    with output_folder(out, "simulation.json") as folder:
+        light_field = render(scene, camera, **options)
+        _write(light_field, scene, camera, folder)
+        folder.facts |= {"seed": options.get("seed")}
+    return folder.facts
+
+
+def _write(
+    light_field: LightField, scene: Scene, camera: PlenopticCamera, out: OutputFolder
+) -> None:
     depths = np.array(scene.depths_mm)
     slopes = camera.depth_to_slope(depths)
     stack = shift_and_sum(light_field, slopes)
     white = white_level(light_field.views)
     _write_images(light_field, stack, slopes, depths, white, out)
-    with atomic_write(out / "light_field.npz") as aside:
-        np.savez_compressed(
-            aside, views=light_field.views, refocused=stack, slopes=slopes, depths_mm=depths
-        )
-    record = {
+    np.savez_compressed(
+        out.path("light_field.npz"),
+        views=light_field.views, refocused=stack, slopes=slopes, depths_mm=depths,
+    )  # fmt: skip
+    write_text(out.path("plan.txt"), f"{light_field.plan}\n")
+    out.facts |= {
         "camera": to_json(camera),
         "depths_mm": depths.tolist(),
         "slopes": slopes.tolist(),
         "radiance_of_white_in_png": white,
         "plan": light_field.plan.to_json(),
-        "seed": options.get("seed"),
-        **provenance.environment(),
     }
-    write_text(out / "plan.txt", f"{light_field.plan}\n")
-    write_json(out / "simulation.json", record)
-    return record
 
 
 def _write_images(
@@ -68,12 +74,12 @@ def _write_images(
     slopes: np.ndarray,
     depths: np.ndarray,
     white: float,
-    out: Path,
+    out: OutputFolder,
 ) -> None:
     raw = light_field.to_raw()
-    write_image(out / "raw.tif", raw)
-    write_image(out / "raw.png", to_preview(raw, white))
-    write_focal_stack(stack, slopes, out / "refocused.tif")
+    write_image(out.path("raw.tif"), raw)
+    write_image(out.path("raw.png"), to_preview(raw, white))
+    write_focal_stack(stack, slopes, out.path("refocused.tif"))
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
-        write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, white))
-    figures.save(view_sheet(light_field.views), out / "views.png")
+        write_image(out.path(f"refocused_{number}_{depth:+g}mm.png"), to_preview(image, white))
+    figures.save(view_sheet(light_field.views), out.path("views.png"))

@@ -7,7 +7,7 @@ for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced an
 simulated, and an attribute of that name counts the samples. Every sample is a chunk of its own with
 a checksum, seeded by its index, so that workers write side by side, a run that was cut goes on, and
 the bytes do not depend on the number of workers. The group is built as ``NAME.part`` and renamed
-when it is whole.
+when it is whole; its attributes hold the hashes of images, parameters and attributes.
 """
 
 import hashlib
@@ -24,6 +24,8 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
+from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
@@ -33,6 +35,9 @@ from lf_flame.simulation.plan import EffectPlan
 
 SIMULATED = "simulated"
 """Array, and attribute, of what was simulated where that is decided for each sample."""
+
+ATTRIBUTES_SHA256 = "attributes_sha256"
+"""Attribute that guards the others."""
 
 
 def make_dataset(
@@ -58,16 +63,25 @@ def make_dataset(
     Raises
     ------
     InputError
-        If `path` exists, or a part of another data set lies in its way.
+        If `path` exists, something else lies where it is built, or another process builds it.
     OSError
         If a file cannot be written; finished samples are kept.
     """
-    started, path = time.perf_counter(), Path(path)
+    with exclusive(path):
+        _make(config, samples, Path(path), workers, progress)
+
+
+def _make(config, samples: int, path: Path, workers: int, progress: Callable | None) -> None:
+    started, part = time.perf_counter(), path.with_name(path.name + ".part")
     if path.exists():
         raise InputError(f"{path} exists; remove it or choose another folder.")
-    part = path.with_name(path.name + ".part")
-    if not _is_laid_out(part):
+    if not part.exists():
         _create(part, config, samples)
+    elif not _is_laid_out(part):
+        raise InputError(
+            f"{part} is in the way: a data set is built under that name, but this is none; move it "
+            f"or choose another folder."
+        )
     group = zarr.open_group(part, mode="r+")
     _check_same(group, config, samples, part)
     attrs: dict[str, Any] = dict(group.attrs)
@@ -77,23 +91,29 @@ def make_dataset(
         finished = progress(finished, samples - len(open_indices), samples)
     for _ in finished:
         pass
-    group.attrs["sha256"] = _digest(group)
+    attrs |= {"sha256": _digest(group), "parameters_sha256": _digest_parameters(group)}
     if SIMULATED in group:
-        group.attrs[SIMULATED] = _count_simulated(group)
-    group.attrs["provenance"] = {
+        attrs[SIMULATED] = _count_simulated(group)
+    attrs["provenance"] = {
         **provenance.environment(),
         "workers": workers,
         "wall_s": round(time.perf_counter() - started, 2),
         "samples_this_run": len(open_indices),
     }
+    _set_attributes(group, attrs)
+    _remove_partial_files(part)
     part.rename(path)
 
 
 def _create(part: Path, config: DatasetConfig, samples: int) -> None:
     searches = search_slopes(config)  # first: it also shows that the scene can be rendered
-    part.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(part) as aside:  # what bears the name of a part is one
+        _lay_out(zarr.open_group(aside, mode="w", zarr_format=3), config, samples, searches)
+
+
+def _lay_out(group: zarr.Group, config: DatasetConfig, samples: int, searches) -> None:
+    """Make empty arrays, and the attributes."""
     _, parameters = config.draw(None)
-    group = zarr.open_group(part, mode="w", zarr_format=3)
 
     def add(name: str, shape: tuple[int, ...], dtype, fill) -> None:
         group.create_array(
@@ -112,20 +132,19 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
     if config.planned_by_sample:
         add(SIMULATED, (len(EFFECTS) + 1,), "uint8", 0)
     add("complete", (), "uint8", 0)
-    group.attrs.update(
-        {
-            "slopes": [search.slope for search in searches],
-            "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
-            "depths_mm": config.depths_mm,
-            "objects": [o.name for o in config.template.objects],
-            "plan": config.plan.to_json(),
-            "config": config_to_json(config),  # last: its presence says that the group is laid out
-        }
-    )
+    attrs = {
+        "slopes": [search.slope for search in searches],
+        "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
+        "depths_mm": config.depths_mm,
+        "objects": [o.name for o in config.template.objects],
+        "plan": config.plan.to_json(),
+        "config": config_to_json(config),
+    }
+    _set_attributes(group, attrs)
 
 
 def _is_laid_out(part: Path) -> bool:
-    """Whether an earlier run got as far as the attributes, which come last."""
+    """Whether a folder holds the beginning of a data set."""
     if not (part / "zarr.json").exists():
         return False
     try:
@@ -149,6 +168,7 @@ def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Pa
             f"{part} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
         )
+    _check_attributes(group, part)
 
 
 def _run(
@@ -223,6 +243,51 @@ def _digest(group: zarr.Group) -> str:
     return digest.hexdigest()
 
 
+def _digest_parameters(group: zarr.Group) -> str:
+    """Hash what was drawn and decided for each sample."""
+    digest = hashlib.sha256()
+    for name in sorted(name for name, _ in group.members(max_depth=None)):
+        if name == SIMULATED or name.startswith("parameters/"):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(_array(group, name)[:]).data)
+    return digest.hexdigest()
+
+
+def _set_attributes(group: zarr.Group, attributes: dict[str, Any]) -> None:
+    """Set attributes and their hash, all in one write."""
+    attributes = json.loads(json.dumps(attributes))
+    group.attrs.update({**attributes, ATTRIBUTES_SHA256: _digest_attributes(group, attributes)})
+
+
+def _check_attributes(group: zarr.Group, path: Path) -> None:
+    attributes = dict(group.attrs)
+    # Data sets from before attributes had a hash have none.
+    known = attributes.get(ATTRIBUTES_SHA256)
+    if known is not None and known != _digest_attributes(group, attributes):
+        raise InputError(
+            f"{path} is damaged: its attributes (zarr.json) are not those that were written; "
+            f"remove it and make it again."
+        )
+
+
+def _digest_attributes(group: zarr.Group, attributes: dict[str, Any]) -> str:
+    """Hash all attributes but this hash, and what is said of each array."""
+    attributes = {key: value for key, value in attributes.items() if key != ATTRIBUTES_SHA256}
+    arrays = {
+        name: array.metadata.to_dict()
+        for name, array in group.members(max_depth=None)
+        if isinstance(array, zarr.Array)
+    }
+    text = json.dumps({"attributes": attributes, "arrays": arrays}, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _remove_partial_files(part: Path) -> None:
+    """Remove what Zarr's store left of writes that were cut off."""
+    for path in part.rglob("*.partial"):
+        path.unlink(missing_ok=True)
+
+
 class Dataset:
     """A finished data set on disk.
 
@@ -252,9 +317,42 @@ class Dataset:
             complete = np.asarray(_array(self._group, "complete")[:])
         except (KeyError, ValueError, TypeError, RuntimeError, OSError) as error:
             raise InputError(f"{path} is not a data set, or is damaged: {error}") from None
+        _check_attributes(self._group, self.path)
         if not np.all(complete == 1):
             missing = np.flatnonzero(complete != 1)[0]
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
+
+    def verify(self) -> list[str]:
+        """Compute all hashes again, from every sample.
+
+        Returns
+        -------
+        list of str
+            What is as it was written; older data sets know no hashes of parameters and attributes.
+
+        Raises
+        ------
+        InputError
+            If a sample, or what was drawn for it, is not what was written.
+        """
+        sound = ["attributes"] if ATTRIBUTES_SHA256 in self.attrs else []
+        for what, name, digest in (
+            ("images", "sha256", _digest),
+            ("parameters", "parameters_sha256", _digest_parameters),
+        ):
+            if name not in self.attrs:
+                continue
+            try:
+                found = digest(self._group)
+            except (KeyError, ValueError, RuntimeError, OSError) as error:
+                raise InputError(f"{self.path} is damaged ({error}); make it again.") from None
+            if found != self.attrs[name]:
+                raise InputError(
+                    f"{self.path} is damaged: the {what} are not those that were written; remove "
+                    f"it and make it again."
+                )
+            sound.append(what)
+        return sound
 
     def __len__(self) -> int:
         return _array(self._group, "complete").shape[0]

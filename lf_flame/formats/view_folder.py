@@ -1,14 +1,13 @@
 """Folders with one image for each view of a light field."""
 
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common.atomic_files import atomic_folder
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
@@ -172,19 +171,6 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
         raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
     levels = to_levels(light_field.views, bits)
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
-    with _folder_atomic_write(folder) as aside:
+    with atomic_folder(folder) as aside:
         for v, u in np.ndindex(levels.shape[:2]):
             write_image(aside / f"view_{v:0{width}}_{u:0{width}}.png", levels[v, u])
-
-
-@contextmanager
-def _folder_atomic_write(folder: Path) -> Iterator[Path]:
-    """Do for a folder what `lf_flame._common.atomic_files.atomic_write` does for a file."""
-    aside = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir(parents=True)
-    try:
-        yield aside
-        aside.replace(folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)

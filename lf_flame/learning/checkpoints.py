@@ -14,7 +14,7 @@ from zipfile import BadZipFile
 import numpy as np
 import pandas as pd
 
-from lf_flame._common.atomic_files import read_json, write_json, write_text
+from lf_flame._common.atomic_files import atomic_folder, read_json, write_json, write_text
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import read_record
 from lf_flame.errors import InputError
@@ -77,22 +77,19 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path, run: dict) -> None:
         All that decides how the run goes up to here, as JSON values.
     """
     name = f"checkpoint-{checkpoint.epochs_done:06d}"
-    aside = folder / f"{name}.part"
-    shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir()
-    try:
+    with atomic_folder(folder / name, "checkpoint") as aside:
         np.savez(aside / "state.npz", *checkpoint.state)
         np.savez(aside / "best.npz", *checkpoint.best)
         write_json(aside / "history.json", {"epochs": checkpoint.history})
         hashes = {name: file_sha256(aside / name) for name in FILES}
         write_json(aside / MANIFEST, {"run": run, "sha256": hashes})
-    except BaseException:  # a full disk, Ctrl-C: the last checkpoint stays
-        shutil.rmtree(aside, ignore_errors=True)
-        raise
-    older = _checkpoints(folder)
-    aside.rename(folder / name)
+    _tidy(folder, checkpoint)
+
+
+def _tidy(folder: Path, checkpoint: Checkpoint) -> None:
+    """Write the history for reading, and remove all checkpoints but the newest."""
     write_text(folder / "history.csv", pd.DataFrame(checkpoint.history).to_csv(index=False))
-    for path in older:
+    for path in find_checkpoints(folder)[:-1]:
         shutil.rmtree(path, ignore_errors=True)
 
 
@@ -110,12 +107,12 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
     InputError
         If it is damaged, or belongs to another run.
     """
-    if not _checkpoints(folder):
+    if not find_checkpoints(folder):
         return Checkpoint()
-    path = _checkpoints(folder)[-1]
+    path = find_checkpoints(folder)[-1]
     _check_manifest(path, run)
     try:
-        return Checkpoint(
+        checkpoint = Checkpoint(
             read_json(path / "history.json")["epochs"],
             list(_load_arrays(path / "best.npz")),
             list(_load_arrays(path / "state.npz")),
@@ -124,16 +121,30 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
         raise InputError(
             f"The checkpoint {path} is damaged ({error}); remove it to start again."
         ) from None
+    _tidy(folder, checkpoint)
+    return checkpoint
 
 
-def _check_manifest(path: Path, run: dict) -> None:
+def verify_checkpoint(path: Path) -> dict:
+    """Compute the hashes of a checkpoint's files again.
+
+    Returns
+    -------
+    dict
+        Its manifest.
+
+    Raises
+    ------
+    InputError
+        If a file is not what was written, or the manifest is missing.
+    """
     if not (path / MANIFEST).is_file():
         raise InputError(
             f"The checkpoint {path} has no {MANIFEST}, which says what run it belongs to; remove "
             f"it to start again."
         )
     manifest = read_record(path / MANIFEST)
-    belongs, written = manifest.get("run"), manifest.get("sha256")
+    written = manifest.get("sha256")
     hashes = written if isinstance(written, dict) else {}
     for name in FILES:
         if not (path / name).is_file() or file_sha256(path / name) != hashes.get(name):
@@ -141,6 +152,11 @@ def _check_manifest(path: Path, run: dict) -> None:
                 f"The checkpoint {path} is damaged ({name} is not the file that was written); "
                 f"remove it to start again."
             )
+    return manifest
+
+
+def _check_manifest(path: Path, run: dict) -> None:
+    belongs = verify_checkpoint(path).get("run")
     if belongs != run:
         known = belongs if isinstance(belongs, dict) else {}
         key = next((key for key in run if known.get(key) != run[key]), "request")
@@ -150,7 +166,8 @@ def _check_manifest(path: Path, run: dict) -> None:
         )
 
 
-def _checkpoints(folder: Path) -> list[Path]:
+def find_checkpoints(folder: Path) -> list[Path]:
+    """List the checkpoints of a run folder, the oldest first."""
     return sorted(folder.glob("checkpoint-??????"))
 
 

@@ -14,6 +14,7 @@ from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build, read_record, to_json
 from lf_flame._common.keras_loading import load_model
+from lf_flame._common.locks import exclusive
 from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
@@ -184,17 +185,29 @@ def export_network(run: str | Path, out: str | Path) -> None:
     Raises
     ------
     InputError
-        If the run is not finished, or `out` is no such file.
+        If the run is not finished, `out` is no such file, or ``NAME.json`` is another's.
     """
     run, out = Path(run), Path(out)
+    beside = out.with_suffix(".json")
     if out.suffix != ".keras" or out.resolve().parent == run.resolve():
         raise InputError(f"A network is exported to a .keras file outside of its run, got {out}.")
     card = read_card(run)
-    network = load_network(run, card)
-    with atomic_write(out) as aside:
-        network.save(aside)
-        card = replace(card, sha256=file_sha256(aside), exported=provenance.environment())
-        write_json(out.with_suffix(".json"), to_json(card))
+    with exclusive(out), exclusive(beside):
+        if beside.exists() and not _is_card(beside):
+            raise InputError(f"{beside} is no network's card, and is not replaced; name another.")
+        network = load_network(run, card)
+        with atomic_write(out) as aside, atomic_write(beside) as card_aside:
+            network.save(aside)
+            card = replace(card, sha256=file_sha256(aside), exported=provenance.environment())
+            write_json(card_aside, to_json(card))
+
+
+def _is_card(path: Path) -> bool:
+    try:
+        build(NetworkCard, read_record(path), path)
+    except InputError:
+        return False
+    return True
 
 
 def _model_file(path: Path) -> Path:

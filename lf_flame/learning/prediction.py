@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
-from lf_flame._common import figures, provenance
+from lf_flame._common import figures
 from lf_flame._common.arrays import area_average
-from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
+from lf_flame._common.output_folders import output_folder
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
@@ -141,19 +141,20 @@ class Prediction:
             Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
             ``prediction.png`` (input and planes side by side) and ``prediction.json`` (record).
         """
-        write_focal_stack(self.stack, card.slopes, out / "refocused.tif")
-        for number, (depth, image) in enumerate(zip(card.depths_mm, self.stack, strict=True), 1):
-            write_image(out / f"refocused_{number}_{depth:+g}mm.png", to_preview(image, 1.0))
-        figures.save(_prediction_figure(self, card), out / "prediction.png")
-        record = {
-            "source": os.path.relpath(self.seen.source, out),  # from this record's folder
-            "notes": self.seen.notes,
-            "input_sha256": hashlib.sha256(self.seen.image.data).hexdigest(),
-            "ms": round(self.ms, 3),
-            "network": to_json(card),
-            **provenance.environment(),
-        }
-        write_json(out / "prediction.json", record)
+        planes = enumerate(zip(card.depths_mm, self.stack, strict=True), 1)
+        with output_folder(out, "prediction.json") as folder:
+            write_focal_stack(self.stack, card.slopes, folder.path("refocused.tif"))
+            for number, (depth, image) in planes:
+                picture = folder.path(f"refocused_{number}_{depth:+g}mm.png")
+                write_image(picture, to_preview(image, 1.0))
+            figures.save(_prediction_figure(self, card), folder.path("prediction.png"))
+            folder.facts |= {
+                "source": os.path.relpath(self.seen.source, out),  # from this record's folder
+                "notes": self.seen.notes,
+                "input_sha256": hashlib.sha256(self.seen.image.data).hexdigest(),
+                "ms": round(self.ms, 3),
+                "network": to_json(card),
+            }
 
 
 def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:

@@ -6,9 +6,11 @@ data set may lie elsewhere, or be gone. Only scores on the test split need the d
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
+from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import read_record
 from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.config import DatasetConfig, config_from_json
@@ -79,12 +81,30 @@ def load_run(folder: str | Path) -> dict:
     Raises
     ------
     InputError
-        If the run is missing or not finished, or its record is damaged.
+        If the run is missing or not finished, its record is damaged, or its network is not the
+        one that the record was written for.
     """
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
-    return read_record(folder / "run.json")
+    record = read_record(folder / "run.json")
+    if not is_whole(folder / "model.keras", record.get("model_sha256")):
+        raise InputError(
+            f"{folder / 'model.keras'} is not the network that run.json was written for; train it "
+            f"again: what is there goes on."
+        )
+    return record
+
+
+def is_whole(model: Path, sha256: str | None) -> bool:
+    """Whether a network is the one that was written, by its hash; older records know none."""
+    if sha256 is not None:
+        return file_sha256(model) == sha256
+    try:
+        with ZipFile(model) as archive:
+            return archive.testzip() is None
+    except BadZipFile:
+        return False
 
 
 def open_run(folder: str | Path) -> TrainedRun:

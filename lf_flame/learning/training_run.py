@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile, ZipFile
 
 import keras
 import numpy as np
@@ -20,8 +19,10 @@ from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import read_record
+from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from lf_flame.learning.run_folders import is_whole
 
 MAX_SEED = 1_000_000
 """Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
@@ -84,15 +85,23 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     Raises
     ------
     InputError
-        If the folder holds another run, or the loss stops being a number.
+        If the folder holds another run, another process trains there, or the loss stops being a
+        number.
     """
     model = out / "model.keras"
-    out.mkdir(parents=True, exist_ok=True)
-    if _is_done(out, job.request):
-        tqdm.write(f"{out} holds this run, finished.")
-        model.touch()  # make compares it with the configuration file
-        return model
-    _claim_folder(out, job.request)
+    with exclusive(out):
+        if _is_done(out, job.request):
+            tqdm.write(f"{out} holds this run, finished.")
+            model.touch()  # make compares it with the configuration file
+            return model
+        _claim_folder(out, job.request)
+        _train(job, model, started, show)
+    return model
+
+
+def _train(job: Job, model: Path, started: float, show: bool) -> None:
+    """Train from the last checkpoint on, and write network and record."""
+    out = model.parent
     run = load_checkpoint(out, _decides_epochs(job.request))
     if run.history:
         tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
@@ -117,7 +126,6 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
         write_json(out / "run.json", record | {"model_sha256": file_sha256(aside)})
-    return model
 
 
 def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:
@@ -130,20 +138,9 @@ def _is_done(out: Path, request: dict) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
     found = _without_folders(read_record(out / "run.json"))
-    return _is_whole(out / "model.keras", found.get("model_sha256")) and all(
+    return is_whole(out / "model.keras", found.get("model_sha256")) and all(
         found.get(key) == request[key] for key in request
     )
-
-
-def _is_whole(model: Path, sha256: str | None) -> bool:
-    """Whether a network is the one that was written, by its hash; older records know none."""
-    if sha256 is not None:
-        return file_sha256(model) == sha256
-    try:
-        with ZipFile(model) as archive:
-            return archive.testzip() is None
-    except BadZipFile:
-        return False
 
 
 def _decides_epochs(request: dict) -> dict:

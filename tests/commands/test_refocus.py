@@ -9,7 +9,9 @@ from PIL import Image
 from skimage.io import imread
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
-from lf_flame.commands import cli
+from lf_flame._common.checksums import file_sha256
+from lf_flame._common.locks import exclusive
+from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.light_fields import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import aperture_weights
 from lf_flame.formats import (
@@ -228,7 +230,7 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
     assert [written["slopes_searched"], written["background"]] == [[-2, 2], -2]
     assert slopes == pytest.approx([0.8, -0.6], abs=0.11)
     assert set(written["files"]) == {"regions.tif", "regions.png", "regions_slope.tif",
-                                     "regions_slope.png", "refocus.json"}  # fmt: skip
+                                     "regions_slope.png"}  # fmt: skip
     views, image = np.load(leaves), imread(tmp_path / "out" / "regions.tif")
     surface = imread(tmp_path / "out" / "regions_slope.tif")
     assert surface[0, 60] == pytest.approx(-2, abs=0.1)
@@ -338,11 +340,46 @@ def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_pat
     record = json.loads((tmp_path / "out" / "refocus.json").read_text())
     thesis = tmp_path / "thesis.txt"
     thesis.write_text("mine")
-    record["files"] += ["../thesis.txt", str(thesis)]
+    record["files"] |= dict.fromkeys(["../thesis.txt", str(thesis)], file_sha256(thesis))
     (tmp_path / "out" / "refocus.json").write_text(json.dumps(record))
     run(folder, "--slope", 0.25, "--out", tmp_path / "out")
     assert thesis.read_text() == "mine"
     assert not list((tmp_path / "out").glob("*slope+0.500.png"))  # its own are removed
+
+
+def test_a_second_call_that_fails_leaves_the_pictures_of_the_first(folder, tmp_path, monkeypatch):
+    """The disk is full after the stack and before the movie."""
+    out = tmp_path / "out"
+    run(folder, "--slope", 0.5, "--out", out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(refocus_output, "write_movie", full)
+    with pytest.raises(OSError, match="No space left"):
+        run(folder, "--slope", 0.25, "--sweep", 0, 1, "--out", out)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_two_calls_do_not_write_into_one_folder_at_once(folder, tmp_path):
+    with exclusive(tmp_path / "out"), pytest.raises(InputError, match="written by another process"):
+        run(folder, "--slope", 0.5, "--out", tmp_path / "out")
+    with exclusive(tmp_path / "a.npy"), pytest.raises(InputError, match="by another process"):
+        run(folder, tmp_path / "a.npy", command="convert")
+    assert [path.name for path in tmp_path.iterdir()] == ["views"]
+
+
+def test_what_is_read_is_not_converted_over(folder, tmp_path):
+    run(folder, tmp_path / "x.tif", command="convert")
+    before = (tmp_path / "x.tif").read_bytes()
+    (tmp_path / "link.tif").symlink_to("x.tif")
+    for target in (tmp_path / "x.tif", tmp_path / "views" / ".." / "x.tif", tmp_path / "link.tif"):
+        with pytest.raises(InputError, match="is read, and cannot be replaced"):
+            run(tmp_path / "x.tif", target, "--views", 5, command="convert")
+    assert (tmp_path / "x.tif").read_bytes() == before
+    with pytest.raises(InputError, match="is read, and cannot be replaced"):
+        run(folder, tmp_path / "x.tif", "--white", tmp_path / "x.tif", command="convert")
 
 
 def test_a_folder_is_known_by_its_source_from_wherever_it_is_called(folder, tmp_path, monkeypatch):

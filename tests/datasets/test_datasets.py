@@ -145,15 +145,88 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
 
 
 def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
-    part = tmp_path / "a.zarr.part"
-    part.mkdir()
-    (part / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
+    left = tmp_path / f".a.zarr.{'0' * 16}.part.part"
+    left.mkdir()
+    (left / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group", "attributes": {}}')
     make_dataset(tiny, 2, tmp_path / "a.zarr")
     assert len(Dataset(tmp_path / "a.zarr")) == 2
+    assert [path.name for path in tmp_path.glob("*a.*")] == ["a.zarr"]
     (tmp_path / "b.zarr.part").mkdir()
     (tmp_path / "b.zarr.part" / "zarr.json").write_text("{")
     with pytest.raises(InputError, match="b.zarr.part is damaged"):
         make_dataset(tiny, 2, tmp_path / "b.zarr")
+
+
+def test_a_folder_that_bears_the_name_of_a_part_is_left_alone(tiny, tmp_path):
+    mine = tmp_path / "a.zarr.part" / "thesis.txt"
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    with pytest.raises(InputError, match="a.zarr.part is in the way"):
+        make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert mine.read_text() == "mine"
+    assert [path.name for path in tmp_path.glob("*a.*")] == ["a.zarr.part"]
+
+
+def test_what_zarr_left_of_a_write_that_was_cut_off_goes(tiny, tmp_path):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    part = tmp_path / "a.zarr.part"
+    shutil.move(tmp_path / "a.zarr", part)
+    left = part / "input" / "c" / "0" / "0" / "0" / f"0.{'0' * 32}.partial"
+    left.write_bytes(b"half")
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert not list((tmp_path / "a.zarr").rglob("*.partial"))
+
+
+def change_json(path, change):
+    record = json.loads(path.read_text())
+    change(record)
+    path.write_text(json.dumps(record))
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        ("zarr.json", lambda r: r["attributes"]["slopes"].__setitem__(0, 0.25)),
+        ("zarr.json", lambda r: r["attributes"].__setitem__("mine", 1)),
+        ("zarr.json", lambda r: r["attributes"]["config"]["camera"].__setitem__("views", 7)),
+        ("target/zarr.json", lambda r: r.__setitem__("fill_value", 0.0)),
+        ("parameters/zarr.json", None),
+    ],
+)
+def test_attributes_that_changed_are_noticed(tiny, tmp_path, file, change):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    path = tmp_path / "a.zarr" / file
+    if change is None:
+        shutil.rmtree(path.parent)
+    else:
+        change_json(path, change)
+    with pytest.raises(InputError, match=r"its attributes \(zarr.json\) are not those"):
+        Dataset(tmp_path / "a.zarr")
+    shutil.move(tmp_path / "a.zarr", tmp_path / "a.zarr.part")
+    with pytest.raises(InputError, match="a.zarr.part"):
+        make_dataset(tiny, 2, tmp_path / "a.zarr")
+
+
+def test_data_sets_from_before_attributes_had_a_hash_are_read(tiny, tmp_path):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+
+    def older(record):
+        for name in ("attributes_sha256", "parameters_sha256"):
+            del record["attributes"][name]
+
+    change_json(tmp_path / "a.zarr" / "zarr.json", older)
+    assert Dataset(tmp_path / "a.zarr").verify() == ["images"]
+
+
+@pytest.mark.parametrize("name", ["input", "target", "parameters/size_mm"])
+def test_samples_that_were_exchanged_are_noticed_by_verify(tiny, tmp_path, name):
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert Dataset(tmp_path / "a.zarr").verify() == ["attributes", "images", "parameters"]
+    array = tmp_path / "a.zarr" / name / "c"
+    for old, new in (("0", "2"), ("1", "0"), ("2", "1")):  # each is whole by its checksum
+        (array / old).rename(array / new)
+    with pytest.raises(InputError, match="are not those that were written"):
+        Dataset(tmp_path / "a.zarr").verify()
 
 
 def test_a_damaged_sample_is_named(tiny, tmp_path):

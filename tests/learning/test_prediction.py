@@ -302,6 +302,49 @@ def test_nothing_is_exported_into_a_run(run_folder, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
+def test_a_file_that_is_no_card_is_not_replaced_by_one(run_folder, tmp_path):
+    package = tmp_path / "package.json"
+    package.write_text('{"name": "mine"}')
+    with pytest.raises(InputError, match="package.json is no network's card"):
+        run("export", run_folder, "--out", tmp_path / "package.keras")
+    assert package.read_text() == '{"name": "mine"}'
+    assert [path.name for path in tmp_path.iterdir()] == ["package.json"]
+    package.unlink()
+    for _ in range(2):  # a card is
+        run("export", run_folder, "--out", tmp_path / "package.keras")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["package.json", "package.keras"]
+
+
+@pytest.mark.slow
+def test_verify_knows_runs_and_exported_networks(run_folder, exported, tmp_path):
+    shutil.copytree(run_folder, tmp_path / "shapes")
+    for path in (exported, exported.with_suffix(".json")):
+        shutil.copy(path, tmp_path)
+    lines = run("verify", tmp_path).output.splitlines()
+    assert [line.split()[0] for line in lines] == ["whole", "whole"]
+    assert "exported.keras: exported network" in lines[0]
+    assert "shapes: trained network and its checkpoint" in lines[1]
+    best = next((tmp_path / "shapes").glob("checkpoint-*")) / "best.npz"
+    for path in (tmp_path / "shapes" / "model.keras", best, tmp_path / "exported.keras"):
+        content = path.read_bytes()
+        path.write_bytes(content[:1000] + bytes([content[1000] ^ 1]) + content[1001:])
+        with pytest.raises(InputError, match="1 of the results is damaged"):
+            run("verify", tmp_path)
+        path.write_bytes(content)
+    (tmp_path / "shapes" / "model.keras").unlink()
+    assert "not finished: its checkpoint" in run("verify", tmp_path / "shapes").output
+
+
+@pytest.mark.slow
+def test_a_network_that_is_not_the_runs_is_not_used(run_folder, tmp_path):
+    folder = shutil.copytree(run_folder, tmp_path / "run")
+    network = keras.saving.load_model(folder / "model.keras", compile=False)
+    network.save(folder / "model.keras")  # another file, if the same weights
+    with pytest.raises(InputError, match=r"not the network that run.json was written for"):
+        run("export", folder, "--out", tmp_path / "a.keras")
+
+
 def test_help_says_what_a_prediction_is():
     shown = " ".join(run("predict", "--help").output.split())
     assert "which object stands at which depth" in shown

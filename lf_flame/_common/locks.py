@@ -1,0 +1,48 @@
+"""One writer at a time for each output."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from lf_flame._common.atomic_files import made
+from lf_flame.errors import InputError
+
+
+@contextmanager
+def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
+    """Let nobody else write an output meanwhile.
+
+    The lock is a file ``.NAME.lock`` beside the output. The system holds it for this process, so
+    that it is free when the process ends, whatever ends it.
+
+    Parameters
+    ----------
+    output : str or Path
+        A file or folder, which need not exist; the folder that it lies in is made.
+    wait_s : float, optional
+        How long to wait for another process.
+
+    Raises
+    ------
+    InputError
+        If another process writes there still.
+    """
+    path = Path(output).resolve()
+    file = path.with_name(f".{path.name}.lock")
+    lock = FileLock(file, timeout=wait_s)
+    with made(path.parent):
+        try:
+            lock.acquire()
+        except Timeout:
+            raise InputError(
+                f"{output} is being written by another process; wait for it, or choose another "
+                f"place."
+            ) from None
+        try:
+            yield
+        finally:
+            # Removed while it is held: who opened it before finds it gone, and makes a new one.
+            file.unlink(missing_ok=True)
+            lock.release()

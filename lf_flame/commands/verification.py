@@ -1,0 +1,108 @@
+"""Whether results are still what was written: data sets, runs, exported networks, pictures."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lf_flame._common.output_folders import verify_outputs
+from lf_flame.errors import InputError
+
+RECORDS = ("refocus.json", "simulation.json", "prediction.json")
+"""Records of folders of pictures."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found at a place.
+
+    Attributes
+    ----------
+    path : Path
+    text : str
+        What is there; or, if `sound` is false, what is wrong.
+    sound : bool
+    """
+
+    path: Path
+    text: str
+    sound: bool = True
+
+
+def verify(path: Path) -> Iterator[Finding]:
+    """Compute the hashes of all results at a path again.
+
+    Parameters
+    ----------
+    path : Path
+        A data set, a run folder, an exported network, a folder of pictures, or a folder that holds
+        such.
+
+    Yields
+    ------
+    Finding
+
+    Raises
+    ------
+    InputError
+        If there is no result.
+    """
+    found = False
+    for place in _results(path):
+        found = True
+        try:
+            yield Finding(place, _verify_one(place))
+        except InputError as error:
+            yield Finding(place, str(error), sound=False)
+    if not found:
+        raise InputError(
+            f"{path} holds nothing whose hash is known: no data set, run folder, exported network, "
+            f"nor pictures of refocus, simulate or predict."
+        )
+
+
+def _results(path: Path) -> Iterator[Path]:
+    """Find results: at a path, else below it."""
+    if path.suffix == ".keras" or (path.is_dir() and _kind(path)):
+        yield path
+    elif path.is_dir():
+        for inside in sorted(path.iterdir()):
+            exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
+            if exported or (inside.is_dir() and not inside.is_symlink()):
+                yield from _results(inside)
+
+
+def _kind(folder: Path) -> str:
+    """Name the file by which a kind of result is known; nothing for other folders."""
+    known = ("zarr.json", "config.json", *RECORDS)
+    return next((name for name in known if (folder / name).is_file()), "")
+
+
+def _verify_one(path: Path) -> str:
+    if path.suffix == ".keras":
+        from lf_flame.learning.model_card import read_card
+
+        read_card(path)
+        return "exported network, as its card says"
+    kind = _kind(path)
+    if kind in RECORDS:
+        return f"{verify_outputs(path, kind)} files, as {kind} says"
+    return _verify_dataset(path) if kind == "zarr.json" else _verify_run(path)
+
+
+def _verify_dataset(path: Path) -> str:
+    from lf_flame.datasets.store import Dataset
+
+    dataset = Dataset(path)
+    return f"data set of {len(dataset)} samples: {', '.join(dataset.verify())}"
+
+
+def _verify_run(folder: Path) -> str:
+    from lf_flame.learning.checkpoints import find_checkpoints, verify_checkpoint
+    from lf_flame.learning.run_folders import load_run
+
+    for checkpoint in find_checkpoints(folder):
+        verify_checkpoint(checkpoint)
+    if not (folder / "model.keras").exists():
+        return "run that is not finished: its checkpoint"
+    load_run(folder)
+    return "trained network and its checkpoint"

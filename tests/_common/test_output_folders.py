@@ -1,0 +1,118 @@
+"""A folder and its record change together; what is the user's stays."""
+
+import json
+
+import pytest
+
+from lf_flame._common.atomic_files import write_text
+from lf_flame._common.checksums import file_sha256
+from lf_flame._common.output_folders import output_folder, verify_outputs
+from lf_flame.errors import InputError
+
+RECORD = "work.json"
+
+
+def fill(folder, error=None, **files):
+    with output_folder(folder, RECORD) as out:
+        for name, text in files.items():
+            write_text(out.path(f"{name}.txt"), text)
+        if error:
+            raise error
+    return out
+
+
+def contents(folder):
+    return {path.name: path.read_text() for path in folder.iterdir() if path.name != RECORD}
+
+
+def test_the_record_names_each_file_by_its_hash(tmp_path):
+    out = fill(tmp_path / "new", a="1", b="2")
+    record = json.loads((tmp_path / "new" / RECORD).read_text())
+    for name in ("a.txt", "b.txt"):
+        assert record["files"][name] == file_sha256(tmp_path / "new" / name)
+    assert record["files"] == out.files
+    assert verify_outputs(tmp_path / "new", RECORD) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+
+
+def test_a_second_call_replaces_what_the_first_wrote_and_leaves_the_rest(tmp_path):
+    fill(tmp_path, a="1", b="1")
+    (tmp_path / "mine.txt").write_text("mine")
+    fill(tmp_path, b="2", c="2")
+    assert contents(tmp_path) == {"b.txt": "2", "c.txt": "2", "mine.txt": "mine"}
+
+
+@pytest.mark.parametrize("error", [InputError("wrong"), OSError(28, "disk full")])
+def test_a_call_that_fails_changes_nothing(tmp_path, error):
+    fill(tmp_path, a="1")
+    record = (tmp_path / RECORD).read_text()
+    with pytest.raises(type(error)):
+        fill(tmp_path, a="2", b="2", error=error)
+    assert contents(tmp_path) == {"a.txt": "1"}
+    assert (tmp_path / RECORD).read_text() == record
+
+
+def test_a_file_that_no_record_names_is_not_replaced(tmp_path):
+    (tmp_path / "a.txt").write_text("mine")
+    with pytest.raises(InputError, match="a.txt is there, and work.json does not say"):
+        fill(tmp_path, a="1")
+    assert contents(tmp_path) == {"a.txt": "mine"}
+    fill(tmp_path, b="1")
+    with pytest.raises(InputError, match="a.txt is there"):
+        fill(tmp_path, a="2", b="2")
+    assert contents(tmp_path) == {"a.txt": "mine", "b.txt": "1"}
+
+
+def test_a_record_of_a_users_own_is_not_replaced(tmp_path):
+    (tmp_path / RECORD).write_text('{"mine": 1}')
+    with pytest.raises(InputError, match="work.json is there, and is no record of this program"):
+        fill(tmp_path, a="1")
+    assert json.loads((tmp_path / RECORD).read_text()) == {"mine": 1}
+
+
+def test_only_what_is_still_as_it_was_written_is_removed(tmp_path):
+    fill(tmp_path, a="1", b="1")
+    (tmp_path / "a.txt").write_text("mine now")
+    fill(tmp_path, c="2")
+    assert contents(tmp_path) == {"a.txt": "mine now", "c.txt": "2"}
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_record_never_names_a_file_outside_to_be_removed(tmp_path, absolute):
+    """The names lead to a file of the user's, with its right hash."""
+    thesis, out = tmp_path / "thesis.txt", tmp_path / "out"
+    thesis.write_text("mine")
+    fill(out, a="1")
+    record = json.loads((out / RECORD).read_text())
+    (out / "link.txt").symlink_to(thesis)
+    for name in (str(thesis) if absolute else "../thesis.txt", "link.txt", "", "..", ".", "\0"):
+        record["files"][name] = file_sha256(thesis)
+    (out / RECORD).write_text(json.dumps(record))
+    fill(out, b="1")
+    assert thesis.read_text() == "mine"
+    assert (out / "link.txt").is_symlink()
+
+
+@pytest.mark.parametrize("files", [["a.txt", "b.txt"], None])
+def test_records_of_older_versions_are_taken_as_they_are(tmp_path, files):
+    """They name their files without hashes, or not at all."""
+    fill(tmp_path, a="1", b="1")
+    record = json.loads((tmp_path / RECORD).read_text())
+    record["files"] = files
+    if files is None:
+        del record["files"]
+    (tmp_path / RECORD).write_text(json.dumps(record))
+    with pytest.raises(InputError, match="has no hashes"):
+        verify_outputs(tmp_path, RECORD)
+    fill(tmp_path, a="2")
+    assert contents(tmp_path) == {"a.txt": "2", "b.txt": "1"}
+
+
+def test_a_file_that_changed_is_named(tmp_path):
+    fill(tmp_path, a="1", b="1")
+    (tmp_path / "b.txt").write_text("2")
+    with pytest.raises(InputError, match="b.txt is not the file"):
+        verify_outputs(tmp_path, RECORD)
+    (tmp_path / "b.txt").unlink()
+    with pytest.raises(InputError, match="b.txt is not the file"):
+        verify_outputs(tmp_path, RECORD)
