@@ -9,7 +9,7 @@ import numpy as np
 
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview, write_image

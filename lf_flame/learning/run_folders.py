@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
