@@ -41,13 +41,10 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
     done = len(found)
     with worker_pool(workers, numba.set_num_threads, 1) as pool:
         measured = pool.map(partial(measure_scene, seed), range(done, scenes))
-        try:
-            for scene in progress(measured, done, scenes):
-                found.append(scene)
-                if len(found) % SAVED_EVERY == 0:
-                    _save(path, seed, found)
-        finally:
-            pool.shutdown(cancel_futures=True)
+        for scene in progress(measured, done, scenes):
+            found.append(scene)
+            if len(found) % SAVED_EVERY == 0:
+                _save(path, seed, found)
     _save(path, seed, found)
     table = tabulate(found)
     with together(out, last="bounds.md") as aside:
