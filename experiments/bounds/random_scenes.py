@@ -121,7 +121,7 @@ def _largest_change(
     """Largest change of a pixel between two states, and the error of the rays that showed it.
 
     Both are relative to the brightest pixel. Where a state takes rays, both images do, by as few as
-    show the change to be within the bound; their error is how far fewer rays were off in both.
+    show the change to be within the bound and the rays' error: how far fewer rays were off in both.
     """
     rays = any(plan_effects(scene, camera, TOLERANCE, state).traced for state in states)
     before: list[np.ndarray] = []
@@ -135,7 +135,7 @@ def _largest_change(
         change = float(np.abs(images[0] - images[1]).max() / peak)
         pairs = zip(images, before, strict=False)
         error = sum(float(np.abs(one - other).max() / peak) for one, other in pairs)
-        if change <= bound + ROUNDING:
+        if change <= bound + error + ROUNDING:
             break
         before = images
     return change, error

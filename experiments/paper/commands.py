@@ -8,7 +8,7 @@ import cloup
 from experiments.beside_reference import set_beside
 from experiments.paths import PAPER_VALUES
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.commands.options import FILE, FOLDER, PlainName, UsablePath
 
 
 @cloup.command()
@@ -32,7 +32,12 @@ def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
 @cloup.command()
 @click.argument("run", type=FOLDER)
 @click.option("--table", required=True, type=click.Choice(["table1", "table2"]))
-@click.option("--figure", required=True, help="Name of the figure's PNG file, without its ending.")
+@click.option(
+    "--figure",
+    type=PlainName(),
+    required=True,
+    help="Name of the figure's PNG file, without its ending.",
+)
 @click.option(
     "--paper", type=FILE, default=PAPER_VALUES, show_default="experiments/paper_values.toml"
 )
@@ -52,7 +57,7 @@ def evaluate(run: Path, table: str, figure: str, paper: Path, out: Path) -> None
 )
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=UsablePath(dir_okay=False, path_type=Path),
     help="Keep this in an .md file; numbers in a .csv, the learning in a .png beside.",
 )
 def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:

@@ -14,7 +14,7 @@ from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import TABLES, read_tables
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import together, write_text
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.scoring import standard_deviation
 

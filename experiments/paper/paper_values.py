@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lf_flame._common.config import read_toml
+from lf_flame._common.input_files import read_toml
 from lf_flame.errors import InputError
 
 

@@ -23,7 +23,8 @@ from tqdm import tqdm
 from experiments.studies.pca_bound import principal_component_bound
 from experiments.studies.report import write_report
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import build, read_record, read_toml, to_json
+from lf_flame._common.config import build, to_json
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.strict import strict
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices

@@ -1,4 +1,4 @@
-"""Strict reading of TOML files into the package's configuration dataclasses.
+"""Strict checking of parsed values against dataclasses: configurations, and stored records.
 
 Pydantic checks types and keys; the dataclasses check ranges themselves. Whatever goes wrong
 becomes one sentence that names the file and the key.
@@ -6,53 +6,19 @@ becomes one sentence that names the file and the key.
 
 import dataclasses
 import json
-import tomllib
+import reprlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-
-
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """Parse a TOML file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not TOML.
-    """
-    try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not a TOML file: {error}.") from None
-
-
-def read_record(path: str | Path) -> dict[str, Any]:
-    """Parse a JSON record that one of the programs wrote.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is no such record.
-    """
-    try:
-        record = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
-    except ValueError as error:
-        raise InputError(f"{path} is not a JSON file: {error}.") from None
-    if not isinstance(record, dict):
-        raise InputError(f"{path} is no record: it must hold names and values.")
-    return record
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
@@ -78,6 +44,28 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
         raise InputError(f"{source}: {_first_problem(error)}") from None
 
 
+def load_record(kind: type[T], path: str | Path) -> T:
+    """Read a JSON record that one of the programs wrote as the dataclass that it must fit.
+
+    Types are taken as they stand: a number in quotes is no number.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a value is missing or of another type.
+    """
+    return build_record(kind, read_record(path), path)
+
+
+def build_record(kind: type[T], values: Any, source: str | Path) -> T:
+    """Make a dataclass from parsed JSON values, their types as they stand; else as `build`."""
+    try:
+        # As JSON, whose lists may be tuples; of Python's own a strict check refuses that.
+        return TypeAdapter(kind).validate_json(json.dumps(values), strict=True)
+    except ValidationError as error:
+        raise InputError(f"{source}: {_first_problem(error)}") from None
+
+
 def to_json(config: "DataclassInstance") -> dict[str, Any]:
     """Turn a configuration dataclass into plain JSON values: the form in which it is stored."""
     return json.loads(json.dumps(dataclasses.asdict(config)))
@@ -87,7 +75,7 @@ def _first_problem(error: ValidationError) -> str:
     # A misspelt key is reported before the key that is missing because of it.
     unknown = ("unexpected_keyword_argument", "extra_forbidden")
     problem = min(error.errors(), key=lambda problem: problem["type"] not in unknown)
-    key = ".".join(str(part) for part in problem["loc"])
+    key = ".".join(reprlib.repr(str(part))[1:-1] for part in problem["loc"])
     if problem["type"] in unknown:
         return f"{key} is not a known key."
     if problem["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
@@ -95,4 +83,4 @@ def _first_problem(error: ValidationError) -> str:
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
         return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
     text = problem["msg"][0].lower() + problem["msg"][1:]
-    return f"{key}: {text}, got {problem['input']!r}."
+    return f"{key}: {text}, got {reprlib.repr(problem['input'])}."

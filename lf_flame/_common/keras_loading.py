@@ -2,10 +2,14 @@
 
 import os
 import sys
+import warnings
+import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING
-from zipfile import is_zipfile
+from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile, ZipFile, is_zipfile
 
+from lf_flame._common.input_files import ZIP_ERRORS, check_regular, parse_json, readable
+from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,6 +20,11 @@ def load_keras() -> None:
     """Import Keras and start its backend's devices, with standard error shut meanwhile.
 
     To be called before anything else imports Keras.
+
+    Raises
+    ------
+    InputError
+        If Keras is told to take a backend that there is none of.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
@@ -26,30 +35,107 @@ def load_keras() -> None:
             import keras
 
             keras.ops.zeros(1)  # starts the backend's devices
+        except ValueError as error:
+            backend = os.environ.get("KERAS_BACKEND", "that of its keras.json")
+            raise InputError(f"Keras does not start, by the backend {backend}: {error}.") from None
         finally:
             os.dup2(kept, 2)
             os.close(kept)
 
 
+LARGEST_CONFIG = 1 << 24
+"""Bytes of a network's description at most; that of ResNet-50 has 0.2 million."""
+
+KERAS_ERRORS = (
+    OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, NotImplementedError,
+    OverflowError, EOFError, BadZipFile, zlib.error,
+)  # fmt: skip
+"""What Keras, h5py and zipfile raise at a damaged or strange file of a network or its weights."""
+
+MEMBERS = {"metadata.json", "config.json", "model.weights.h5"}
+"""Of a saved network; anything else in the archive is not ours."""
+
+CLASSES = frozenset(
+    (
+        "__ellipsis__", "__keras_tensor__", "__numpy__", "__slice__",
+        "DTypePolicy", "Functional", "InputLayer",
+        "GlorotUniform", "HeNormal", "Ones", "Zeros",
+        "Activation", "Average", "BatchNormalization", "Concatenate", "Conv2D", "Conv2DTranspose",
+        "Dense", "Dropout", "ELU", "Flatten", "GlobalAveragePooling2D", "LeakyReLU", "MaxPooling2D",
+        "Permute", "ReLU", "Rescaling", "Reshape", "ZeroPadding2D",
+        "Add", "Clip", "Exp", "Flip", "GetItem", "Mean", "Multiply", "OnesLike", "Subtract",
+        "TrueDivide",
+    )
+)  # fmt: skip
+"""Names of Keras's classes that networks of this package are made of: all that a file may name.
+
+None of them runs code that a file brings along. Keras's own safe mode alone has let code run more
+than once (CVE-2025-1550, -8747, -9905, -9906, -49655, CVE-2026-1462)."""
+
+
 def load_model(path: Path) -> "keras.Model":
     """Load a saved network for prediction; code that may come with it is not run.
+
+    Before Keras sees the file, it must be made of what networks of this package are made of.
 
     Raises
     ------
     InputError
-        If the file is no Keras file, is damaged, or needs code of others.
+        If the file is no Keras file, is damaged, needs too much memory, or holds other layers.
     """
     import keras
 
+    check_regular(path)
     if not is_zipfile(path):
         raise InputError(f"{path} is not a Keras file, or is cut short.")
-    try:
+    _check_classes(_read_config(path), path)
+    with readable(path, KERAS_ERRORS), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of each layer that lacks its weights
         return keras.saving.load_model(path, compile=False, safe_mode=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # Keras, h5py and zipfile raise many kinds for a wrong file
-        reason = str(error).strip().partition("\n")[0].partition(". ")[0]
-        raise InputError(
-            f"{path} cannot be loaded: it is damaged, or needs code other than Keras's own, which "
-            f"is not run ({reason})."
-        ) from None
+
+
+def _read_config(path: Path) -> Any:
+    """Read what a network is made of, if there is memory for all that the archive holds."""
+    with readable(path, (KeyError, *ZIP_ERRORS)), ZipFile(path) as archive:
+        sizes = {member.filename: member.file_size for member in archive.infolist()}
+        if sizes.keys() != MEMBERS:
+            raise InputError(
+                f"{path} is not a Keras file of this package: it must hold "
+                f"{', '.join(sorted(MEMBERS))}, and nothing else."
+            )
+        check_memory(sum(sizes.values()), path)
+        if sizes["config.json"] > LARGEST_CONFIG:
+            raise InputError(f"{path} cannot be read: its config.json is larger than 16 MB.")
+        config = archive.read("config.json")
+    return parse_json(config.decode("utf-8", "replace"), f"{path}: config.json")
+
+
+def _check_classes(config: Any, path: Path) -> None:
+    """Refuse classes that are not of `CLASSES`, wherever the file names one.
+
+    What it says of its training is left out: it is not read.
+    """
+    if isinstance(config, dict):
+        config = {key: value for key, value in config.items() if key != "compile_config"}
+    left = [config]
+    while left:
+        value = left.pop()
+        if isinstance(value, dict):
+            if "class_name" in value and not _is_known(**value):
+                named = f"{value.get('module')}.{value['class_name']}"
+                raise InputError(
+                    f"{path} is not loaded: networks of this package hold no {named[:80]}, and "
+                    f"code that comes with a file is not run."
+                )
+            left += value.values()
+        elif isinstance(value, list):
+            left += value
+
+
+def _is_known(class_name: Any, module: Any = None, registered_name: Any = None, **_: Any) -> bool:
+    return (
+        isinstance(class_name, str)
+        and class_name in CLASSES
+        and str(module or "keras").partition(".")[0] == "keras"
+        and registered_name in (None, class_name)
+    )

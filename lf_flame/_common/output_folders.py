@@ -8,7 +8,7 @@ from typing import Any
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 

@@ -1,13 +1,16 @@
 """Pixels of image files, by decoders that only decode."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import struct
+import zlib
+from math import prod
 from pathlib import Path
 
 import numpy as np
 import tifffile
 from PIL import Image
 
+from lf_flame._common.input_files import readable
+from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -15,6 +18,24 @@ TIFF_SUFFIXES = (".tif", ".tiff")
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM", "TIFF")
 """What Pillow may take a file for, whatever its name. Of a PostScript file it would start
 Ghostscript; other formats are not needed."""
+
+
+PILLOW_ERRORS = (
+    OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
+    NotImplementedError, struct.error, zlib.error, Image.DecompressionBombError,
+    Image.DecompressionBombWarning,
+)  # fmt: skip
+"""What Pillow's decoders raise at damaged files; of bombs the last two, a warning where warnings
+are errors."""
+
+TIFF_ERRORS = (
+    tifffile.TiffFileError, OSError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
+    AttributeError, NotImplementedError, RuntimeError, struct.error, zlib.error,
+)  # fmt: skip
+"""What tifffile and its decoders raise at damaged files."""
+
+FLOAT = np.dtype(np.float32).itemsize
+"""Bytes of a pixel's value in a light field."""
 
 
 def read_pixels(path: str | Path) -> np.ndarray:
@@ -33,12 +54,30 @@ def read_pixels(path: str | Path) -> np.ndarray:
     Raises
     ------
     InputError
-        If the file is missing or damaged, or is no image of these formats.
+        If the file is missing or damaged, is no image of these formats, or needs too much memory.
     """
-    with readable(path):
-        if Path(path).suffix.lower() in TIFF_SUFFIXES:
-            return _channels_last(tifffile.imread(path))
-        return _read_pillow(path)
+    if Path(path).suffix.lower() in TIFF_SUFFIXES:
+        with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+            return _channels_last(read_series(file.series[:1], path)[0])
+    return _read_pillow(path)
+
+
+def read_series(
+    series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
+) -> list[np.ndarray]:
+    """Read series of an open TIFF file, if there is memory for all of them as floats.
+
+    Parameters
+    ----------
+    series : list of tifffile.TiffPageSeries
+    path : str or Path
+        For the message.
+    **options
+        Of `tifffile.TiffPageSeries.asarray`.
+    """
+    need = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + FLOAT) for one in series)
+    check_memory(need, path)
+    return [one.asarray(**options) for one in series]
 
 
 def _channels_last(pixels: np.ndarray) -> np.ndarray:
@@ -47,37 +86,22 @@ def _channels_last(pixels: np.ndarray) -> np.ndarray:
     return np.moveaxis(pixels, 0, -1) if planar else pixels
 
 
-@contextmanager
-def readable(path: str | Path) -> Iterator[None]:
-    """Turn whatever a decoder raises at a damaged or strange file into an InputError."""
-    if not Path(path).is_file():
-        raise InputError(f"{path} cannot be read: there is no such file.")
-    try:
-        yield
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # damage can make a decoder raise anything
-        reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__
-        raise InputError(
-            f"{path} cannot be read: it is damaged, or of a kind that is not known ({reason})."
-        ) from error
-
-
 def _read_pillow(path: str | Path) -> np.ndarray:
     """Read an image in full depth.
 
     Of 16-bit colour in PNG, Pillow's decoder keeps the high byte of each level. Told that the bytes
     stand the other way round, it keeps the low one.
     """
-    with Image.open(path, formats=FORMATS) as image:
+    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
         tiles = image.tile
         packed = tiles[0].args if image.format == "PNG" else ""
         if packed == "LA;16B":
             raise InputError(f"{path} has 16-bit grey with transparency: store it without.")
+        check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
         high = np.asarray(image if image.mode in _PLAIN else image.convert(_colours(image)))
     if packed not in ("RGB;16B", "RGBA;16B"):
         return high
-    with Image.open(path, formats=("PNG",)) as image:
+    with readable(path, PILLOW_ERRORS), Image.open(path, formats=("PNG",)) as image:
         image.tile = [tiles[0]._replace(args=packed.replace("16B", "16L"))]
         low = np.asarray(image)
     return high * np.uint16(256) + low

@@ -3,15 +3,18 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import wait
 from threading import Thread
 
 
+@contextmanager
 def worker_pool(
     workers: int, setup: Callable[..., None] | None = None, *arguments
-) -> ProcessPoolExecutor:
+) -> Iterator[ProcessPoolExecutor]:
     """Start processes that leave Ctrl-C to this one, and end when it ends, whatever ends it.
 
     Parameters
@@ -20,12 +23,27 @@ def worker_pool(
     setup : callable, optional
         Called in each of them, with the arguments, before its first work.
 
-    Returns
-    -------
+    Yields
+    ------
     ProcessPoolExecutor
+        Work that has not begun is given up where the block ends early.
+
+    Raises
+    ------
+    ChildProcessError
+        If one of them is killed, as a system without memory does.
     """
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, context, _start, (setup, arguments))
+    with ProcessPoolExecutor(workers, context, _start, (setup, arguments)) as pool:
+        try:
+            yield pool
+        except BrokenProcessPool:
+            raise ChildProcessError(
+                "A worker process was killed, perhaps for its memory; what is finished is kept, "
+                "and the same command goes on from there"
+            ) from None
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _start(setup: Callable[..., None] | None, arguments: tuple) -> None:

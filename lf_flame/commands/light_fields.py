@@ -12,7 +12,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ APPEARANCE = cloup.option_group(
     cloup.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
     cloup.option(
         "--network",
-        type=click.Path(exists=True, path_type=Path),
+        type=UsablePath(exists=True, path_type=Path),
         help="Refocus with this run of train-system, from its few views, or with RefocusNet by its "
         "authors' weights (.npz); --search looks at all views.",
     ),
@@ -338,7 +338,7 @@ def _refuse_other_network(path: Path | None, network) -> None:
 @click.option("--cross", is_flag=True, help="Look at a cross of 17 views alone; less exact.")
 @click.option(
     "--network",
-    type=click.Path(exists=True, path_type=Path),
+    type=UsablePath(exists=True, path_type=Path),
     help="Run of `train-system volumetric`, which removes the ghosts that the cross leaves.",
 )
 @READING

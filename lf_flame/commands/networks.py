@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
 from lf_flame.errors import InputError
 
 
@@ -18,7 +18,7 @@ from lf_flame.errors import InputError
 @click.argument("run", type=FOLDER)
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=UsablePath(dir_okay=False, path_type=Path),
     required=True,
     help="The .keras file to write.",
 )

@@ -1,13 +1,42 @@
 """Options and arguments that several commands share."""
 
+import errno
 from pathlib import Path
 
 import click
 
-FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
-FOLDER = click.Path(file_okay=False, path_type=Path)
-RUN = click.Path(exists=True, file_okay=False, path_type=Path)
-PATH = click.Path(path_type=Path)
+
+class UsablePath(click.Path):
+    """A path that can be followed: no link that leads back to itself."""
+
+    def convert(self, value, param, ctx):
+        """Refuse what the system cannot follow; the rest is click's."""
+        try:
+            Path(value).stat()
+        except OSError as error:
+            if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
+                self.fail(f"{str(value)[:200]!r} cannot be used: {error.strerror}.", param, ctx)
+        except ValueError:
+            self.fail(f"{value!r} cannot be used: no file has such a name.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class PlainName(click.ParamType):
+    """The name of a file in a folder that another option names: no path."""
+
+    name = "name"
+
+    def convert(self, value, param, ctx):
+        """Refuse what is empty, or leads elsewhere."""
+        if value != Path(value).name or not value.strip(" .") or "\0" in value:
+            self.fail(f"{value!r} is no plain name of a file.", param, ctx)
+        return value
+
+
+FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
+FOLDER = UsablePath(file_okay=False, path_type=Path)
+RUN = UsablePath(exists=True, file_okay=False, path_type=Path)
+PATH = UsablePath(path_type=Path)
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 """Settings of a program's outermost group."""

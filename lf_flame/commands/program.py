@@ -1,9 +1,11 @@
 """Running a click program so that whatever goes wrong is one sentence and an exit status."""
 
+import logging
 import os
 import sys
 
 import click
+from PIL import Image
 
 from lf_flame.errors import InputError
 
@@ -17,10 +19,12 @@ def run(commands: click.Group, name: str) -> None:
     name : str
         What stands before a message.
     """
-    leave_cores_to_networks()
     try:
+        prepare_process()
         status = commands.main(prog_name=name, standalone_mode=False)
-    except click.exceptions.Abort:
+    except click.exceptions.Abort as error:
+        if isinstance(error.__cause__, EOFError):  # click takes it for the end of what is typed
+            raise error.__cause__ from None
         _fail(
             name, "Stopped. Files that were finished are kept; long work goes on from there.", 130
         )
@@ -41,25 +45,59 @@ def run(commands: click.Group, name: str) -> None:
     sys.exit(status or 0)
 
 
-def leave_cores_to_networks() -> None:
-    """Let idle threads of Numba sleep at once, unless the environment says otherwise.
+def prepare_process() -> None:
+    """Set what holds for the whole process: a program may, a library must not.
 
     Views are aligned by Numba's threads, then a network runs in its backend's. Those of Numba would
     stay awake for some milliseconds, as is OpenMP's default, and hold the cores that the network
-    needs. OpenMP reads the variable as it starts, so this must come before Numba's first loop; a
-    library must not do it to its user's process.
+    needs; unless the environment says otherwise they sleep at once. OpenMP reads the variable as it
+    starts, so this must come before Numba's first loop.
+
+    Figures go to files, so no backend for screens is needed, and none that does not exist. Whether
+    an image is too large `lf_flame._common.memory` decides, whose limit can be raised, and not
+    Pillow. What tifffile remarks on damaged files says less than the error does.
+
+    Raises
+    ------
+    InputError
+        If Numba is told to start no threads, or so many that its start would crash.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ["MPLBACKEND"] = "agg"
+    Image.MAX_IMAGE_PIXELS = None
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    threads = os.environ.get("NUMBA_NUM_THREADS", "1")
+    if not (threads.isascii() and threads.isdigit() and 1 <= int(threads) <= MOST_THREADS):
+        raise InputError(
+            f"NUMBA_NUM_THREADS must be a whole number from 1 to {MOST_THREADS}, got {threads!r}."
+        )
 
+
+MOST_THREADS = 1024
+"""That Numba starts safely; a hundred thousand crash it."""
 
 LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas", "zarr"), LEARNING),
     "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
+    "torch": "This needs PyTorch, or another KERAS_BACKEND",
 }
 """Packages that a light installation lacks, and what to do then."""
 
 
+LONGEST = 900
+"""Letters of a message at most: a file may hold names of any length."""
+
+
 def _fail(name: str, message: str, status: int) -> None:
-    click.echo(f"{name}: {message}", err=True)
+    click.echo(f"{name}: {as_sentence(message)}", err=True)
     sys.exit(status)
+
+
+def as_sentence(message: str) -> str:
+    """Bring a message to one line of bounded length that steers no terminal."""
+    letters = (x if x.isprintable() else " " if x.isspace() else "?" for x in message)
+    line = " ".join("".join(letters).split())
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    return line

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lf_flame._common.config import build, read_toml, to_json
+from lf_flame._common.config import build, to_json
+from lf_flame._common.input_files import read_toml
 from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.templates import TEMPLATES, Template

@@ -183,11 +183,8 @@ def _run(
     setup = (config_to_json(config), slopes, str(part))
     with worker_pool(workers, _start_worker, *setup) as pool:
         jobs = [pool.submit(_work, index) for index in indices]
-        try:
-            for job in as_completed(jobs):
-                yield job.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        for job in as_completed(jobs):
+            yield job.result()
 
 
 _worker: dict[str, Any] = {}

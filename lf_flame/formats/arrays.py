@@ -2,13 +2,17 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from lf_flame._common.pixels import readable
+from lf_flame._common.array_files import ArrayFile, open_arrays
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_unit
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.lightfield import LightField
+
+MOST_ARRAYS = 1000
+"""Arrays of an archive among which that of the views is looked for."""
+
+MOST_NAMED = 5
+"""Arrays that an error names."""
 
 
 def read_array(path: str | Path, views: int | None = None) -> LightField:
@@ -33,10 +37,8 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
     InputError
         If the file cannot be read, holds other arrays, or `views` does not divide a raw array.
     """
-    # Of a damaged archive, NumPy would leave a file of its own open.
-    with readable(path), Path(path).open("rb") as file:
-        loaded = np.load(file, allow_pickle=False)
-        array = loaded if isinstance(loaded, np.ndarray) else _choose(loaded, path)
+    with open_arrays(path) as file:
+        (array,) = file.read([_choose(file)], copies=2)  # as stored, and as views
     if array.ndim not in (2, 3, 4, 5) or array.size == 0:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
@@ -46,16 +48,17 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
     return LightField(cut_views(array, views, path) if array.ndim < 4 else array)
 
 
-def _choose(archive: np.lib.npyio.NpzFile, path: str | Path) -> np.ndarray:
-    """Take the archive's array of views."""
-    with archive:
-        if "views" in archive:
-            return archive["views"]
-        arrays = {name: archive[name] for name in archive.files}
-    fitting = {name: one for name, one in arrays.items() if len(arrays) == 1 or one.ndim in (4, 5)}
-    if len(fitting) != 1:
-        held = ", ".join(f"{name} {one.shape}" for name, one in arrays.items()) or "none"
+def _choose(file: ArrayFile) -> str:
+    """Name the file's array of views."""
+    if "views" in file.names or len(file.names) == 1:
+        return "views" if "views" in file.names else file.names[0]
+    headers = {name: file.header(name) for name in file.names[:MOST_ARRAYS]}
+    fitting = [name for name, header in headers.items() if len(header.shape) in (4, 5)]
+    if len(fitting) != 1 or len(file.names) > MOST_ARRAYS:
+        held = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
+        more = f" and {len(file.names) - MOST_NAMED} more" if len(file.names) > MOST_NAMED else ""
         raise InputError(
-            f"{path} must hold one array named views, or one only of 4 or 5 axes, got {held}."
+            f"{file.path} must hold one array named views, or one only of 4 or 5 axes, got "
+            f"{', '.join(held) or 'none'}{more}."
         )
-    return next(iter(fitting.values()))
+    return fitting[0]

@@ -9,7 +9,9 @@ import tifffile
 from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.pixels import readable
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import parse_json, readable
+from lf_flame._common.pixels import TIFF_ERRORS, read_series
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_unit
 from lf_flame.formats.view_order import arranged, find_order
@@ -30,7 +32,7 @@ def is_stack(path: str | Path) -> bool:
     InputError
         If the file cannot be read.
     """
-    with readable(path), tifffile.TiffFile(path) as file:
+    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
         alike = _alike(file)
     return len(alike) > 1 or bool(set(alike[0].axes) - set("YXS"))
 
@@ -140,8 +142,8 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
         )
     if "slopes" not in metadata:
         return pages, None
-    with readable(path):
-        slopes = np.array(json.loads(metadata["slopes"]), np.float64)
+    described = parse_json(str(metadata["slopes"]), path)
+    slopes = np.array(build_record(list[float], described, f"{path}: slopes"))
     if slopes.shape != (len(pages),):
         raise InputError(f"{path} has {len(pages)} images, but slopes of shape {slopes.shape}.")
     return pages, slopes
@@ -149,25 +151,24 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
     """Read the pages with their channels last, the axes of one image, and ImageJ's description."""
-    with readable(path), tifffile.TiffFile(path) as file:
+    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
-        axes = "I" + _whole(alike[0])[0]
-        arrays = [_whole(one)[1] for one in alike]
+        # Axes of length one are kept; from tifffile 2026.11 on, without being asked to.
+        whole = {"squeeze": False} if hasattr(alike[0], "get_axes") else {}
+        axes = "I" + (alike[0].get_axes(**whole) if whole else alike[0].axes)
+        arrays = read_series(alike, path, **whole)
         pages = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
+    if len(axes) != pages.ndim or axes.count("Y") != 1 or axes.count("X") != 1:
+        raise InputError(
+            f"{path} must hold images, with one axis Y and one X, got the axes {axes[1:]!r}."
+        )
     channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
     image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
     counted = [k for k in range(pages.ndim) if k not in image]
     shape = [pages.shape[k] for k in counted if pages.shape[k] > 1]
     shape += [pages.shape[k] for k in image]
     return to_unit(pages.transpose(counted + image).reshape(shape), path), len(image), metadata
-
-
-def _whole(series: tifffile.TiffPageSeries) -> tuple[str, np.ndarray]:
-    """Letters of the axes and the pixels of a series, its axes of length one included."""
-    if hasattr(series, "get_axes"):
-        return series.get_axes(squeeze=False), series.asarray(squeeze=False)
-    return series.axes, series.asarray()  # tifffile from 2026.11 on leaves no axis out
 
 
 def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
@@ -75,6 +76,7 @@ class ViewFolder:
         """
         paths = list(self.files.flat)
         first = read_image(paths[0])
+        check_memory(len(paths) * first.nbytes, self.path)
         views = np.empty((len(paths), *first.shape), np.float32)
 
         def place(k: int) -> None:

@@ -5,12 +5,15 @@ Frozen means that the batch normalisations use their stored statistics too (devi
 """
 
 import hashlib
+import warnings
 from pathlib import Path
-from zipfile import BadZipFile
 
 import keras
 import numpy as np
 
+from lf_flame._common.array_files import open_arrays
+from lf_flame._common.input_files import readable
+from lf_flame._common.keras_loading import KERAS_ERRORS
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
 
@@ -135,32 +138,27 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
     if path.suffix == ".npz":
         _load_npz(cut, path)
         return
-    try:
+    fault = "does not hold the weights of keras.applications.ResNet50(include_top=False)"
+    with readable(path, KERAS_ERRORS, fault), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of each layer that the file lacks
         full.load_weights(path)
-    except Exception as error:  # h5py and Keras raise many kinds for a wrong file
-        reason = str(error).strip().splitlines()[0]
-        raise InputError(
-            f"{path} does not hold the weights of keras.applications.ResNet50(include_top=False): "
-            f"{reason}"
-        ) from None
 
 
 def _load_npz(model: keras.Model, path: Path) -> None:
-    try:
-        arrays = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError, BadZipFile):
-        raise InputError(f"{path} is not a NumPy .npz file of plain arrays.") from None
-    for layer in model.layers:
-        for weight in layer.weights:
-            key = f"{layer.name}/{weight.name}"
-            if key not in arrays:
+    wanted = {
+        f"{layer.name}/{weight.name}": weight for layer in model.layers for weight in layer.weights
+    }
+    with open_arrays(path) as file:
+        for name, weight in wanted.items():
+            if name not in file.names:
                 raise InputError(
-                    f"{path} lacks {key}; it must hold every layer up to the chosen depth "
+                    f"{path} lacks {name}; it must hold every layer up to the chosen depth "
                     f"(a file that ends at conv4 goes with backbone_depth conv4)."
                 )
-            if arrays[key].shape != tuple(weight.shape):
+            shape = file.header(name).shape
+            if shape != tuple(weight.shape):
                 raise InputError(
-                    f"{key} in {path} must have shape {tuple(weight.shape)}, "
-                    f"got {arrays[key].shape}."
+                    f"{name} in {path} must have shape {tuple(weight.shape)}, got {shape}."
                 )
-            weight.assign(arrays[key])
+        for weight, values in zip(wanted.values(), file.read(wanted), strict=True):
+            weight.assign(values)

@@ -16,7 +16,7 @@ import pandas as pd
 
 from lf_flame._common.atomic_files import atomic_folder, read_json, write_json, write_text
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
 MANIFEST = "manifest.json"

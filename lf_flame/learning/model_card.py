@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import build, read_record, to_json
+from lf_flame._common.config import build, to_json
+from lf_flame._common.input_files import read_record
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.locks import exclusive
 from lf_flame._common.strict import strict

@@ -11,7 +11,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import read_record
+from lf_flame._common.input_files import read_record
 from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices

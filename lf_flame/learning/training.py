@@ -14,7 +14,8 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame._common.config import build, read_toml
+from lf_flame._common.config import build
+from lf_flame._common.input_files import read_toml
 from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset

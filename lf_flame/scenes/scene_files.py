@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 from skimage.util import img_as_float64
 
-from lf_flame._common.config import build, read_record, read_toml
+from lf_flame._common.config import build
+from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.pixels import read_pixels
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError

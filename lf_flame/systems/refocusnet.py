@@ -6,12 +6,12 @@ program (shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained 
 """
 
 from pathlib import Path
-from zipfile import BadZipFile
 
 import keras
 import numpy as np
 from keras import layers
 
+from lf_flame._common.array_files import open_arrays
 from lf_flame.errors import InputError
 from lf_flame.refocus import align_views
 from lf_flame.systems.base import NetworkSystem, ViewIndices
@@ -84,23 +84,17 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
     InputError
         If the file does not hold them.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-    except FileNotFoundError:
-        raise InputError(f"There is no file {path} with RefocusNet's weights.") from None
-    except (ValueError, OSError, EOFError, BadZipFile):
-        raise InputError(f"{path} is not a NumPy .npz file of plain arrays.") from None
-    for number in (*TRUNK, *TAPS.values(), LAST):
-        layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
-        found = [arrays[name].shape if name in arrays else "missing" for name in names]
-        wanted = [tuple(x.shape) for x in layer.weights]
-        if found != wanted:
-            raise InputError(
-                f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} must have "
-                f"shapes {wanted[0]} and {wanted[1]}, got {found[0]} and {found[1]}."
-            )
-        layer.set_weights([arrays[name] for name in names])
+    with open_arrays(path) as file:
+        for number in (*TRUNK, *TAPS.values(), LAST):
+            layer, names = model.get_layer(f"w{number}"), (f"w{number}", f"b{number}")
+            found = [file.header(name).shape if name in file.names else "missing" for name in names]
+            wanted = [tuple(x.shape) for x in layer.weights]
+            if found != wanted:
+                raise InputError(
+                    f"{path} does not hold RefocusNet's weights: {names[0]} and {names[1]} must "
+                    f"have shapes {wanted[0]} and {wanted[1]}, got {found[0]} and {found[1]}."
+                )
+            layer.set_weights(file.read(names))
 
 
 class RefocusNet(NetworkSystem):

@@ -14,7 +14,8 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame._common.config import build, read_toml, to_json
+from lf_flame._common.config import build, to_json
+from lf_flame._common.input_files import read_toml
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.strict import strict
 from lf_flame.datasets.config import config_to_json

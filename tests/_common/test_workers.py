@@ -61,3 +61,13 @@ def _recall(_):
 def test_workers_are_set_up_and_leave_ctrl_c_to_their_parent():
     with worker_pool(1, _remember, "set up") as pool:
         assert list(pool.map(_recall, range(2))) == [("set up", True)] * 2
+
+
+def _end(_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_worker_that_is_killed_is_one_sentence():
+    words = "was killed, .*what is finished is kept"
+    with pytest.raises(ChildProcessError, match=words), worker_pool(1) as pool:
+        list(pool.map(_end, range(3)))

@@ -5,6 +5,8 @@ import sys
 import numba
 import pytest
 
+from lf_flame.commands.program import as_sentence
+
 PROGRAM = """
 import click, numba, numpy as np
 from lf_flame.commands import program
@@ -36,3 +38,37 @@ def test_idle_threads_leave_the_cores_to_networks_unless_a_user_says_otherwise(b
     )
     assert shown.stdout.strip() == "omp"
     assert f"OMP_WAIT_POLICY = '{after}'" in shown.stderr
+
+
+def ended(code, **environment):
+    """Run a program of one command that holds some lines of code."""
+    lines = "import click\nfrom lf_flame.commands import program\n@click.command()\ndef show():\n"
+    code = f"{lines}    {code}\nprogram.run(show, 'show')"
+    known = {k: v for k, v in os.environ.items() if k != "NUMBA_NUM_THREADS"} | environment
+    return subprocess.run([sys.executable, "-c", code], env=known, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("threads", ["0", "100000", "-1", "two", ""])
+def test_a_number_of_threads_that_numba_cannot_start_is_one_sentence(threads):
+    result = ended("import numba", NUMBA_NUM_THREADS=threads)
+    assert result.returncode == 2
+    told = f"NUMBA_NUM_THREADS must be a whole number from 1 to 1024, got {threads!r}.\n"
+    assert result.stderr == f"show: {told}"
+
+
+def test_a_backend_for_screens_is_not_asked_for():
+    result = ended("from lf_flame._common import figures; figures.subplots()", MPLBACKEND="bogus")
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_an_end_of_file_in_our_own_work_is_no_interruption():
+    result = ended("raise EOFError('ours')")
+    assert result.returncode == 1
+    assert "EOFError: ours" in result.stderr
+
+
+def test_a_message_is_one_line_of_bounded_length():
+    told = as_sentence("a\nb\x1b[31m\u202e " + "c" * 200_000 + " 1 to 5.")
+    assert told.startswith("a b?[31m? ccc")
+    assert told.endswith("ccc 1 to 5.")
+    assert len(told.encode()) < 1000

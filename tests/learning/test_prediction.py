@@ -286,7 +286,7 @@ def test_damaged_networks_are_one_sentence(run_folder, tmp_path):
         load_network(path, card)
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(InputError, match="cannot be loaded: it is damaged") as caught:
+    with pytest.raises(InputError, match="cannot be read: it is damaged") as caught:
         load_network(path, card)
     assert len(str(caught.value).splitlines()) == 1
 

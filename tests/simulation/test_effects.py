@@ -203,6 +203,33 @@ def largest_change(scene, camera, states, bound, tolerance):
     return change, error
 
 
+@pytest.mark.parametrize("depth", [3.0, 6.0, -4.0])
+def test_a_strong_blur_is_bounded_by_how_far_its_rays_move(depth):
+    """A quarter of the box on average, along each axis; a change of both is a third of the sum."""
+    scene = Scene([glow(depth, (2.0, 2.0), cells=(20, 20))])
+    found, _ = change(scene, small(), None, {"defocus": False})
+    assert found <= plan_effects(scene, small())["defocus"].bound < 4.5 * found
+
+
+def test_a_thick_layer_blurs_as_its_front_does_where_that_is_farthest_out_of_focus():
+    """There the patch of a pixel is widest, and what a lenslet sees of the layer narrowest."""
+    thick, front = (
+        plan_effects(Scene([Layer([[1.0]], depth, (1.5, 1.5), thickness_mm=t)]), small(), 0.05)
+        for depth, t in ((-3.0, 10.0), (-8.0, 0.0))
+    )
+    assert thick["defocus"].bound == pytest.approx(front["defocus"].bound, rel=1e-3)
+
+
+@pytest.mark.parametrize("views", [2, 6])
+def test_noise_scatters_less_the_more_pixels_there_are(views):
+    """The standard deviation of n draws, by one over the root of 2 n, five times."""
+    camera = small(views, falloff_corrected=True, sensor=Sensor(1e4, read_noise_e=20.0))
+    planned = plan_effects(Scene([Layer([[1.0]], 0.0, (90.0, 90.0))]), camera)["read_noise"]
+    pixels = np.prod([views, views, *camera.lenslets])
+    scatter = planned.bound / (20.0 / 1e4) - 1
+    assert scatter == pytest.approx(5 / np.sqrt(2 * pixels), abs=0.03)
+
+
 def changes_left_out(drawn, camera, tolerance=0.1):
     """Each effect that a plan leaves out, and its largest change of a pixel; at last, of all."""
     scene, silent = Scene(drawn), dict.fromkeys(STAGES, False)

@@ -60,6 +60,24 @@ def test_windows_stand_where_something_is(rng):
     )
 
 
+@pytest.mark.parametrize("column", [0, -1])
+def test_windows_stand_where_the_steepest_step_is(column):
+    """It is far from the brightest cell, and nine windows all over the field miss it."""
+    camera = replace(CAMERA, lenslets=(120, 90))
+    rise = 1 - np.abs(np.linspace(-1, 1, 41))
+    cells = np.outer(rise, rise)
+    cells[10:20, column] = np.linspace(0.3, 0.03, 10)
+    planes = planes_of(Layer(cells, 0.0, (8.0, 3.0)))
+    steps = [
+        np.abs(np.diff(image, axis=2)).max()
+        for image in (
+            *(sharp(*window) for window in pixel_parts._windows(planes, camera)),
+            sharp(planes, camera),
+        )
+    ]
+    assert max(steps[:-1]) == pytest.approx(steps[-1], rel=1e-5)
+
+
 @pytest.mark.parametrize("pixel", [1.0, 0.8])
 @pytest.mark.parametrize("tolerance", [1e-2, 2e-3])
 def test_the_image_is_as_good_as_the_tolerance_asks(rng, pixel, tolerance, monkeypatch):

@@ -274,6 +274,23 @@ def test_layers_that_cannot_be_seen_are_refused(layer, message):
         render(Scene([layer]), PAPER_CAMERA)
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_field_ends_where_no_bundle_reaches_on_every_side(small_camera, axis):
+    """The outermost lenslet's rays from the edge of the outermost pixel, traced backward."""
+    depth, size = 15.0, 0.2
+    footprint = trace_footprint(small_camera, depth, axis)
+    reach = np.abs(footprint.centres_mm).max() + footprint.half_width_mm + size / 2
+    for place, seen in ((0.999 * reach, True), (1.001 * reach, False)):
+        for sign in (1, -1):
+            centre = (sign * place, 0.0) if axis == 0 else (0.0, sign * place)
+            scene = Scene([Layer([[1.0]], depth, (size, size), centre)])
+            if seen:
+                assert render(scene, small_camera, 0.05).views.max() > 0
+            else:
+                with pytest.raises(InputError, match="outside the field"):
+                    render(scene, small_camera, 0.05)
+
+
 @pytest.mark.parametrize(
     "options",
     [{"integrator": "magic"}, {"tolerance": 0}, {"rays": 4}, {"integrator": "rays", "rays": 0}],

@@ -5,7 +5,7 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-from lf_flame import Layer, Scene, render
+from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.simulation.bundle_shifts import misplaced_mm, pitch_shifts_mm, rotation_shifts_mm
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
@@ -125,3 +125,65 @@ def test_bounds_do_not_change(small_camera, rng):
     bounds = bound_scene(Scene([glow(rng)]), small_camera)
     with pytest.raises(FrozenInstanceError):
         bounds.peak = 0.0
+
+
+def farthest(holds):
+    """Where, from the middle outwards, something holds last."""
+    near, far = 0.0, 20.0
+    for _ in range(30):
+        middle = (near + far) / 2
+        near, far = (middle, far) if holds(middle) else (near, middle)
+    return near
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_card_hides_as_far_out_on_one_side_as_on_the_other(small_camera, axis):
+    """The camera is symmetric: bundles reach as far beyond the outermost lenslets everywhere."""
+
+    def hides(sign):
+        def holds(place):
+            centre = (sign * place, 0.0) if axis == 0 else (0.0, sign * place)
+            hiding = Layer([[0.1]], -10.0, (0.5, 0.5), centre, opaque=True)
+            scene = Scene([Layer([[1.0]], 15.0, (1.0, 1.0)), hiding])
+            return plan_effects(scene, small_camera, 0.05)["occlusion"].bound > 0
+
+        return holds
+
+    assert farthest(hides(1)) == pytest.approx(farthest(hides(-1)), rel=1e-6)
+    assert farthest(hides(1)) > 0.5
+
+
+def test_matter_inside_a_thick_layer_counts_where_it_covers_most(small_camera):
+    """A card with a hole stands inside a flame so thin that nothing else changes."""
+    flame = Layer(np.ones((1, 1)), 0.0, (1.5, 1.5), thickness_mm=0.01)
+    hiding = Layer(np.zeros((1, 2)), 0.0, (0.8, 0.8), opaque=True, coverage=[[1.0, 0.0]])
+    scene = Scene([flame, hiding])
+    images = [
+        render(scene, small_camera, 0.05, effects={"thickness": on}).views.astype(float)
+        for on in (False, True)
+    ]
+    found = np.abs(images[0] - images[1]).max() / max(image.max() for image in images)
+    assert found > 0.3
+    assert found <= plan_effects(scene, small_camera, 0.05)["thickness"].bound
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("lenslet_pitch_error", {"lenslet_pitch_error": 1e-4}),
+        ("lenslet_rotation", {"lenslet_rotation_rad": 2e-4}),
+    ],
+)
+@pytest.mark.parametrize("lens", [(20.0, 200.0), (150.0, 326.0)])
+def test_lenslets_moved_change_an_even_slope_by_nearly_their_bound(name, cause, lens):
+    """Most of it comes through the neighbour, from the next place along the slope."""
+    camera = PlenopticCamera(*lens, 0.4, 0.112, 5, (12, 100), **cause)
+    slopes = [1 - np.abs(np.linspace(-1, 1, count)) for count in (401, 801)]
+    height, width = camera.field_mm(0.0)
+    scene = Scene([Layer(np.outer(*slopes), 0.0, (1.5 * height, 1.5 * width))])
+    images = [
+        render(scene, camera, 1e-2, effects={name: on, "cos4": False}).views.astype(float)
+        for on in (False, True)
+    ]
+    found = np.abs(images[0] - images[1]).max() / max(image.max() for image in images)
+    assert found <= plan_effects(scene, camera, 1e-2)[name].bound <= 5 * found

@@ -13,6 +13,7 @@ from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
 from lf_flame.simulation.spread_bounds import (
+    _Widths,
     colour_change,
     depth_change,
     lenslet_blur_change,
@@ -220,3 +221,22 @@ def test_a_wide_band_of_colours_is_not_even():
     truth = np.abs((ends[0] + ends[1]) / 2 - here).max() / 3 / (24.0 / 800)
     assert largest_change(layer, camera, "chromatic") == pytest.approx(truth, rel=0.05)
     assert truth <= colour_change(bounds, layer)
+
+
+@pytest.mark.parametrize("depth_mm", [-4.0, 0.5, 12.0])
+def test_widths_between_two_depths_and_colours_are_those_of_rays(small_camera, depth_mm):
+    """Against bundles traced at places all over both spreads, which may pass the focal plane."""
+    camera = replace(small_camera, chromatic_shift=0.03)
+    layer = Layer([[1.0]], depth_mm, (1.0, 1.0), thickness_mm=4.0)
+    widths = _Widths(bound_scene(Scene([layer]), camera), layer, 0)
+    for depths, colours in (((-1, 1), (-1, 1)), ((-0.5, 0.2), (0.3, 0.9)), ((0, 0), (-1, 0.5))):
+        footprints = [
+            trace_footprint(camera, depth_mm + 2.0 * depth, 0, 150.0 * (1 + 0.015 * colour))
+            for depth in np.linspace(*depths, 41)
+            for colour in np.linspace(*colours, 41)
+        ]
+        box = widths.box(depths, colours)
+        for found, name in ((box.lenslet, "lenslet_width_mm"), (box.pixel, "pixel_width_mm")):
+            traced = [getattr(footprint, name) for footprint in footprints]
+            narrowest = 0.0 if min(traced) <= 0 <= max(traced) else np.abs(traced).min()
+            np.testing.assert_allclose(found, (narrowest, np.abs(traced).max()), rtol=1e-9)

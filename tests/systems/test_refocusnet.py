@@ -116,9 +116,9 @@ def test_images_smaller_than_the_receptive_field_after_averaging_are_refused(mod
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
-        (None, "There is no file"),
-        (b"no zip", "is not a NumPy .npz file of plain arrays"),
-        ({"w1": np.array([None])}, "is not a NumPy .npz file of plain arrays"),
+        (None, "there is no such file"),
+        (b"no zip", "is no NumPy file of plain arrays"),
+        ({"w1": np.array([None])}, "w1 is no plain array of numbers"),
         ({"b1": np.zeros(64)}, "w1 and b1 must have shapes .* got missing and"),
         ({"w1": np.zeros((3, 3, 3, 64)), "b1": np.zeros(64)}, r"got \(3, 3, 3, 64\)"),
     ],

@@ -199,7 +199,7 @@ def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
     ("name", "content", "words"),
     [
         ("model.keras", b"", "model.keras is not a Keras file, or is cut short"),
-        ("model.keras", None, "model.keras cannot be loaded: it is damaged"),
+        ("model.keras", None, "model.keras is not a Keras file of this package"),
         ("run.json", b"{", "run.json is not a JSON file"),
     ],
 )

@@ -1,0 +1,147 @@
+"""NumPy's files, ``.npy`` and ``.npz``: what they hold is known, and weighed, before it is read.
+
+Arrays of numbers only: nothing is unpickled.
+"""
+
+import math
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO
+from zipfile import ZipFile, is_zipfile
+
+import numpy as np
+
+from lf_flame._common.input_files import ZIP_ERRORS, readable
+from lf_flame._common.memory import check_memory
+from lf_flame.errors import InputError
+
+NUMPY_ERRORS = (
+    ValueError, TypeError, SyntaxError, TokenError, OverflowError, EOFError, OSError,
+)  # fmt: skip
+"""What NumPy raises at a damaged ``.npy`` file, whose header is a piece of Python's grammar."""
+
+FAULT = "is no NumPy file of plain arrays"
+
+HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+"""By the format's version; others are not needed for arrays of numbers."""
+
+
+@dataclass(frozen=True)
+class ArrayHeader:
+    """What a stored array says of itself.
+
+    Attributes
+    ----------
+    shape : tuple of int
+    dtype : numpy.dtype
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the array in memory."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+class ArrayFile:
+    """An open ``.npy`` or ``.npz`` file, told apart by what is in it.
+
+    Parameters
+    ----------
+    path : str or Path
+    archive : ZipFile or None
+        None for a ``.npy`` file, which holds one array without a name.
+    """
+
+    def __init__(self, path: str | Path, archive: ZipFile | None):
+        self.path = path
+        self._archive = archive
+        members = archive.namelist() if archive else [".npy"]
+        self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
+
+    def header(self, name: str) -> ArrayHeader:
+        """Read what an array says of itself.
+
+        Raises
+        ------
+        InputError
+            If it is no array of numbers.
+        """
+        with self._open(name) as file:
+            return self._read_header(name, file)
+
+    def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
+        """Read some arrays, if there is memory for them.
+
+        Parameters
+        ----------
+        names : iterable of str
+        copies : float, optional
+            How many times the arrays will be held.
+
+        Raises
+        ------
+        InputError
+            If one is no array of numbers, is damaged, or they need too much memory together.
+        """
+        names = list(names)
+        check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
+        return [self._read(name) for name in names]
+
+    def _read(self, name: str) -> np.ndarray:
+        with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):
+            return np.lib.format.read_array(file, allow_pickle=False)
+
+    @contextmanager
+    def _open(self, name: str) -> Iterator[IO[bytes]]:
+        if self._archive is None:
+            with Path(self.path).open("rb") as file:
+                yield file
+            return
+        with readable(self.path, (KeyError, *ZIP_ERRORS)):
+            member = self._archive.open(f"{name}.npy")
+        with member:
+            yield member
+
+    def _read_header(self, name: str, file: IO[bytes]) -> ArrayHeader:
+        errors = (KeyError, *NUMPY_ERRORS, *ZIP_ERRORS)
+        with readable(self.path, errors, FAULT), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 may have written
+            shape, _, dtype = HEADERS[np.lib.format.read_magic(file)](file)
+        if dtype.kind not in "biufc" or min(shape, default=0) < 0:
+            what = name or "what it holds"
+            raise InputError(f"{self.path} cannot be read: {what} is no plain array of numbers.")
+        return ArrayHeader(shape, dtype)
+
+
+@contextmanager
+def open_arrays(path: str | Path) -> Iterator[ArrayFile]:
+    """Open a ``.npy`` or ``.npz`` file.
+
+    Yields
+    ------
+    ArrayFile
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is neither.
+    """
+    with readable(path, ZIP_ERRORS):
+        archive = ZipFile(path) if is_zipfile(path) else None
+    if archive is None:
+        plain = ArrayFile(path, None)
+        plain.header("")  # an array, or nothing that NumPy knows
+        yield plain
+        return
+    with archive:
+        yield ArrayFile(path, archive)

@@ -1,0 +1,55 @@
+"""How much memory one input may take."""
+
+import os
+from pathlib import Path
+
+from lf_flame.errors import InputError
+
+LIMIT = "LF_FLAME_MEMORY_GB"
+"""Variable of the environment that sets another limit, in gigabytes (1e9 bytes)."""
+
+SHARE = 0.5
+"""Of the machine's memory that one input may take: a light field and its copy fit."""
+
+
+def memory_limit() -> float:
+    """Bytes that one input may take.
+
+    Raises
+    ------
+    InputError
+        If the environment says something that is no number above 0.
+    """
+    stated = os.environ.get(LIMIT)
+    if stated is None:
+        return SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        limit = float(stated)
+    except ValueError:
+        limit = 0.0
+    if not limit > 0:
+        raise InputError(f"{LIMIT} must be a number of gigabytes above 0, got {stated!r}.")
+    return limit * 1e9
+
+
+def check_memory(needed: int, source: str | Path) -> None:
+    """Refuse what would need too much memory, before it is taken.
+
+    Parameters
+    ----------
+    needed : int
+        Bytes.
+    source : str or Path
+        What needs them, for the message.
+
+    Raises
+    ------
+    InputError
+        If they are more than the limit.
+    """
+    limit = memory_limit()
+    if needed > limit:
+        raise InputError(
+            f"{source} would need {needed / 1e9:.3g} GB of memory, and {limit / 1e9:.3g} GB are "
+            f"allowed; {LIMIT} sets another limit."
+        )
