@@ -67,7 +67,10 @@ def key_of(case, program: str, seed: int) -> str:
 def try_out(case, workplace: Workplace, key: str) -> dict:
     """Try a case out, and write down what was found."""
     start = time.monotonic()
-    wrong = case.try_out(workplace)
+    try:
+        wrong = case.try_out(workplace)
+    except Exception as error:  # a mistake of the campaign, which must not end with it
+        wrong = f"the campaign failed: {error!r}"[:300]
     return {
         "key": key, "part": case.part, "number": case.number, "command": case.name,
         "what": case.what, "right": not wrong, "wrong": wrong,

@@ -86,9 +86,10 @@ def _weights(path: Path) -> bytes:
             digest.update(name.encode())
             digest.update(np.ascontiguousarray(value[()]).tobytes())
 
-    with ZipFile(path) as archive, archive.open("model.weights.h5") as file:
-        with h5py.File(io.BytesIO(file.read())) as weights:
-            weights.visititems(add)
+    with ZipFile(path) as archive:
+        stored = io.BytesIO(archive.read("model.weights.h5"))
+    with h5py.File(stored) as weights:
+        weights.visititems(add)
     return digest.digest()
 
 

@@ -68,11 +68,11 @@ DATA = ("verify data.zarr", AGAIN, EVALUATE, TRAIN_ON)
 KINDS = (
     Kind("data.zarr/zarr.json", DATA, True),
     Kind("data.zarr/input/zarr.json", DATA, True),
-    Kind("data.zarr/parameters/size/zarr.json", DATA[:2], True),
+    Kind("data.zarr/parameters/size_mm/zarr.json", DATA[:2], True),
     Kind("data.zarr/input/c/9/0/0/0", ("verify data.zarr",), True),
     Kind("data.zarr/target/c/1/0/0/0", DATA, True),
     Kind("data.zarr/complete/c/3", DATA[:2], True),
-    Kind("data.zarr/parameters/size/c/2/0", ("verify data.zarr",), True),
+    Kind("data.zarr/parameters/size_mm/c/2/0/0", ("verify data.zarr",), True),
     Kind("later.zarr.part/zarr.json", (LATER,), True),
     Kind("later.zarr.part/target/zarr.json", (LATER,), True),
     Kind("later.zarr.part/complete/c/4", (LATER,), True),
@@ -104,7 +104,10 @@ KINDS = (
     Kind("predicted/picture/prediction.json", ("verify predicted", PREDICT_AGAIN)),
     Kind("light_field.npy", ("convert light_field.npy new", "refocus light_field.npy --out new")),
     Kind("views/view_01_01.png", ("convert views new.npy", "refocus views --slope 1 --out new")),
-    Kind("lenslets.tif", ("convert lenslets.tif new.npy --views 3", "predict lenslets.tif --model run --out new")),
+    Kind(
+        "lenslets.tif",
+        ("convert lenslets.tif new.npy --views 3", "predict lenslets.tif --model run --out new"),
+    ),
     Kind("raw.png", (RAW,)),
     Kind("white.png", (RAW,)),
     Kind("picture.png", (PREDICT,)),
@@ -236,7 +239,7 @@ class Damage:
         content = path.read_bytes()
         path.unlink()  # large files have several names
         if self.how in KINDS_OF_FILE:
-            _replace(path, self.how, rng)
+            _replace(home, path, self.how, rng)
             return False
         change = next(change for change in CHANGES if change.__name__ == self.how)
         new = change(content, rng)
@@ -264,7 +267,7 @@ class Damage:
         return ""
 
 
-def _replace(path: Path, how: str, rng: random.Random) -> None:
+def _replace(home: Path, path: Path, how: str, rng: random.Random) -> None:
     if how == "a folder":
         path.mkdir()
     elif how == "a pipe":
@@ -274,7 +277,6 @@ def _replace(path: Path, how: str, rng: random.Random) -> None:
     elif how == "another kind":
         others = ("scene.toml", "card.png", "net.json", "light_field.npy", "lenslets.tif",
                   "simulated/light_field.npz", "results/table1.csv", "run/model.keras")  # fmt: skip
-        home = next(folder for folder in path.parents if (folder / "shapes.toml").exists())
         there = [name for name in others if (home / name).is_file()]
         shutil.copy(home / rng.choice(there), path)
 

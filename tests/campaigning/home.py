@@ -200,7 +200,7 @@ def _raw_images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _copy_or_link(source: str, target: str) -> None:
-    if os.stat(source).st_size > LARGE:
+    if Path(source).stat().st_size > LARGE:
         os.link(source, target)
     else:
         shutil.copy2(source, target)

@@ -102,9 +102,8 @@ def cases(seed: int, quick: bool) -> list[Kill]:
     numbered = [Kill(n, *_but_number(kill)) for n, (_, kill) in enumerate(drawn)]
     if not quick:
         return numbered
-    return [
-        n for n, (k, _) in zip(numbered, drawn, strict=True) if k in (1, 2) and n.command.kills > 12
-    ]
+    chosen = [k in (1, 2) and kill.command.kills > 12 for k, kill in drawn]
+    return [kill for kill, is_quick in zip(numbered, chosen, strict=True) if is_quick]
 
 
 def _but_number(kill: Kill) -> tuple:

@@ -13,7 +13,7 @@ from functools import cache
 import click
 
 from campaigning.home import TEXTS
-from campaigning.mutation import NUMBERS, as_toml, changed, strange
+from campaigning.mutation import NUMBERS, as_toml, changed, changes, strange
 from campaigning.processes import call
 from campaigning.verdicts import Outcome, fault
 from campaigning.workplace import Workplace
@@ -30,7 +30,7 @@ LONG_WORK = ("simulate", "dataset", "train", "train-system")
 
 CONFIGURATIONS = {
     "camera": ("scene.toml", ("camera scene.toml",)),
-    "scene": ("scene.toml", ("plan scene.toml", "plan scene.toml", "simulate scene.toml --out out")),
+    "scene": ("scene.toml", ("plan scene.toml", "simulate scene.toml --out out")),
     "data set": ("shapes.toml", ("dataset shapes.toml --preset smoke --out out --workers 1",)),
     "training": (
         "training.toml",
@@ -127,7 +127,7 @@ class Malformed:
     def what(self) -> str:
         """Say what is done."""
         files, words = self.drawn()
-        shown = "; ".join(f"{name}: {_short(text)}" for name, text in files.items())
+        shown = "; ".join(f"{name}: {_short(_told(name, text))}" for name, text in files.items())
         return f"`{_short(' '.join(words[1:]), 300)}`{' with ' if shown else ''}{shown}"
 
     def drawn(self) -> tuple[dict[str, str], list[str]]:
@@ -174,6 +174,14 @@ class Malformed:
             return ""
         left = [n for n in changes if n not in files and not n.startswith("out.part")]
         return f"left behind status 2: {', '.join(left[:4])}" if left else ""
+
+
+def _told(file: str, text: str) -> str:
+    """Say what is changed in a configuration; of a text that is none, the text."""
+    try:
+        return ", ".join(changes(tomllib.loads(text), tomllib.loads(TEXTS[file]))) or text
+    except (ValueError, RecursionError):
+        return text
 
 
 def _short(text: str, most: int = 160) -> str:

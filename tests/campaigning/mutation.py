@@ -11,8 +11,9 @@ NUMBERS = (
 )  # fmt: skip
 
 TEXTS = (
-    "", " ", "x", "nan", "a" * 70_000, "../../x", "/etc/passwd", "/dev/zero", "\0", "a\nb", "é" * 300,
-    "\x1b[31m", "%s%n{0}", "imagenet", "smoke", "none.png", "~", ".", "\u202e", "x" * 300,
+    "", " ", "x", "nan", "a" * 70_000, "../../x", "/etc/passwd", "/dev/zero", "\0", "a\nb",
+    "é" * 300, "\x1b[31m", "%s%n{0}", "imagenet", "smoke", "none.png", "~", ".", "\u202e",
+    "x" * 300,
 )  # fmt: skip
 
 SMALL: tuple[Any, ...] = ([], {}, [[]], [1], [1, 2, 3], {"a": 1}, True, False, [None][:0], "", 0)
@@ -29,9 +30,8 @@ def strange(rng: random.Random, schema: dict | None = None) -> Any:
         return rng.choice(TEXTS)
     if kind == "array":
         inner = (schema or {}).get("prefixItems") or [(schema or {}).get("items") or {}]
-        return [
-            strange(rng, rng.choice(inner)) for _ in range(rng.choice((0, 1, 2, 2, 2, 3, 2000)))
-        ]
+        count = rng.choice((0, 1, 2, 2, 2, 3, 2000))
+        return [strange(rng, rng.choice(inner)) for _ in range(count)]
     return rng.choice(SMALL)
 
 
@@ -87,6 +87,20 @@ def _places(value: Any, schema: dict, root: dict):
             own = resolved(items[min(key, len(items) - 1)], root)
             yield value, key, {"own": own, "parent": schema}
             yield from _places(inside, own, root)
+
+
+def changes(new: Any, old: Any, name: str = "") -> list[str]:
+    """List what is not as it was, by the names that lead there."""
+    if isinstance(new, dict) and isinstance(old, dict):
+        gone = [f"no {name}{key}" for key in old.keys() - new.keys()]
+        return gone + [
+            line for key in new for line in changes(new[key], old.get(key), f"{name}{key}.")
+        ]
+    if isinstance(new, list) and isinstance(old, list) and len(new) == len(old):
+        pairs = enumerate(zip(new, old, strict=True))
+        return [line for key, pair in pairs for line in changes(*pair, f"{name}{key}.")]
+    same = type(new) is type(old) and new == old
+    return [] if same else [f"{name.rstrip('.')} = {new!r}"]
 
 
 def as_toml(value: Any, top: bool = True) -> str:

@@ -141,9 +141,8 @@ def _is_of(name: str, outputs: tuple[str, ...]) -> bool:
 
 def _lost(before: dict[str, str], after: dict[str, str]) -> str:
     """Whether what the user had there is no longer there."""
-    lost = [
-        name for name in before if name.endswith("thesis.txt") and before[name] != after.get(name)
-    ]
+    own = [name for name in before if name.endswith("thesis.txt")]
+    lost = [name for name in own if before[name] != after.get(name)]
     return f"lost: {', '.join(lost)}" if lost else ""
 
 
