@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.input_files import read_record
+from lf_flame._common.config import load_record
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview, write_image
@@ -26,6 +27,14 @@ SWEEP_FRAMES = 41
 
 SLOPE_MAP_STEPS = 33
 """Slopes of the stack from which a slope map is made."""
+
+
+@dataclass(frozen=True)
+class EarlierPictures:
+    """What the record of an earlier call must say."""
+
+    source: str | None = None
+    files: list[str] = field(default_factory=list)
 
 
 class PictureFolder:
@@ -54,16 +63,19 @@ class PictureFolder:
         self.folder = folder
         self.written: list[str] = []
         self.facts: dict[str, Any] = {"source": os.path.relpath(source, folder)}
-        self._before = read_record(folder / RECORD) if (folder / RECORD).exists() else {}
+        record = folder / RECORD
+        self._before = (
+            load_record(EarlierPictures, record) if record.exists() else EarlierPictures()
+        )
         self._refuse_other_source(source)
 
     def _refuse_other_source(self, source: Path) -> None:
-        if "source" not in self._before:
+        before = self._before.source
+        if before is None:
             return
-        before = str(self._before["source"])
         # A record names the source from its own folder; older ones from the working folder.
-        known = {(start / before).resolve() for start in (self.folder, Path())}
-        if source.resolve() not in known:
+        known = {os.path.realpath(start / before) for start in (self.folder, Path())}
+        if os.path.realpath(source) not in known:
             raise InputError(
                 f"{self.folder} holds the pictures of {before}; for those of {source} choose "
                 f"another folder with --out."
@@ -86,7 +98,7 @@ class PictureFolder:
             **provenance.environment(),
         }
         write_json(self.path(RECORD), record)
-        for name in map(str, self._before.get("files", [])):
+        for name in self._before.files:
             if name not in self.written and name == Path(name).name:  # never outside the folder
                 (self.folder / name).unlink(missing_ok=True)
 
