@@ -15,12 +15,15 @@ import time
 from configparser import ConfigParser
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from experiments.beside_reference import set_beside
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import read_json, together, write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.config import load_record
+from lf_flame.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 
@@ -150,13 +153,27 @@ def main() -> None:
         *(Environment(f"Python {_python(x)}", x, learn) for x in asked.python),
     ]
     path = stem.with_suffix(".json")
-    rows = {row["environment"]: row for row in (read_json(path)["rows"] if path.exists() else [])}
+    rows = {row["environment"]: row for row in _read_rows(path)}
     for environment in environments:
         if asked.only in environment.name:
             sys.stderr.write(f"{environment.name} ...\n")
             rows[environment.name] = measure(environment)
             write_report(stem, list(rows.values()))
     sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
+
+
+@dataclass(frozen=True)
+class EarlierRecord:
+    """What an earlier record must say."""
+
+    rows: list[dict[str, Any]]
+
+
+def _read_rows(path: Path) -> list[dict]:
+    rows = load_record(EarlierRecord, path).rows if path.exists() else []
+    if not all(isinstance(row.get("environment"), str) for row in rows):
+        raise InputError(f"{path} is damaged: a row in it names no environment.")
+    return rows
 
 
 def write_report(stem: Path, rows: list[dict]) -> None:

@@ -1,6 +1,7 @@
 """Table and record of the bounds against random scenes (`experiments.bounds.random_scenes`)."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import pandas as pd
 
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import read_json, together, write_json, write_text
+from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import read_record
 from lf_flame._common.workers import worker_pool
 
 SAVED_EVERY = 10
@@ -35,9 +38,7 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
         ``bounds.md``.
     """
     path = out / "bounds.json"
-    found = read_json(path)["scenes"][:scenes] if path.exists() else []
-    if found and read_json(path)["seed"] != seed:
-        found = []
+    found = _read_scenes(path, seed)[:scenes] if path.exists() else []
     done = len(found)
     with worker_pool(workers, numba.set_num_threads, 1) as pool:
         measured = pool.map(partial(measure_scene, seed), range(done, scenes))
@@ -51,6 +52,40 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
         write_text(aside / "bounds.csv", table.to_csv(index=False))
         write_text(aside / "bounds.md", text(table, found))
     return out / "bounds.md"
+
+
+@dataclass(frozen=True)
+class MeasuredEffect:
+    """An effect of a scene; no change where an image was refused."""
+
+    effect: str
+    bound: float
+    change: float | None
+    error: float
+
+
+@dataclass(frozen=True)
+class MeasuredScene:
+    """A scene, and why it was refused if it was."""
+
+    scene: int
+    refused: str | None
+    effects: list[MeasuredEffect]
+
+
+@dataclass(frozen=True)
+class BoundsRecord:
+    """What an earlier record must say."""
+
+    seed: int
+    scenes: list[MeasuredScene]
+
+
+def _read_scenes(path: Path, seed: int) -> list[dict]:
+    """Read the scenes of an earlier record; none if they were drawn by another seed."""
+    values = read_record(path)
+    same = build_record(BoundsRecord, values, path).seed == seed
+    return values["scenes"] if same else []
 
 
 def _save(path: Path, seed: int, found: Sequence[dict]) -> None:

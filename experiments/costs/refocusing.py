@@ -26,10 +26,10 @@ from lf_flame._common import provenance
 from lf_flame._common.arrays import area_average
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
-from lf_flame._common.keras_loading import load_model
 from lf_flame._common.metrics import psnr, ssim
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
+from lf_flame.learning.run_folders import open_run
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
@@ -152,7 +152,7 @@ def network_methods(scenes: HeldOut) -> list[Method]:
     import keras  # here, so that the rest can be measured without loading it
 
     with keras.device("cpu:0"):
-        model = load_model(scenes.run / "model.keras")
+        model = open_run(scenes.run).load_network()
     model.compile(jit_compile=True)  # XLA: for single images the fastest form there is
 
     def predict(image: np.ndarray, _slopes) -> np.ndarray:

@@ -9,12 +9,13 @@ from pathlib import Path
 import pandas as pd
 
 from experiments.beside_reference import is_reference
+from experiments.histories import read_history
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
+from experiments.paper.result_files import read_result_record
 from experiments.paper.tables import TABLES, read_tables
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import together, write_text
-from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 from lf_flame.learning.scoring import standard_deviation
 
@@ -83,19 +84,17 @@ def read_result(folder: Path, name: str, run: str, depths_mm: Sequence[float]) -
     InputError
         If the table is there, but is not what `experiments.paper.tables.write_table` writes.
     """
-    path = folder / f"{name}.csv"
-    if not path.exists():
-        index = pd.Index(depths_mm, name="depth_mm")
+    record = read_result_record(folder, name)
+    index = pd.Index(depths_mm, name="depth_mm")
+    if record is None:
         return Result(run, pd.DataFrame(math.nan, index, SCORES), {})
-    record = read_record(path.with_suffix(".json"))
-    try:
-        scores = pd.read_csv(path).set_index("depth_mm").loc[list(depths_mm), SCORES].astype(float)
-        return Result(run, scores, {name: record[name] for name in REQUEST})
-    except (KeyError, ValueError):
-        raise InputError(
-            f"{path}, or the record beside it, is damaged; make it anew by "
-            f"`python -m experiments evaluate`."
-        ) from None
+    rows = {row.depth_mm: row for row in record.table}
+    if not set(depths_mm) <= rows.keys():
+        raise InputError(f"{folder / name}.json is damaged: its table lacks a depth of the paper.")
+    scores = [(rows[z].ssim, math.inf if rows[z].psnr_db is None else rows[z].psnr_db)
+              for z in depths_mm]  # fmt: skip
+    request = {name: getattr(record, name) for name in REQUEST}
+    return Result(run, pd.DataFrame(scores, index, SCORES), request)
 
 
 def pool_seeds(results: Sequence[Result]) -> list[list[Result]]:
@@ -232,10 +231,9 @@ def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame
     """
     histories = {}
     for folder, run in zip(folders, _short_names(folders), strict=True):
-        path = folder / f"{name}_history.csv"
-        if path.exists():
-            history = pd.read_csv(path)
-            histories[run] = history.assign(seconds=history.seconds.cumsum())
+        path, record = folder / f"{name}_history.csv", read_result_record(folder, name)
+        if record is not None and path.exists():
+            histories[run] = read_history(path, record.epochs)
     return histories
 
 

@@ -8,12 +8,14 @@ from tqdm import tqdm
 
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
+from experiments.paper.result_files import hashes_of, read_result_record, text_sha256
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.input_files import read_text
 from lf_flame._common.metrics import FOREGROUND, WINDOWS
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
-from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
 from lf_flame.learning.scoring import score
 
 COLUMNS = [
@@ -160,10 +162,17 @@ def write_table(
     name: str,
     out: Path,
 ) -> None:
-    """Write ``NAME.json``, ``NAME.md`` and ``NAME.csv``."""
+    """Write ``NAME.md``, ``NAME.json`` and, last because make looks at it, ``NAME.csv``."""
     evaluation = provenance.environment()
     # What was asked for as weights may not be what was had; `backbone_weights` is what was used.
     model = {key: value for key, value in run["model"].items() if key != "backbone_weights"}
+    parts = [
+        table_markdown(table, paper, run),
+        baselines_markdown(baselines),
+        windows_markdown(windows, paper["depth_mm"]),
+    ]
+    write_text(out / f"{name}.md", "\n".join(parts))
+    numbers = table.round(6).to_csv(index=False)
     record = {
         **{key: value for key, value in run.items() if key != "test_indices"},
         "model": model,
@@ -172,24 +181,18 @@ def write_table(
         "ssim_by_window": {window: list(row) for window, row in windows.T.items()},
         "paper": paper["source"],
         "evaluation": {key: evaluation[key] for key in ("command", "date", "git_revision")},
+        "sha256": hashes_of(out, name) | {f"{name}.csv": text_sha256(numbers)},
     }
     write_json(out / f"{name}.json", record)
-    parts = [
-        table_markdown(table, paper, run),
-        baselines_markdown(baselines),
-        windows_markdown(windows, paper["depth_mm"]),
-    ]
-    write_text(out / f"{name}.md", "\n".join(parts))
-    write_text(out / f"{name}.csv", table.round(6).to_csv(index=False))
+    write_text(out / f"{name}.csv", numbers)
 
 
 def read_tables(out: Path, paper_values: Path) -> str:
     """Both tables of a results folder as Markdown, missing ones shown as missing."""
     texts = []
     for name in TABLES:
-        found = out / f"{name}.md"
-        if found.exists():
-            texts.append(found.read_text(encoding="utf-8"))
+        if read_result_record(out, name) is not None:
+            texts.append(read_text(out / f"{name}.md"))
         else:
             texts.append(table_markdown(None, read_paper_values(paper_values, name), None))
     return "\n".join(texts)
@@ -197,7 +200,7 @@ def read_tables(out: Path, paper_values: Path) -> str:
 
 def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Path) -> None:
     """Score a run's test split; write its table and the figure of its first test sample."""
-    record = load_run(run)
+    record = dict(open_run(run).record)
     paper = read_paper_values(paper_values, table)
     tqdm.write(f"Scoring {record['parts']['test']} test samples of {run}")
     dataset, indices, predictions = predict_test_split(run)
@@ -215,7 +218,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     train = training_indices(len(dataset), record)
     baselines = score_baselines(dataset, train, indices)
     windows = score_windows(targets, predictions)
-    history = (run / "history.csv").read_text(encoding="utf-8")
+    history = read_text(run / "history.csv")
     with together(out, last=f"{table}.csv") as aside:  # make looks at it
         figures.save(picture, aside / f"{figure}.png")
         write_text(aside / f"{table}_history.csv", history)

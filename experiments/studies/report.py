@@ -8,6 +8,7 @@ from textwrap import fill
 import numpy as np
 import pandas as pd
 
+from experiments.histories import read_history
 from experiments.paper.figures import draw_learning
 from experiments.paper.paper_values import read_paper_values
 from lf_flame._common import figures, provenance
@@ -111,9 +112,8 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     curves = [pd.DataFrame(columns=["variant", "epoch", "seconds", "val_psnr_db"])]
     for variant, found in zip(variants, scores, strict=True):
         if found is not None:
-            history = pd.read_csv(runs / variant.folder / "history.csv")
-            seconds = history["seconds"].cumsum()
-            curves.append(history.assign(variant=variant.name, seconds=seconds)[curves[0].columns])
+            history = read_history(runs / variant.folder / "history.csv", found["epochs"])
+            curves.append(history.assign(variant=variant.name)[curves[0].columns])
     return pd.concat(curves[1:] or curves)
 
 

@@ -23,20 +23,21 @@ from tqdm import tqdm
 from experiments.studies.pca_bound import principal_component_bound
 from experiments.studies.report import write_report
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import build, to_json
+from lf_flame._common.config import build, build_record, to_json
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.strict import strict
-from lf_flame.datasets.config import DatasetConfig, config_from_json
+from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import make_dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import find_checkpoints
 from lf_flame.learning.decoder import AVERAGES
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
-from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
+from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
 from lf_flame.learning.scoring import score
 from lf_flame.learning.training import TrainingConfig, train
 
+TIMES = ("epochs", "best_epoch", "start_s", "train_s")
 PROVENANCE = ("backbone_weights", "data_sha256", "machine", "git_revision", "versions", "date")
 """What `score.json` takes over from the record of the run."""
 
@@ -135,9 +136,10 @@ class Study:
     timed: bool = False
 
     def __post_init__(self):
-        if not self.variants or self.samples < 1:
+        if not self.variants or not 1 <= self.samples <= MOST_SAMPLES:
             raise InputError(
-                f"A study needs variants and samples, got {len(self.variants)} and {self.samples}."
+                f"A study needs variants, and samples up to {MOST_SAMPLES}, got "
+                f"{len(self.variants)} and {self.samples}."
             )
         folders = [variant.folder for variant in self.variants]
         for variant in self.variants:
@@ -148,6 +150,33 @@ class Study:
                     f"x belongs to the study and to every variant, or to none; "
                     f"variant {variant.name!r} differs."
                 )
+
+
+@dataclass(frozen=True)
+class Plane:
+    """What a score says of a plane; a noise ratio or a bound that is infinite is none in JSON."""
+
+    depth_mm: float
+    object: str
+    ssim: float | None
+    psnr_db: float | None
+    psnr_foreground_db: float | None
+    bound_db: float | None
+
+
+@dataclass(frozen=True)
+class Score:
+    """What ``score.json`` of a trial says; there is more in it."""
+
+    planes: list[Plane]
+    test_samples: int
+    training_samples: int
+    epochs: int
+    best_epoch: int
+    backbone_weights: str
+    machine: str
+    train_s: float
+    start_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -190,7 +219,10 @@ class Trial:
     def read_score(self, runs: Path) -> dict | None:
         """Read the scores from the study's work folder; None where there are none of this trial."""
         path = runs / self.variant.folder / "score.json"
-        found = read_record(path) if path.exists() else {}
+        if not path.exists():
+            return None
+        found = read_record(path)
+        build_record(Score, found, path)
         return found if found.get("request", found.get("asked")) == self.request else None
 
 
@@ -352,7 +384,7 @@ def run_trial(
         model = replace(training.model, backbone_weights=str(imagenet))
         training = replace(training, model=model)
     train(training, trial.preset, dataset, folder)
-    run = load_run(folder)
+    run = open_run(folder).record
     write_json(
         folder / "score.json",
         {
@@ -360,7 +392,7 @@ def run_trial(
             "planes": _score_planes(trial, folder, run),
             "test_samples": len(trial.test),
             "training_samples": run["parts"]["train"],
-            **{name: run[name] for name in ("epochs", "best_epoch", "start_s", "train_s")},
+            **{name: run[name] for name in TIMES if name in run},
             **{name: run[name] for name in PROVENANCE},
         },
     )

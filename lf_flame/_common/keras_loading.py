@@ -73,15 +73,21 @@ None of them runs code that a file brings along. Keras's own safe mode alone has
 than once (CVE-2025-1550, -8747, -9905, -9906, -49655, CVE-2026-1462)."""
 
 
-def load_model(path: Path) -> "keras.Model":
+def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.Model":
     """Load a saved network for prediction; code that may come with it is not run.
 
     Before Keras sees the file, it must be made of what networks of this package are made of.
 
+    Parameters
+    ----------
+    path : Path
+    shapes : (tuple, tuple), optional
+        Of input and output, without samples, that the network must have; None in them: any length.
+
     Raises
     ------
     InputError
-        If the file is no Keras file, is damaged, needs too much memory, or holds other layers.
+        If the file is no Keras file, is damaged, needs too much memory, or holds another network.
     """
     import keras
 
@@ -91,7 +97,14 @@ def load_model(path: Path) -> "keras.Model":
     _check_classes(_read_config(path), path)
     with readable(path, KERAS_ERRORS), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of each layer that lacks its weights
-        return keras.saving.load_model(path, compile=False, safe_mode=True)
+        network = keras.saving.load_model(path, compile=False, safe_mode=True)
+    found = tuple(network.input_shape[1:]), tuple(network.output_shape[1:])
+    if shapes not in (None, found):
+        raise InputError(
+            f"{path} turns images of shape {found[0]} into {found[1]}, but it should turn "
+            f"{shapes[0]} into {shapes[1]}."
+        )
+    return network
 
 
 def _read_config(path: Path) -> Any:

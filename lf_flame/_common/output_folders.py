@@ -2,15 +2,34 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.input_files import read_record
+from lf_flame._common.config import load_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
+
+
+@dataclass(frozen=True)
+class EarlierRecord:
+    """What the record of an earlier call says.
+
+    Attributes
+    ----------
+    versions : dict
+        Of the program that wrote it: by them a record of this program is known.
+    files : dict of str, or list of str, optional
+        The SHA-256 of each file by its name. Older versions knew only names, or none.
+    source : str, optional
+    """
+
+    versions: dict[str, str]
+    files: dict[str, str] | list[str] | None = None
+    source: str | None = None
 
 
 class OutputFolder:
@@ -31,8 +50,8 @@ class OutputFolder:
         What the record is to say, beside the SHA-256 of each file and what made it.
     files : dict of str
         The SHA-256 of each file by its name, when all are written.
-    before : dict
-        The record of an earlier call; empty if there is none.
+    before : EarlierRecord
+        The record of an earlier call.
 
     Raises
     ------
@@ -44,12 +63,8 @@ class OutputFolder:
         self.folder, self.record, self._aside = folder, record, aside
         self.facts: dict[str, Any] = {}
         self.files: dict[str, str] = {}
-        self.before = read_record(folder / record) if (folder / record).exists() else {}
-        if self.before and "versions" not in self.before:
-            raise InputError(
-                f"{folder / record} is there, and is no record of this program; choose another "
-                f"folder."
-            )
+        self._is_first = not (folder / record).exists()
+        self.before = EarlierRecord({}) if self._is_first else _read_earlier(folder / record)
 
     def path(self, name: str) -> Path:
         """Give the path at which to write a file.
@@ -68,7 +83,8 @@ class OutputFolder:
 
     def _is_ours(self, name: str) -> bool:
         # Records from before they named their files: the folder is theirs.
-        return bool(self.before) and name in (*self.before.get("files", [name]), self.record)
+        known = [name] if self.before.files is None else [*self.before.files, self.record]
+        return not self._is_first and name in known
 
     def finish(self) -> None:
         """Write the record."""
@@ -81,7 +97,7 @@ class OutputFolder:
 
         A record may come from anywhere: never a file outside the folder, nor one that changed.
         """
-        before = self.before.get("files")
+        before = self.before.files
         for name, sha256 in before.items() if isinstance(before, dict) else ():
             if name not in self.files and is_plain(name) and self._is_still(name, sha256):
                 (self.folder / name).unlink()
@@ -104,7 +120,7 @@ def verify_outputs(folder: Path, record: str) -> int:
     InputError
         If one is not what was written, or the record has no hashes.
     """
-    files = read_record(folder / record).get("files")
+    files = load_record(EarlierRecord, folder / record).files
     if not isinstance(files, dict):
         raise InputError(
             f"{folder / record} has no hashes of its files, as records of older versions; call the "
@@ -115,6 +131,16 @@ def verify_outputs(folder: Path, record: str) -> int:
         if not is_plain(name) or not path.is_file() or file_sha256(path) != sha256:
             raise InputError(f"{path} is not the file that {record} was written for.")
     return len(files)
+
+
+def _read_earlier(path: Path) -> EarlierRecord:
+    try:
+        return load_record(EarlierRecord, path)
+    except InputError as error:
+        raise InputError(
+            f"{path} is there, and is no whole record of this program; move it, or choose another "
+            f"folder ({error})"
+        ) from None
 
 
 def is_plain(name: str) -> bool:

@@ -30,7 +30,7 @@ are errors."""
 
 TIFF_ERRORS = (
     tifffile.TiffFileError, OSError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
-    AttributeError, NotImplementedError, RuntimeError, struct.error, zlib.error,
+    AttributeError, AssertionError, NotImplementedError, RuntimeError, struct.error, zlib.error,
 )  # fmt: skip
 """What tifffile and its decoders raise at damaged files."""
 

@@ -1,6 +1,7 @@
 """Options and arguments that several commands share."""
 
 import errno
+import stat
 from pathlib import Path
 
 import click
@@ -12,7 +13,9 @@ class UsablePath(click.Path):
     def convert(self, value, param, ctx):
         """Refuse what the system cannot follow; the rest is click's."""
         try:
-            Path(value).stat()
+            found = Path(value).stat().st_mode
+            if not self.file_okay and not stat.S_ISDIR(found):  # click lets devices pass
+                self.fail(f"{str(value)[:200]!r} must be a folder.", param, ctx)
         except OSError as error:
             if error.errno in (errno.ELOOP, errno.ENAMETOOLONG):
                 self.fail(f"{str(value)[:200]!r} cannot be used: {error.strerror}.", param, ctx)

@@ -49,12 +49,12 @@ def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
 
 
 def _refuse_other_source(out: OutputFolder, source: Path) -> None:
-    if "source" not in out.before:
+    before = out.before.source
+    if before is None:
         return
-    before = str(out.before["source"])
     # A record names the source from its own folder; older ones from the working folder.
-    known = {(start / before).resolve() for start in (out.folder, Path())}
-    if source.resolve() not in known:
+    known = {os.path.realpath(start / before) for start in (out.folder, Path())}
+    if os.path.realpath(source) not in known:
         raise InputError(
             f"{out.folder} holds the pictures of {before}; for those of {source} choose "
             f"another folder with --out."

@@ -24,10 +24,11 @@ def view_sheet(views: np.ndarray, per_side: int = 5) -> Figure:
         for n in views.shape[:2]
     )
     height, width = views.shape[2:]
+    aspect = np.clip(height / width, 0.1, 10)  # or the sheet of a line of lenslets has no end
     figure, axes = subplots(
         len(rows),
         len(columns),
-        figsize=(2 * len(columns), 2 * len(rows) * height / width + 0.8),
+        figsize=(2 * len(columns), 2 * len(rows) * aspect + 0.8),
         squeeze=False,
         layout="constrained",
     )

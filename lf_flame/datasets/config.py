@@ -18,6 +18,9 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.plan import EffectPlan, plan_effects
 
+MOST_SAMPLES = 1_000_000
+"""Of a data set: each is files of its own."""
+
 
 @strict
 @dataclass(frozen=True)
@@ -68,9 +71,10 @@ class DatasetConfig:
                 f"input {self.input.kind!r} shows {self.input.views_per_side} views along an axis, "
                 f"the camera has {self.camera.views}."
             )
-        if self.seed < 0 or min(self.samples.values(), default=0) < 1:
+        counts = self.samples.values()
+        if self.seed < 0 or not 1 <= min(counts, default=0) <= max(counts) <= MOST_SAMPLES:
             raise InputError(
-                f"seed must be 0 or above and samples at least 1 for each preset, "
+                f"seed must be 0 or above and samples from 1 to {MOST_SAMPLES} for each preset, "
                 f"got seed={self.seed}, samples={self.samples}."
             )
 

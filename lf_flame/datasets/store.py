@@ -25,9 +25,17 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.input_files import readable
 from lf_flame._common.locks import exclusive
+from lf_flame._common.memory import check_memory
 from lf_flame._common.workers import worker_pool
-from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
+from lf_flame.datasets.config import (
+    MOST_SAMPLES,
+    DatasetConfig,
+    config_from_json,
+    config_to_json,
+)
+from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, check_array, read_attributes
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.simulation.effects import EFFECTS
@@ -147,10 +155,7 @@ def _is_laid_out(part: Path) -> bool:
     """Whether a folder holds the beginning of a data set."""
     if not (part / "zarr.json").exists():
         return False
-    try:
-        return "config" in zarr.open_group(part, mode="r").attrs
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{part} is damaged ({error}); remove it to start again.") from None
+    return read_attributes(part) is not None
 
 
 def _array(group: zarr.Group, name: str) -> zarr.Array:
@@ -163,12 +168,30 @@ def _array(group: zarr.Group, name: str) -> zarr.Array:
 
 def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
     same = group.attrs.get("config") == config_to_json(config)
-    if not same or _array(group, "complete").shape[0] != samples:
+    if not same or _check_arrays(part, config) != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
         )
     _check_attributes(group, part)
+
+
+def _check_arrays(path: Path, config: DatasetConfig) -> int:
+    """Look at what the arrays of a data set say of themselves; give the number of samples."""
+    shown = config.input.shape(config.image)
+    shapes = {
+        "complete": [()],
+        # Older data sets hold one channel without an axis.
+        "input": [shown, shown[:2]] if shown[2] == 1 else [shown],
+        "target": [(len(config.depths_mm), *config.image)],
+    }
+    counts = {check_array(path / name, some) for name, some in shapes.items()}
+    if len(counts) > 1 or max(counts) > MOST_SAMPLES:
+        raise InputError(
+            f"{path} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "
+            f"{', '.join(map(str, sorted(counts)))}."
+        )
+    return counts.pop()
 
 
 def _run(
@@ -307,13 +330,17 @@ class Dataset:
             raise InputError(
                 f"There is no data set at {path}{hint}; make it with `lf-flame dataset`."
             )
-        try:
+        found = read_attributes(self.path)
+        if found is None or found.sha256 is None:
+            raise InputError(f"{path} is not a data set, or is damaged: it does not say what of.")
+        self.config = config_from_json(found.config, self.path)
+        _check_arrays(self.path, self.config)
+        if not len(found.slopes) == len(found.objects) == len(self.config.depths_mm):
+            raise InputError(f"{path} is damaged: its slopes or objects are not as many as depths.")
+        with readable(self.path / METADATA, ZARR_ERRORS):
             self._group = zarr.open_group(self.path, mode="r")
             self.attrs: dict[str, Any] = dict(self._group.attrs)
-            self.config = config_from_json(self.attrs["config"], self.path)
             complete = np.asarray(_array(self._group, "complete")[:])
-        except (KeyError, ValueError, TypeError, RuntimeError, OSError) as error:
-            raise InputError(f"{path} is not a data set, or is damaged: {error}") from None
         _check_attributes(self._group, self.path)
         if not np.all(complete == 1):
             missing = np.flatnonzero(complete != 1)[0]
@@ -377,18 +404,19 @@ class Dataset:
 
     def _read(self, name: str) -> np.ndarray:
         array = _array(self._group, name)
-        samples = []
+        check_memory(array.nbytes, self.path / name)
+        samples = np.empty(array.shape, array.dtype)
         for index in range(len(self)):
             try:
-                samples.append(np.asarray(array[index]))
-            except (ValueError, RuntimeError, OSError) as error:
+                samples[index] = array[index]
+            except ZARR_ERRORS as error:
                 raise InputError(
                     f"Sample {index} of {self.path}/{name} is damaged ({error}); "
                     f"remove the data set and make it again."
                 ) from None
-            if not np.all(np.isfinite(samples[-1])):
+            if not np.all(np.isfinite(samples[index])):
                 raise InputError(
                     f"Sample {index} of {self.path}/{name} is missing or not finite; "
                     f"remove the data set and make it again."
                 )
-        return np.stack(samples)
+        return samples

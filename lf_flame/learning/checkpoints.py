@@ -6,23 +6,49 @@ and knows its files by their SHA-256. ``history.csv`` is for reading.
 """
 
 import shutil
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lf_flame._common.atomic_files import atomic_folder, read_json, write_json, write_text
+from lf_flame._common.array_files import open_arrays
+from lf_flame._common.atomic_files import atomic_folder, write_json, write_text
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.input_files import read_record
+from lf_flame._common.config import load_record
 from lf_flame.errors import InputError
 
 MANIFEST = "manifest.json"
 
 FILES = ("state.npz", "best.npz", "history.json")
 """What a checkpoint is made of."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a checkpoint belongs to, and the SHA-256 of its files."""
+
+    run: dict[str, Any]
+    sha256: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """A row of the history; the noise ratio of an image without an error is no number."""
+
+    epoch: int
+    loss: float
+    val_loss: float
+    val_psnr_db: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class History:
+    """The history as a checkpoint keeps it."""
+
+    epochs: list[Epoch]
 
 
 @dataclass
@@ -111,27 +137,19 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
         return Checkpoint()
     path = find_checkpoints(folder)[-1]
     _check_manifest(path, run)
-    try:
-        checkpoint = Checkpoint(
-            read_json(path / "history.json")["epochs"],
-            list(_load_arrays(path / "best.npz")),
-            list(_load_arrays(path / "state.npz")),
-        )
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise InputError(
-            f"The checkpoint {path} is damaged ({error}); remove it to start again."
-        ) from None
+    history = load_record(History, path / "history.json").epochs
+    arrays = (_load_arrays(path / name) for name in ("best.npz", "state.npz"))
+    checkpoint = Checkpoint([asdict(row) for row in history], *arrays)
     _tidy(folder, checkpoint)
     return checkpoint
 
 
-def verify_checkpoint(path: Path) -> dict:
+def verify_checkpoint(path: Path) -> Manifest:
     """Compute the hashes of a checkpoint's files again.
 
     Returns
     -------
-    dict
-        Its manifest.
+    Manifest
 
     Raises
     ------
@@ -143,11 +161,9 @@ def verify_checkpoint(path: Path) -> dict:
             f"The checkpoint {path} has no {MANIFEST}, which says what run it belongs to; remove "
             f"it to start again."
         )
-    manifest = read_record(path / MANIFEST)
-    written = manifest.get("sha256")
-    hashes = written if isinstance(written, dict) else {}
+    manifest = load_record(Manifest, path / MANIFEST)
     for name in FILES:
-        if not (path / name).is_file() or file_sha256(path / name) != hashes.get(name):
+        if not (path / name).is_file() or file_sha256(path / name) != manifest.sha256.get(name):
             raise InputError(
                 f"The checkpoint {path} is damaged ({name} is not the file that was written); "
                 f"remove it to start again."
@@ -156,12 +172,11 @@ def verify_checkpoint(path: Path) -> dict:
 
 
 def _check_manifest(path: Path, run: dict) -> None:
-    belongs = verify_checkpoint(path).get("run")
+    belongs = verify_checkpoint(path).run
     if belongs != run:
-        known = belongs if isinstance(belongs, dict) else {}
-        key = next((key for key in run if known.get(key) != run[key]), "request")
+        key = next((key for key in run if belongs.get(key) != run[key]), "request")
         raise InputError(
-            f"The checkpoint {path} belongs to a run with another {key} ({known.get(key)}, now "
+            f"The checkpoint {path} belongs to a run with another {key} ({belongs.get(key)}, now "
             f"{run.get(key)}); remove it, or choose another folder."
         )
 
@@ -171,6 +186,6 @@ def find_checkpoints(folder: Path) -> list[Path]:
     return sorted(folder.glob("checkpoint-??????"))
 
 
-def _load_arrays(path: Path) -> Iterator[np.ndarray]:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-        yield from (arrays[name] for name in arrays.files)
+def _load_arrays(path: Path) -> list[np.ndarray]:
+    with open_arrays(path) as file:
+        return file.read(file.names)

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import build, to_json
-from lf_flame._common.input_files import read_record
+from lf_flame._common.config import load_record, to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.locks import exclusive
 from lf_flame._common.strict import strict
@@ -85,6 +84,15 @@ class NetworkCard:
     exported: dict[str, Any] = field(default_factory=dict)
     usage: str = ""
 
+    def __post_init__(self):
+        planes = len(self.depths_mm)
+        if min(self.image) < 1 or not planes == len(self.slopes) == len(self.objects) > 0:
+            raise InputError(
+                f"image must be two numbers above 0, and depths_mm, slopes and objects as many as "
+                f"there are planes, got {self.image}, {planes}, {len(self.slopes)} and "
+                f"{len(self.objects)}."
+            )
+
 
 def read_card(path: str | Path) -> NetworkCard:
     """Read what there is to know of a trained network, without loading it.
@@ -113,7 +121,7 @@ def read_card(path: str | Path) -> NetworkCard:
             f"{path} has no {beside.name} beside it, which `lf-flame export` writes; of a network "
             f"that was not exported, name the run folder."
         )
-    card = build(NetworkCard, read_record(beside), beside)
+    card = load_record(NetworkCard, beside)
     if card.sha256 != file_sha256(path):
         raise InputError(f"{path} is not the file that {beside} was written for; export it again.")
     return card
@@ -161,16 +169,8 @@ def load_network(path: str | Path, card: NetworkCard) -> "keras.Model":
         If the file is no Keras file, is damaged, needs code of others, or takes or makes images
         of other shapes than the card says.
     """
-    file = _model_file(Path(path))
-    network = load_model(file)
-    found = network.input_shape[1:], network.output_shape[1:]
     stated = card.input.shape(card.image), (len(card.depths_mm), *card.image, 1)
-    if found != stated:
-        raise InputError(
-            f"{file} turns images of shape {found[0]} into {found[1]}, but by its card it should "
-            f"turn {stated[0]} into {stated[1]}."
-        )
-    return network
+    return load_model(_model_file(Path(path)), stated)
 
 
 def export_network(run: str | Path, out: str | Path) -> None:
@@ -205,7 +205,7 @@ def export_network(run: str | Path, out: str | Path) -> None:
 
 def _is_card(path: Path) -> bool:
     try:
-        build(NetworkCard, read_record(path), path)
+        load_record(NetworkCard, path)
     except InputError:
         return False
     return True

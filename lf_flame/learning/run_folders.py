@@ -6,17 +6,96 @@ data set may lie elsewhere, or be gone. Only scores on the test split need the d
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from lf_flame._common.checksums import file_sha256
+from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    import keras
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What the record of a finished run says, of whatever network; there is more in it.
+
+    Attributes
+    ----------
+    system : str, optional
+        Of `lf_flame.systems`; the paper's network has none.
+    start_s, train_s : float, optional
+    model_sha256 : str, optional
+    """
+
+    system: str | None = None
+    start_s: float | None = None
+    train_s: float | None = None
+    model_sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class DatasetFacts:
+    """What a run's record says of its data set, see `describe_dataset`."""
+
+    config: dict[str, Any]
+    slopes: list[float]
+    objects: list[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperRunRecord(RunRecord):
+    """What the record of a finished run of the paper's network says.
+
+    Attributes
+    ----------
+    title, preset : str
+    seed, epochs, best_epoch : int
+    recipe : dict
+    train_s : float
+    machine : str
+    backbone_weights : str
+    model : dict
+    split : (float, float, float)
+        Shares of training, validation and test.
+    parts : dict of int
+        Samples in each.
+    test_indices : list of int
+    data, data_sha256 : str
+        Where the data set was, and its hash.
+    dataset : DatasetFacts, optional
+    """
+
+    title: str
+    preset: str
+    seed: int
+    epochs: int
+    best_epoch: int
+    recipe: dict[str, Any]
+    train_s: float
+    machine: str
+    backbone_weights: str
+    model: dict[str, Any]
+    split: tuple[float, float, float]
+    parts: dict[str, int]
+    test_indices: list[int]
+    data: str
+    data_sha256: str
+    dataset: DatasetFacts | None = None
+
+    def __post_init__(self):
+        if min(self.test_indices, default=-1) < 0 or not {"train", "test"} <= self.parts.keys():
+            raise InputError("test_indices must be samples, and parts hold train and test.")
+        if not all(0 < share < 1 for share in self.split):
+            raise InputError(f"split must be three shares of 1, got {self.split}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +125,12 @@ class TrainedRun:
         """Where the data set was when the network was trained."""
         return _data_of(self.folder, self.record)
 
+    def load_network(self) -> "keras.Model":
+        """Load the network; see `lf_flame._common.keras_loading.load_model`."""
+        shown, image = self.config.input.shape(self.config.image), self.config.image
+        shapes = shown, (len(self.slopes), *image, 1)
+        return load_model(self.folder / "model.keras", shapes)
+
     def open_dataset(self) -> Dataset:
         """Open the data set.
 
@@ -55,7 +140,8 @@ class TrainedRun:
             If it is no longer there, or no longer the same.
         """
         dataset = Dataset(self.data)
-        if dataset.attrs["sha256"] != self.record["data_sha256"]:
+        same = dataset.attrs["sha256"] == self.record["data_sha256"]
+        if not same or max(self.record["test_indices"]) >= len(dataset):
             raise InputError(
                 f"{self.data} is not the data set that {self.folder} was trained on; "
                 f"train it again."
@@ -87,12 +173,19 @@ def load_run(folder: str | Path) -> dict:
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
         raise InputError(f"There is no finished run in {folder}; train it first.")
-    record = read_record(folder / "run.json")
+    record = read_run_record(folder)
     if not is_whole(folder / "model.keras", record.get("model_sha256")):
         raise InputError(
             f"{folder / 'model.keras'} is not the network that run.json was written for; train it "
             f"again: what is there goes on."
         )
+    return record
+
+
+def read_run_record(folder: Path) -> dict:
+    """Read what a run's record says, whatever has become of the network."""
+    record = read_record(folder / "run.json")
+    build_record(RunRecord, record, folder / "run.json")
     return record
 
 
@@ -118,15 +211,19 @@ def open_run(folder: str | Path) -> TrainedRun:
     """
     folder, record = Path(folder), load_run(folder)
     if "data" not in record:
-        raise InputError(f"{folder} holds no run of the paper's network.")
-    known = record.get("dataset")
+        held = f"a run of the system {record.get('system')}" if record.get("system") else "no run"
+        raise InputError(
+            f"{folder} holds {held}; wanted is one of the paper's network, by `lf-flame train`."
+        )
+    source = folder / "run.json"
+    known = build_record(PaperRunRecord, record, source).dataset
     if known is None:  # a run from before records said so
-        known = describe_dataset(Dataset(_data_of(folder, record)))
-    try:
-        config = config_from_json(known["config"], folder / "run.json")
-        return TrainedRun(folder, record, config, list(known["slopes"]), list(known["objects"]))
-    except (KeyError, TypeError, AttributeError):
-        raise InputError(f"{folder / 'run.json'} is damaged; train the network again.") from None
+        dataset = Dataset(_data_of(folder, record))
+        known = build_record(DatasetFacts, describe_dataset(dataset), dataset.path)
+    config = config_from_json(known.config, f"{source}: dataset")
+    if not len(known.slopes) == len(known.objects) == len(config.depths_mm):
+        raise InputError(f"{source}: slopes and objects must be as many as the depths of its data.")
+    return TrainedRun(folder, record, config, known.slopes, known.objects)
 
 
 def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
@@ -141,8 +238,7 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
     """
     run = open_run(folder)
     dataset, indices = run.open_dataset(), np.array(run.record["test_indices"])
-    model = load_model(run.folder / "model.keras")
-    stack = model.predict(dataset.inputs[indices], batch_size=8, verbose=0)
+    stack = run.load_network().predict(dataset.inputs[indices], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
 
 

@@ -25,7 +25,7 @@ from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import describe_dataset
 from lf_flame.learning.trainers import decoder_variables, make_trainer
-from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
+from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
 from lf_flame.learning.warm_start import freeze_normalisations, warm_start
 
 
@@ -80,9 +80,11 @@ class Recipe:
     backbone_depth: Literal["conv4", "conv5"] | None = None
 
     def __post_init__(self):
-        if min(self.epochs, self.batch_size, self.bands) < 1 or not self.learning_rate > 0:
+        counts = self.epochs, self.batch_size, self.bands
+        if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
             raise InputError(
-                f"epochs, batch_size and bands must be at least 1 and learning_rate above 0, got "
+                f"epochs, batch_size and bands must be from 1 to {MOST_EPOCHS} and learning_rate "
+                f"above 0, got "
                 f"{self.epochs}, {self.batch_size}, {self.bands}, {self.learning_rate}."
             )
 

@@ -5,7 +5,6 @@ The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the ne
 network) and ``run.json`` (the record).
 """
 
-import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,20 +17,39 @@ from tqdm import tqdm
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
 from lf_flame._common.checksums import file_sha256
+from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
-from lf_flame.learning.run_folders import is_whole
+from lf_flame.learning.run_folders import is_whole, read_run_record
 
 MAX_SEED = 1_000_000
 """Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
+
+
+@dataclass(frozen=True)
+class FoundRecipe:
+    """What a recipe in a run folder must say."""
+
+    epochs: int
+
+
+@dataclass(frozen=True)
+class FoundRequest:
+    """What the request in a run folder must say."""
+
+    recipe: FoundRecipe
 
 
 def check_seed(seed: int) -> None:
     """Refuse a seed that is out of range."""
     if not 0 <= seed <= MAX_SEED:
         raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
+
+
+MOST_EPOCHS = 999_999
+"""Of a run: as many as the names of checkpoints count."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +155,7 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
 def _is_done(out: Path, request: dict) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
-    found = _without_folders(read_record(out / "run.json"))
+    found = _without_folders(read_run_record(out))
     return is_whole(out / "model.keras", found.get("model_sha256")) and all(
         found.get(key) == request[key] for key in request
     )
@@ -161,7 +179,8 @@ def _claim_folder(out: Path, request: dict) -> None:
         write_json(path, request)
         return
     found = _without_folders(read_record(path))
-    if _goes_on(found.get("recipe", {}), request["recipe"]):
+    build_record(FoundRequest, found, path)
+    if _goes_on(found["recipe"], request["recipe"]):
         found["recipe"]["epochs"] = request["recipe"]["epochs"]
         if found == request:
             write_json(path, request)
@@ -184,7 +203,7 @@ def _without_folders(record: dict) -> dict:
 
 
 def _goes_on(found: dict, request: dict) -> bool:
-    return request["schedule"] == "constant" and found.get("epochs", math.inf) < request["epochs"]
+    return request["schedule"] == "constant" and found["epochs"] < request["epochs"]
 
 
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:

@@ -39,6 +39,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
             f"A round aperture needs one view or more and a finite diameter above 0, "
             f"got {views[0]} x {views[1]} views and diameter {diameter}."
         )
+    diameter = min(diameter, 2.0)
     # Edges of the views' squares in radii of the aperture, and the area between them.
     edges = [2 * centred(n + 1) / n / diameter for n in views]
     area = _area_to(edges[0][:, None], edges[1][None, :])

@@ -79,8 +79,8 @@ def flame_texture(
     ndarray of float64, shape (rows, columns), values in [0, 1]
         Scaled so that its brightest cell is 1.
     """
-    rows = int(np.clip(round(height_mm / cell_mm), 2, MOST_CELLS))
-    columns = int(np.clip(round(2 * HALF_WIDTH * radius_mm / cell_mm), 3, MOST_CELLS))
+    rows = round(np.clip(height_mm / cell_mm, 2, MOST_CELLS))
+    columns = round(np.clip(2 * HALF_WIDTH * radius_mm / cell_mm, 3, MOST_CELLS))
     h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * HALF_WIDTH * radius_mm
     sway, swell = _waves(h, wrinkles)

@@ -17,6 +17,9 @@ from lf_flame.optics.camera import PlenopticCamera
 BRIGHTEST = 1e36
 """Radiance whose sums over some layers still are float32 numbers."""
 
+LARGEST_MM = 1e303
+"""Length whose sums and ratios with those of a camera still are float64 numbers."""
+
 Lengths = Sequence[float] | np.ndarray
 """Two lengths (y, x), as users give them."""
 
@@ -87,14 +90,24 @@ class Layer:
             )
         size = _checked_pair(size_mm, "size_mm", above=0.0)
         centre = _checked_pair(centre_mm, "centre_mm")
-        if not np.isfinite(depth_mm):
-            raise InputError(f"depth_mm of a layer must be finite, got {depth_mm}.")
+        for length, place, count in zip(size, centre, cells.shape, strict=True):
+            if not 4 * count * (np.spacing(abs(place)) + np.spacing(length)) < length < LARGEST_MM:
+                raise InputError(
+                    f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
+                    f"axis, and stay below {LARGEST_MM:g} mm, got {size} and {centre}."
+                )
+        if not abs(depth_mm) < LARGEST_MM:
+            raise InputError(
+                f"depth_mm of a layer must be finite, within {LARGEST_MM:g} mm, got {depth_mm}."
+            )
         covered = None if coverage is None else _checked_coverage(coverage, cells.shape, opaque)
         if np.ndim(optical_thickness) == 0:
             optical_thickness = np.full(cells.shape, optical_thickness, dtype=np.float64)
         tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
-        if not (np.isfinite(thickness_mm) and thickness_mm >= 0):
-            raise InputError(f"thickness_mm must be 0 or above, got {thickness_mm}.")
+        if not 0 <= thickness_mm < LARGEST_MM:
+            raise InputError(
+                f"thickness_mm must be 0 or above, below {LARGEST_MM:g}, got {thickness_mm}."
+            )
         if opaque and (thickness_mm or tau.any()):
             raise InputError(
                 f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "

@@ -13,7 +13,7 @@ from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
-from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.scenes.scene import LARGEST_MM, Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
 
 
@@ -64,9 +64,9 @@ class LayerEntry:
             )
         if self.shape not in (None, "flame", *SHAPES):
             raise InputError(f"shape must be one of {', '.join(SHAPES)}, flame, got {self.shape}.")
-        if min(self.size_mm) <= 0 or not self.brightness >= 0:
+        if not all(0 < length < LARGEST_MM for length in self.size_mm) or not self.brightness >= 0:
             raise InputError(
-                f"size_mm must be above 0 and brightness 0 or above, "
+                f"size_mm must be above 0, below {LARGEST_MM:g}, and brightness 0 or above, "
                 f"got {self.size_mm} and {self.brightness}."
             )
 

@@ -50,7 +50,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     inside = SHAPES[shape]
     if inside is None:
         return np.ones((1, 1))
-    rows, columns = (int(np.clip(round(length / cell_mm), 1, MOST_CELLS)) for length in size_mm)
+    rows, columns = (round(np.clip(length / cell_mm, 1, MOST_CELLS)) for length in size_mm)
     y, x = (
         (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
     )

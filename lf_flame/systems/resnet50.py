@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lf_flame._common.keras_loading import load_model
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
@@ -45,7 +44,7 @@ class ResNet50(NetworkSystem):
     def of_run(cls, folder: str | Path) -> "ResNet50":
         """Load a finished run."""
         run = open_run(folder)
-        return cls(load_model(run.folder / "model.keras"), run.config, run.slopes)
+        return cls(run.load_network(), run.config, run.slopes)
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
         """Choose all views of its own camera, or those that its encoding shows."""

@@ -21,7 +21,7 @@ from lf_flame._common.strict import strict
 from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run
-from lf_flame.learning.training_run import Job, assign, carry_out, check_seed
+from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refocusnet import RefocusNet
 from lf_flame.systems.registry import NETWORKS, OLD_NAMES
@@ -65,10 +65,11 @@ class SystemRecipe:
     low_light: float = 0.0
 
     def __post_init__(self):
-        if min(self.epochs, self.batch_size) < 1 or not self.learning_rate > 0:
+        counts = self.epochs, self.batch_size
+        if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
             raise InputError(
-                f"epochs and batch_size must be at least 1 and learning_rate above 0, got "
-                f"{self.epochs}, {self.batch_size}, {self.learning_rate}."
+                f"epochs and batch_size must be from 1 to {MOST_EPOCHS} and learning_rate above 0, "
+                f"got {self.epochs}, {self.batch_size}, {self.learning_rate}."
             )
         if self.patch < SMALLEST_PATCH:
             raise InputError(f"patch must be {SMALLEST_PATCH} or more, got {self.patch}.")
@@ -95,9 +96,10 @@ class SampleCounts:
 
     def __post_init__(self):
         epochs = 1 if self.epochs is None else self.epochs
-        if min(self.training_samples, self.held_out, epochs) < 1:
+        counts = self.training_samples, self.held_out, epochs
+        if min(counts) < 1 or max(counts) > MOST_EPOCHS:
             raise InputError(
-                f"training_samples, held_out and epochs must be at least 1, got "
+                f"training_samples, held_out and epochs must be from 1 to {MOST_EPOCHS}, got "
                 f"{self.training_samples}, {self.held_out}, {epochs}."
             )
 
@@ -340,6 +342,8 @@ def load_system(path: str | Path) -> NetworkSystem:
     name = OLD_NAMES.get(stated, stated)
     if name not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
-    model = load_model(folder / "model.keras")
     network = NETWORKS[name]
+    own = network.model(0)
+    shapes = own.input_shape[1:], own.output_shape[1:]
+    model = load_model(folder / "model.keras", shapes)
     return network.system(model, network.title)

@@ -153,7 +153,7 @@ def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
     assert [path.name for path in tmp_path.glob("*a.*")] == ["a.zarr"]
     (tmp_path / "b.zarr.part").mkdir()
     (tmp_path / "b.zarr.part" / "zarr.json").write_text("{")
-    with pytest.raises(InputError, match="b.zarr.part is damaged"):
+    with pytest.raises(InputError, match=r"b\.zarr\.part/zarr\.json is not a JSON file"):
         make_dataset(tiny, 2, tmp_path / "b.zarr")
 
 
@@ -247,7 +247,7 @@ def test_what_is_no_data_set_is_refused(tiny, tmp_path):
         Dataset(tmp_path / "none.zarr")
     make_dataset(tiny, 2, tmp_path / "a.zarr")
     (tmp_path / "a.zarr" / "zarr.json").write_text("{")
-    with pytest.raises(InputError, match="is not a data set, or is damaged"):
+    with pytest.raises(InputError, match=r"a\.zarr/zarr\.json is not a JSON file"):
         Dataset(tmp_path / "a.zarr")
 
 
@@ -273,7 +273,7 @@ def test_nothing_finished_is_overwritten(tiny, tmp_path):
         ("= 150.0", "= -150.0", "camera: main_lens_focal_mm must be a positive.*-150"),
         ("= 326.0", "= 100.0", "camera: focus_distance_mm must exceed"),
         ("image = [8, 12]", "image = [7, 12]", "image must divide"),
-        ("smoke = 5", "smoke = 0", "samples at least 1"),
+        ("smoke = 5", "smoke = 0", "samples from 1 to 1000000"),
         ("size = 0.08", "size = 1.5", "size must be below 1"),
         ('"circle"', '"star"', "template: objects.1.shape: input should be 'rectangle'"),
         ("views = 5", "views = 5.5", "camera.views: input should be a valid integer"),

@@ -228,9 +228,14 @@ def test_a_folder_without_a_system_is_refused(tmp_path):
     keras.Sequential([keras.layers.Input((1,)), keras.layers.Dense(1)]).save(
         tmp_path / "model.keras"
     )
-    for record in ("{}", '{"system": ["refocusnet"]}'):
+    for record, words in (
+        ("{}", "holds no run of a refocusing system"),
+        ('{"system": "other"}', "holds no run of a refocusing system"),
+        ('{"system": ["refocusnet"]}', "run.json: system: input should be a valid string"),
+        ('{"system": "refocusnet"}', "hold no keras.Sequential"),
+    ):
         (tmp_path / "run.json").write_text(record)
-        with pytest.raises(InputError, match="holds no run of a refocusing system"):
+        with pytest.raises(InputError, match=words):
             load_system(tmp_path)
 
 

@@ -20,6 +20,7 @@ from lf_flame import InputError
 from lf_flame.learning.scoring import score
 
 PAPER = Path(__file__).parents[3] / "experiments" / "paper_values.toml"
+RESULTS = Path(__file__).parents[3] / "experiments" / "results"
 PRINTED = read_paper_values(PAPER, "table1")
 
 
@@ -123,7 +124,7 @@ def test_missing_runs_show_as_missing(tmp_path):
 
 def test_histories_count_seconds_from_the_start(tmp_path):
     for name in ("quick", "other"):
-        make_results(tmp_path / name)
+        make_results(tmp_path / name, epochs=2)
     rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 2, 3]})
     rows.to_csv(tmp_path / "quick" / "table1_history.csv", index=False)
     found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
@@ -180,9 +181,45 @@ def test_what_is_no_result_is_one_sentence(tmp_path):
     for damage in ("a,b\n1\n1,2,3,4\n", "", "depth_mm,ssim,psnr_db\n20.0,1,1\n"):
         shutil.copytree(tmp_path / "a", tmp_path / "b", dirs_exist_ok=True)
         (tmp_path / "b" / "table1.csv").write_text(damage)
-        with pytest.raises(InputError, match=r"b/table1.csv, or .* is damaged"):
+        with pytest.raises(InputError, match=r"b/table1.csv is damaged"):
             report_tables([tmp_path / "a", tmp_path / "b"], PAPER)
     del record["seed"]
     (tmp_path / "a" / "table1.json").write_text(json.dumps(record))
-    with pytest.raises(InputError, match=r"a/table1.csv, or .* is damaged"):
+    with pytest.raises(InputError, match=r"a/table1.json: seed is missing"):
         report_tables(folders, PAPER)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("ending", [".csv", ".md", "_history.csv"])
+def test_a_file_that_was_cut_within_a_number_is_not_read_as_another(tmp_path, known, ending):
+    """By its hash; beside an older record, which has none, by the end of its last line."""
+    history = "epoch,seconds,val_psnr_db\n" + "".join(f"{k},1.5,3{k}.25\n" for k in range(8))
+    (tmp_path / "table1_history.csv").write_text(history)
+    make_results(tmp_path)
+    record = json.loads((tmp_path / "table1.json").read_text())
+    assert record["sha256"].keys() == {"table1.csv", "table1.md", "table1_history.csv"}
+    if not known:
+        del record["sha256"]
+        (tmp_path / "table1.json").write_text(json.dumps(record))
+    assert len(read_histories([tmp_path], "table1")) == 1
+    path = tmp_path / f"table1{ending}"
+    path.write_bytes(path.read_bytes()[:-3])
+    for call in (read, lambda x: read_histories([x], "table1"), lambda x: read_tables(x, PAPER)):
+        with pytest.raises(InputError, match=f"table1{ending} is damaged"):
+            call(tmp_path)
+
+
+def test_a_history_that_lost_its_last_lines_is_noticed(tmp_path):
+    make_results(tmp_path, epochs=2)
+    rows = "epoch,seconds,val_psnr_db\n0,1.5,30.0\n1,1.5,31.0\n"
+    (tmp_path / "table1_history.csv").write_text(rows)
+    with pytest.raises(InputError, match=r"table1_history\.csv is damaged: .* epochs 0 to 2"):
+        read_histories([tmp_path], "table1")
+
+
+def test_the_committed_results_are_read():
+    folders = [path.parent for path in RESULTS.glob("*/table2.csv")]
+    assert len(folders) > 3
+    for folder in folders:
+        assert read_result(folder, "table2", folder.name, PRINTED["depth_mm"]).request
+        assert len(read_histories([folder], "table2")) == 1

@@ -1,0 +1,43 @@
+"""How runs learnt: the tables ``history.csv``, read so that one that was cut is noticed."""
+
+from io import StringIO
+from pathlib import Path
+
+import pandas as pd
+
+from lf_flame._common.input_files import read_text, readable
+from lf_flame.errors import InputError
+
+COLUMNS = ["epoch", "seconds", "val_psnr_db"]
+
+
+def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
+    """Read a run's history; the seconds are counted since its start.
+
+    Parameters
+    ----------
+    path : Path
+    epochs : int, optional
+        Of training, behind the row of the start; default: as many as there are.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or cut: a line without an end may end within a number.
+    """
+    text = read_text(path)
+    with readable(path, (ValueError, OverflowError)):
+        rows = pd.read_csv(StringIO(text))
+    wanted = list(range(len(rows) if epochs is None else epochs + 1))
+    whole = (
+        text.endswith("\n")
+        and set(COLUMNS) <= set(rows.columns)
+        and list(rows["epoch"]) == wanted != []
+        and all(rows[name].dtype.kind in "if" and rows[name].notna().all() for name in COLUMNS)
+    )
+    if not whole:
+        raise InputError(
+            f"{path} is damaged: it must hold the numbers {', '.join(COLUMNS)} of the epochs 0 to "
+            f"{wanted[-1] if wanted else 0}, each line with its end."
+        )
+    return rows.assign(seconds=rows["seconds"].cumsum())

@@ -1,0 +1,133 @@
+"""What a data set's Zarr files say of it, checked before Zarr reads them.
+
+Zarr raises many kinds of errors at metadata that it does not expect. Ours are of one kind: what
+`lf_flame.datasets.store` writes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from lf_flame._common.config import build_record, load_record
+from lf_flame.errors import InputError
+
+ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError,
+               NotImplementedError, OverflowError)  # fmt: skip
+"""What Zarr and its codecs raise at damaged metadata and chunks."""
+
+METADATA = "zarr.json"
+
+
+@dataclass(frozen=True)
+class Attributes:
+    """What the group of a data set says, once it is laid out.
+
+    Attributes
+    ----------
+    config : dict
+        See `lf_flame.datasets.config.config_to_json`.
+    slopes : list of float
+        Of the targets.
+    objects : list of str
+    sha256 : str, optional
+        Of inputs and targets; where the data set is finished.
+    """
+
+    config: dict[str, Any]
+    slopes: list[float]
+    objects: list[str]
+    sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class GroupFile:
+    """The metadata file of a group."""
+
+    zarr_format: Literal[3]
+    node_type: Literal["group"]
+    attributes: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """Shape of the chunks of a regular grid."""
+
+    chunk_shape: list[int]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How an array is divided into chunks."""
+
+    name: Literal["regular"]
+    configuration: Chunks
+
+
+@dataclass(frozen=True)
+class Codec:
+    """A step between an array and the bytes of its chunks."""
+
+    name: Literal["bytes", "zstd", "crc32c"]
+
+
+@dataclass(frozen=True)
+class ArrayFile:
+    """The metadata file of an array: a chunk for each sample."""
+
+    zarr_format: Literal[3]
+    node_type: Literal["array"]
+    shape: list[int]
+    data_type: Literal["float32", "float64", "uint8"]
+    chunk_grid: Grid
+    codecs: list[Codec]
+
+    def __post_init__(self):
+        chunk = self.chunk_grid.configuration.chunk_shape
+        if min(self.shape, default=0) < 1 or chunk != [1, *self.shape[1:]]:
+            raise InputError(
+                f"shape and chunk_shape must be those of samples in a chunk each, got "
+                f"{self.shape[:6]} and {chunk[:6]}."
+            )
+
+
+def read_attributes(path: Path) -> Attributes | None:
+    """Read what the group of a data set says; nothing where it is not laid out.
+
+    Raises
+    ------
+    InputError
+        If its metadata are damaged, or those of something else.
+    """
+    found = load_record(GroupFile, path / METADATA).attributes
+    if "config" not in found:  # comes last
+        return None
+    return build_record(Attributes, found, path / METADATA)
+
+
+def check_array(path: Path, shapes: Sequence[tuple[int, ...]]) -> int:
+    """Look at the metadata of an array of a data set.
+
+    Parameters
+    ----------
+    path : Path
+        The array's folder.
+    shapes : sequence of tuple of int
+        That a sample may have.
+
+    Returns
+    -------
+    int
+        Its samples.
+
+    Raises
+    ------
+    InputError
+        If it is missing, or not an array as data sets have them.
+    """
+    samples, *shape = load_record(ArrayFile, path / METADATA).shape
+    if tuple(shape) not in shapes:
+        raise InputError(
+            f"{path} is damaged: a sample must have the shape {shapes[0]}, got {tuple(shape[:6])}."
+        )
+    return samples

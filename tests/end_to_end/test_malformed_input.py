@@ -1,0 +1,371 @@
+"""What cannot be used ends every command in one sentence, with status 2 and nothing written."""
+
+import json
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from experiments import __main__
+from lf_flame._common.memory import LIMIT
+from lf_flame.commands import cli, program
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "experiments" / "results"
+
+SCENE = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 3
+lenslets = [6, 8]
+[[layers]]
+shape = "circle"
+depth_mm = 0.5
+size_mm = [0.4, 0.4]
+"""
+
+CAMERA = {
+    "main_lens_focal_mm": 150.0,
+    "focus_distance_mm": 326.0,
+    "lenslet_focal_mm": 0.4,
+    "lenslet_pitch_mm": 0.112,
+    "views": 3,
+    "lenslets": [6, 8],
+}
+
+CARD = {
+    "title": "test", "preset": "smoke", "backbone_weights": "random", "image": [40, 64],
+    "depths_mm": [10.0, -10.0], "slopes": [1.0, -1.0], "objects": ["square", "circle"],
+    "camera": CAMERA, "sha256": "0", "training": {},
+}  # fmt: skip
+
+
+def ended(arguments, gathered=cli.commands):
+    """Run a command as a program; give its status, and what it says on standard error."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Image, "MAX_IMAGE_PIXELS", Image.MAX_IMAGE_PIXELS)
+        patch.setattr(os, "environ", os.environ.copy())
+        patch.setattr(sys, "argv", ["program", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            program.run(gathered, "program")
+    return caught.value.code
+
+
+def content():
+    """Every file below the working folder, by its size and when it was written."""
+    found = {path: path.lstat() for path in Path().rglob("*")}
+    return {path: (status.st_size, status.st_mtime_ns) for path, status in found.items()}
+
+
+@pytest.fixture
+def refuse(tmp_path, monkeypatch, capfd):
+    """Run a command that must refuse what it is given, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments, gathered=cli.commands):
+        before = content()
+        capfd.readouterr()
+        assert ended(arguments, gathered) == 2
+        told = capfd.readouterr().err
+        assert "Traceback" not in told
+        assert len(told.encode()) < 1000
+        sentence = told.splitlines()[-1]  # before it, what was found so far, or how it is used
+        assert sentence.startswith(("program: ", "Error: "))
+        assert content() == before
+        return sentence
+
+    return call
+
+
+def scene(**changes):
+    """Write a scene file with some of its lines changed or added to the layer."""
+    text = SCENE
+    for name, value in changes.items():
+        line = f"{name} = {value}"
+        text, found = re.subn(rf"{name} = .*", lambda _, line=line: line, text)
+        text += "" if found else line + "\n"
+    Path("scene.toml").write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"centre_mm": "[1e308, 1e308]"}, "must tell its cells apart"),
+        ({"centre_mm": "[0.0, 1e20]"}, "must tell its cells apart"),
+        ({"depth_mm": "1e308"}, "depth_mm of a layer must be finite"),
+        ({"depth_mm": "nan"}, "depth_mm of a layer must be finite"),
+        ({"size_mm": "[1e308, 1.0]"}, "size_mm must be above 0"),
+        ({"size_mm": "[nan, 1.0]"}, "size_mm must be above 0"),
+        ({"size_mm": "[5e-324, 1.0]"}, "must tell its cells apart"),
+        ({"shape": '"flame"', "size_mm": "[inf, 1.0]"}, "size_mm must be above 0"),
+        ({"thickness_mm": "1e308"}, "thickness_mm must be 0 or above"),
+        ({"brightness": "1e308"}, "must be at most 1e+36"),
+        ({"image": '"a\\u0000b.png"'}, "holds a null byte"),
+        ({"shape": "[" * 5000}, "nest deeper than 64"),
+        ({"views": 10**30}, "beyond 64 bits"),
+        ({"views": str([0] * 100_000)}, "camera.views: "),
+        ({"x" * 100_000: "1"}, "is not a known key"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+@pytest.mark.parametrize("command", [["plan"], ["simulate"]])
+def test_scenes(refuse, command, changes, words):
+    scene(**changes)
+    assert words in refuse(*command, "scene.toml")
+
+
+def write_bomb(path):
+    """An image of 20,000 x 20,000 pixels in a small file."""
+    Image.new("L", (20_000, 20_000)).save(path)
+
+
+def write_odd_tiff(path):
+    tifffile.imwrite(path, np.zeros((4, 5), np.uint8), metadata={"axes": "QQ"}, shaped=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("bomb.png", write_bomb, "bomb.png would need 3.2 GB of memory, and 1 GB are allowed"),
+        ("cut.png", lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "it is damaged"),
+        ("zero.ppm", lambda path: path.write_bytes(b"P6 0 0 255\n"), "it is damaged"),
+        ("more.ppm", lambda path: path.write_bytes(b"P6 5 5 0\n" + bytes(75)), "it is damaged"),
+        ("text.tif", lambda path: path.write_text("no TIFF"), "it is damaged"),
+        ("odd.webp", lambda path: path.write_bytes(b"RIFF\0\0\0\0WEBPVP8 "), "it is damaged"),
+        ("pipe.png", os.mkfifo, "must be a regular file, and is a pipe"),
+        ("folder.png", Path.mkdir, "must be a regular file, and is a folder"),
+        ("none.png", lambda path: None, "there is no such file"),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_images_of_layers(refuse, tmp_path, monkeypatch, name, write, words):
+    monkeypatch.setenv(LIMIT, "1")
+    write(tmp_path / name)
+    scene(shape="", image=f'"{name}"')
+    text = Path("scene.toml").read_text().replace("shape = \n", "")
+    Path("scene.toml").write_text(text)
+    assert words in refuse("simulate", "scene.toml")
+
+
+def write_headers(path):
+    """An archive of 10,000 arrays."""
+    np.savez(path, **{f"array_{k}" * 3: np.zeros(1) for k in range(10_000)})
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("many.npz", write_headers, "and 9995 more"),
+        ("large.npz", lambda path: np.savez_compressed(path, views=np.zeros((3, 3, 2000, 2000))),
+         "would need 0.576 GB of memory"),
+        ("text.npz", lambda path: path.write_text("no archive"), "no NumPy file of plain arrays"),
+        ("pickled.npy", lambda path: np.save(path, np.array([{}])), "no plain array of numbers"),
+        ("odd.tif", write_odd_tiff, ""),
+        ("a.txt", lambda path: path.write_text(""), "is no light field"),
+    ],
+    ids=lambda value: str(value)[:20],
+)  # fmt: skip
+@pytest.mark.parametrize("command", ["refocus", "convert"])
+def test_light_fields(refuse, tmp_path, monkeypatch, command, name, write, words):
+    monkeypatch.setenv(LIMIT, "0.5")
+    write(tmp_path / name)
+    assert words in refuse(command, name, *(["out.npy"] if command == "convert" else []))
+
+
+def test_a_folder_of_large_views(refuse, tmp_path, monkeypatch):
+    monkeypatch.setenv(LIMIT, "0.1")
+    (tmp_path / "views").mkdir()
+    for view in range(4):
+        Image.new("L", (3000, 3000)).save(tmp_path / "views" / f"view_{view}.png")
+    assert "views would need 0.144 GB" in refuse("refocus", "views", "--order", "row,col")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["camera", "{}"],
+        ["plan", "{}"],
+        ["simulate", "{}"],
+        ["dataset", "{}", "--out", "o"],
+        ["refocus", "views.npy", "--camera", "{}"],
+    ],
+    ids=lambda command: " ".join(command),
+)
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe", "deep.toml", "large.toml", "null.toml"])
+def test_configurations(refuse, tmp_path, command, name):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "deep.toml").write_text("a = " + "[" * 10_000)
+    (tmp_path / "large.toml").write_bytes(b"\n" * (1 << 21))
+    (tmp_path / "null.toml").write_bytes(b"\0")
+    np.save(tmp_path / "views.npy", np.zeros((3, 3, 6, 8), np.float32))
+    assert f"{name} " in refuse(*(name if word == "{}" else word for word in command))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[" * 100_000, "nest deeper than 64"),
+        ('{"source": "a\\u0000b"}', "holds a null byte"),
+        ('{"source": 7}', "refocus.json: source: input should be a valid string, got 7"),
+        ('{"files": "all"}', "refocus.json: files: input should be a valid"),
+        ('{"files": [["a"]]}', "refocus.json: files.0: "),
+        ("\0", "is not a JSON file"),
+        ('{"source": "elsewhere.npy"}', "holds the pictures of elsewhere.npy"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+@pytest.mark.parametrize("command", ["refocus", "refocus-regions"])
+def test_records_of_pictures(refuse, tmp_path, command, text, words):
+    np.save(tmp_path / "views.npy", np.zeros((3, 3, 16, 18), np.float32))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "refocus.json").write_text(text)
+    options = ["--region", 2, 8, 2, 8, "--slopes", -1, 1] if command == "refocus-regions" else []
+    assert words in refuse(command, "views.npy", "--out", "out", *options)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"image": [0, 0]}, "image must be two numbers above 0"),
+        ({"objects": ["one"]}, "as many as there are planes"),
+        ({"depths_mm": [], "slopes": [], "objects": []}, "as many as there are planes"),
+        ({"image": "large"}, "card.json: image: "),
+        ({"slopes": ["1.0", 2.0]}, "card.json: slopes.0: input should be a valid number"),
+        ({"camera": {**CAMERA, "views": 0}}, "card.json: camera"),
+        ({"camera": 3}, "card.json: camera"),
+        ({"input": {"kind": "all"}}, "card.json: input"),
+        ({"x" * 5000: 1}, "is not a known key"),
+        ({}, "is not the file that card.json was written for"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_cards_of_networks(refuse, tmp_path, change, words):
+    (tmp_path / "card.keras").write_bytes(b"")
+    (tmp_path / "card.json").write_text(json.dumps(CARD | change))
+    Image.new("L", (64, 40)).save(tmp_path / "a.png")
+    assert words in refuse("predict", "a.png", "--model", "card.keras")
+    (tmp_path / "card.json").write_text(
+        json.dumps({k: v for k, v in CARD.items() if k != "slopes"})
+    )
+    assert "card.json: slopes is missing" in refuse("predict", "a.png", "--model", "card.keras")
+
+
+def test_names_and_links(refuse, tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    scene()
+    np.save(tmp_path / "views.npy", np.zeros((3, 3, 6, 8), np.float32))
+    for command in (["simulate", "scene.toml"], ["refocus", "views.npy"],
+                    ["predict", "a.png", "--model", "m"], ["dataset", "scene.toml"]):  # fmt: skip
+        assert "symbolic links" in refuse(*command, "--out", "loop")
+        assert "must be a folder" in refuse(*command, "--out", "/dev/null")
+    assert "symbolic links" in refuse("refocus", "loop")
+    assert "symbolic links" in refuse("convert", "views.npy", "loop")
+    (tmp_path / "run").mkdir()
+    for figure in ("", "../../x", "a/b", ".."):
+        evaluate = ["evaluate", "run", "--table", "table1", "--figure", figure, "--out", "o"]
+        told = refuse(*evaluate, gathered=__main__.commands)
+        assert f"{figure!r} is no plain name of a file" in told
+
+
+def test_apertures_and_slopes_of_any_size(refuse, tmp_path):
+    np.save(tmp_path / "views.npy", np.zeros((3, 3, 16, 18), np.float32))
+    for option, value in (("--aperture", "inf"), ("--aperture", "nan"), ("--ring", "1e308"),
+                          ("--slope", "1e308"), ("--slope", "nan"), ("--pitch", "nan"),
+                          ("--views", 10**30)):  # fmt: skip
+        assert refuse("refocus", "views.npy", option, value, "--out", "o")
+    assert ended(["refocus", "views.npy", "--slope", 0, "--aperture", "1e308", "--out", "o"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("samples", "words"),
+    [("1e39", "samples.smoke"), (10**7, "1 to 1000000"), ("1e7", "1 to 1000000")],
+)
+def test_data_sets_of_any_size(refuse, tmp_path, samples, words):
+    text = (ROOT / "data_gen" / "shapes.toml").read_text()
+    (tmp_path / "a.toml").write_text(re.sub(r"smoke = \d+", f"smoke = {samples}", text))
+    assert words in refuse("dataset", "a.toml", "--preset", "smoke", "--out", "o")
+
+
+def damage_table(name, change):
+    path = Path("results", name)
+    path.write_bytes(change(path.read_bytes()))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("table1.csv", lambda x: x[:-3], "table1.csv is damaged"),
+        ("table1_history.csv", lambda x: x[:-3], "table1_history.csv is damaged"),
+        ("table1.md", lambda x: x[:-3], "table1.md is damaged"),
+        ("table1.json", lambda x: x[:-3], "table1.json is not a JSON file"),
+        ("table1.json", lambda x: b"[" * 10_000, "nest deeper than 64"),
+        ("table1.json", lambda x: x.replace(b'"seed": 1', b'"seed": "1"'), "seed: input should be"),
+        ("table1.json", lambda x: x.replace(b'"ssim": 0', b'"ssim": null, "x": 0', 1), "0.ssim"),
+        ("table1.json", lambda x: x.replace(b"20.0", b"21.0", 1), "lacks a depth"),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_tables(refuse, tmp_path, name, change, words):
+    shutil.copytree(RESULTS / "paper", "results")
+    damage_table(name, change)
+    for folders in (["results"], ["results", str(RESULTS / "paper")]):
+        assert words in refuse("tables", *folders, "--out", "t.md", gathered=__main__.commands)
+
+
+def test_printed_values(refuse, tmp_path):
+    whole = (ROOT / "experiments" / "paper_values.toml").read_text()
+    for old, new, words in (
+        ("ssim = [0.96, 0.96, 0.97, 0.96]", "ssim = [0.96]", "all columns need a value"),
+        ("psnr_db =", "psnr =", "table1: psnr is not a known key"),
+        ("[table1]", "[table3]", "has no table 'table1'"),
+        ('object = ["rectangle", ', "object = [1, ", "table1: object.0: "),
+    ):
+        assert old in whole
+        (tmp_path / "p.toml").write_text(whole.replace(old, new, 1))
+        told = refuse(
+            "tables", str(RESULTS / "quick"), "--paper", "p.toml", gathered=__main__.commands
+        )
+        assert words in told
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["views", "layers", "kind", "a"]), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(key=st.sampled_from(sorted(CARD)), value=VALUES, inner=st.sampled_from(["", *CAMERA]))
+def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, inner):
+    """Never a traceback: `ended` would raise what is no exit."""
+    folder = tmp_path_factory.mktemp("card")
+    changed = {"camera": {**CAMERA, inner: value}} if inner else {key: value}
+    (folder / "card.json").write_text(json.dumps(CARD | changed))
+    (folder / "card.keras").write_bytes(b"")
+    assert ended(["predict", "a.png", "--model", folder / "card.keras", "--out", folder / "o"]) == 2
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(name=st.sampled_from(sorted(CAMERA)), value=VALUES)
+def test_any_value_in_a_camera_is_taken_or_refused(tmp_path_factory, name, value):
+    folder = tmp_path_factory.mktemp("camera")
+    path = folder / "simulation.json"
+    path.write_text(json.dumps({"camera": {**CAMERA, name: value}}))
+    np.save(folder / "views.npy", np.zeros((3, 3, 6, 8), np.float32))
+    options = ["--camera", path, "--depth-mm", "1", "--out", folder / "o"]
+    assert ended(["refocus", folder / "views.npy", *options]) in (0, 2)
