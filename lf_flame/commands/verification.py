@@ -8,7 +8,10 @@ from lf_flame._common.output_folders import verify_outputs
 from lf_flame.errors import InputError
 
 RECORDS = ("refocus.json", "simulation.json", "prediction.json")
-"""Records of folders of pictures."""
+"""Records of folders of pictures; a folder may hold those of several commands."""
+
+WHOLE = ("zarr.json", "config.json")
+"""Files of data sets and of runs, in which no other result lies."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,10 @@ def verify(path: Path) -> Iterator[Finding]:
         If there is no result.
     """
     found = False
-    for place in _results(path):
+    for place, known in _results(path):
         found = True
         try:
-            yield Finding(place, _verify_one(place))
+            yield Finding(place, _verify_one(place, known))
         except InputError as error:
             yield Finding(place, str(error), sound=False)
     if not found:
@@ -60,33 +63,32 @@ def verify(path: Path) -> Iterator[Finding]:
         )
 
 
-def _results(path: Path) -> Iterator[Path]:
-    """Find results: at a path, else below it."""
-    if path.suffix == ".keras" or (path.is_dir() and _kind(path)):
-        yield path
-    elif path.is_dir():
-        for inside in sorted(path.iterdir()):
-            exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
-            if exported or (inside.is_dir() and not inside.is_symlink()):
-                yield from _results(inside)
-
-
-def _kind(folder: Path) -> str:
-    """Name the file by which a kind of result is known; nothing for other folders."""
-    known = ("zarr.json", "config.json", *RECORDS)
-    return next((name for name in known if (folder / name).is_file()), "")
-
-
-def _verify_one(path: Path) -> str:
+def _results(path: Path) -> Iterator[tuple[Path, str]]:
+    """Find results, and the name of the file by which each is known: at a path, and below it."""
     if path.suffix == ".keras":
-        from lf_flame.learning.model_card import read_card
+        yield path, path.name
+    if not path.is_dir():
+        return
+    for known in (*WHOLE, *RECORDS):
+        if (path / known).is_file():
+            yield path, known
+            if known in WHOLE:
+                return
+    for inside in sorted(path.iterdir()):
+        exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
+        if exported or (inside.is_dir() and not inside.is_symlink()):
+            yield from _results(inside)
 
-        read_card(path)
-        return "exported network, as its card says"
-    kind = _kind(path)
-    if kind in RECORDS:
-        return f"{verify_outputs(path, kind)} files, as {kind} says"
-    return _verify_dataset(path) if kind == "zarr.json" else _verify_run(path)
+
+def _verify_one(path: Path, known: str) -> str:
+    if known in RECORDS:
+        return f"{verify_outputs(path, known)} files, as {known} says"
+    if known in WHOLE:
+        return _verify_dataset(path) if known == "zarr.json" else _verify_run(path)
+    from lf_flame.learning.model_card import read_card
+
+    read_card(path)
+    return "exported network, as its card says"
 
 
 def _verify_dataset(path: Path) -> str:

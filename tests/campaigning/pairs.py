@@ -78,7 +78,7 @@ class Pair:
 
     def _check_again(self, home: Path, done: list[int], statuses: list) -> str:
         """Check hashes, and that one of the commands that succeeded does so again."""
-        verified = call(["lf_flame", "verify", "."], home)
+        verified = call(["lf_flame", "verify", self.commands[0].out], home)
         if wrong := fault(verified):
             return f"verify: {wrong}"
         if verified.status == 2 and "nothing whose hash" not in verified.err:

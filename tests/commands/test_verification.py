@@ -72,6 +72,16 @@ def test_a_file_that_changed_is_named_and_the_rest_looked_at(results, name):
     assert str(result.exception) == "1 of the results is damaged."
 
 
+def test_results_of_several_commands_in_one_folder_are_all_looked_at(results):
+    with output_folder(results / "refocus", "simulation.json") as out:
+        write_text(out.path("b.txt"), "simulated")
+    shutil.copytree(results / "prediction", results / "refocus" / "picture")
+    assert run(results / "refocus")[1] == ["whole"] * 3
+    (results / "refocus" / "b.txt").write_text("other")
+    (results / "refocus" / "picture" / "a.txt").write_text("other")
+    assert run(results / "refocus")[1] == ["whole", "DAMAGED", "DAMAGED"]
+
+
 def test_a_sample_that_changed_is_noticed(results):
     chunk = next((results / "data" / "shapes.zarr" / "input").rglob("c/0/*/*/*"))
     chunk.write_bytes(chunk.read_bytes()[::-1])
