@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from campaigning import damages, kills, malformed, pairs, places
+from campaigning import damages, kills, known, malformed, pairs, places
 from campaigning.home import Home
 from campaigning.processes import ROOT
 from campaigning.workplace import References, Workplace
@@ -32,7 +32,7 @@ from lf_flame._common.atomic_files import write_json, write_text
 
 PARTS = {
     kills.PART: kills, pairs.PART: pairs, damages.PART: damages, malformed.PART: malformed,
-    places.PART: places,
+    known.PART: known, places.PART: places,
 }  # fmt: skip
 
 SAID = {
@@ -40,6 +40,7 @@ SAID = {
     pairs.PART: "Two at once",
     damages.PART: "Damaged files",
     malformed.PART: "Malformed input",
+    known.PART: "Known to have been mistaken somewhere",
     places.PART: "Links, devices, pipes, full disks",
 }
 
@@ -115,7 +116,7 @@ def run(cases: list, keys: list[str], jobs: int, record: Path, learning: bool) -
                 place.end()
 
 
-def known(record: Path) -> dict[str, dict]:
+def read_rows(record: Path) -> dict[str, dict]:
     """Read what was found before, by key; a line that was cut off is left out."""
     rows = {}
     for line in record.read_text(encoding="utf-8").splitlines() if record.exists() else ():
@@ -197,7 +198,7 @@ def _carry_out(cases: list, asked: argparse.Namespace) -> int:
         out = Path(nowhere) if asked.only else asked.out
         out.mkdir(parents=True, exist_ok=True)
         record = out / "campaign.jsonl"
-        found = known(record)
+        found = read_rows(record)
         left = [(case, key) for case, key in zip(cases, keys, strict=True) if key not in found]
         try:
             if left:
@@ -205,7 +206,7 @@ def _carry_out(cases: list, asked: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             print(f"\nStopped; the same command goes on. {record} holds what was found so far.")
             return 130
-        found = known(record)
+        found = read_rows(record)
         rows = [found[key] for key in keys]
         write_json(out / "campaign.json", made | summary(rows) | {"rows": rows})
         write_text(out / "campaign.md", report(rows, made))

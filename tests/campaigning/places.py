@@ -95,19 +95,23 @@ class Place:
             return ""  # nothing stops root
         with workplace.copy() as home:
             try:
-                return self._fill(workplace, home) if self.full is not None else self._write(home)
+                return (
+                    self._fill(workplace, home)
+                    if self.full is not None
+                    else self._write(workplace, home)
+                )
             finally:
                 home.chmod(0o755)
 
-    def _write(self, home: Path) -> str:
+    def _write(self, workplace: Workplace, home: Path) -> str:
         command = self.command
         if self.what in PLACES:
             PLACES[self.what](home / command.out)
         else:
             command = command.to(self.what)
-        before = contents(home)
+        before = contents(home, workplace.home.known)
         outcome = call(command.words, home)
-        after = contents(home)
+        after = contents(home, workplace.home.known)
         if wrong := fault(outcome):
             return wrong
         mine = (command.out, "elsewhere") if outcome.status == 0 else ()
@@ -118,12 +122,13 @@ class Place:
 
     def _fill(self, workplace: Workplace, home: Path) -> str:
         """Let the disk be full in the middle; then call again."""
-        whole, before = workplace.reference(self.command), contents(home)
+        whole = workplace.reference(self.command)
+        before = contents(home, workplace.home.known)
         limit = int(self.full if self.full >= 1 or not self.full else self.full * whole.largest)
         outcome = call(self.command.words, home, largest_file=limit)
         if wrong := fault(outcome):
             return wrong
-        after = contents(home)
+        after = contents(home, workplace.home.known)
         if outcome.status == 2 and not self.command.goes_on and after != before:
             return f"what was there is not as before: {differences(after, before)}"
         if outcome.status == 0 and self.full < 1:
