@@ -34,6 +34,9 @@ from lf_flame.simulation.plan import EffectPlan
 SIMULATED = "simulated"
 """Array, and attribute, of what was simulated where that is decided for each sample."""
 
+THROUGH_LIGHT_FIELD = "through_light_field"
+"""Attribute: whether light fields were formed even where the plan needs none for the images."""
+
 
 def make_dataset(
     config: DatasetConfig,
@@ -41,6 +44,7 @@ def make_dataset(
     path: str | Path,
     workers: int = 1,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
+    through_light_field: bool = False,
 ) -> None:
     """Make a data set, or finish one that was cut off.
 
@@ -54,6 +58,8 @@ def make_dataset(
         Processes; 1 works in this one.
     progress : callable, optional
         ``progress(finished, done, total)`` wraps the iterable of finished samples.
+    through_light_field : bool, optional
+        Form every light field, even where the effect plan needs none for the images.
 
     Raises
     ------
@@ -67,12 +73,13 @@ def make_dataset(
         raise InputError(f"{path} exists; remove it or choose another folder.")
     part = path.with_name(path.name + ".part")
     if not _is_laid_out(part):
-        _create(part, config, samples)
+        _create(part, config, samples, through_light_field)
     group = zarr.open_group(part, mode="r+")
-    _check_same(group, config, samples, part)
+    _check_same(group, config, samples, through_light_field, part)
     attrs: dict[str, Any] = dict(group.attrs)
     open_indices = np.flatnonzero(np.asarray(_array(group, "complete")[:]) == 0).tolist()
-    finished = _run(config, attrs["slopes"], part, open_indices, workers)
+    asked = config, attrs["slopes"], through_light_field
+    finished = _run(*asked, part, open_indices, workers)
     if progress is not None:
         finished = progress(finished, samples - len(open_indices), samples)
     for _ in finished:
@@ -89,7 +96,7 @@ def make_dataset(
     part.rename(path)
 
 
-def _create(part: Path, config: DatasetConfig, samples: int) -> None:
+def _create(part: Path, config: DatasetConfig, samples: int, through_light_field: bool) -> None:
     searches = search_slopes(config)  # first: it also shows that the scene can be rendered
     part.mkdir(parents=True, exist_ok=True)
     _, parameters = config.draw(None)
@@ -119,6 +126,7 @@ def _create(part: Path, config: DatasetConfig, samples: int) -> None:
             "depths_mm": config.depths_mm,
             "objects": [o.name for o in config.template.objects],
             "plan": config.plan.to_json(),
+            THROUGH_LIGHT_FIELD: through_light_field,
             "config": config_to_json(config),  # last: its presence says that the group is laid out
         }
     )
@@ -142,25 +150,35 @@ def _array(group: zarr.Group, name: str) -> zarr.Array:
     return array
 
 
-def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
+def _check_same(
+    group: zarr.Group, config: DatasetConfig, samples: int, through_light_field: bool, part: Path
+) -> None:
     same = group.attrs.get("config") == config_to_json(config)
     if not same or _array(group, "complete").shape[0] != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
         )
+    # Older ones were always made so.
+    if group.attrs.get(THROUGH_LIGHT_FIELD, True) != through_light_field:
+        begun = "without forming" if through_light_field else "by forming"
+        raise InputError(
+            f"{part} was begun {begun} light fields: their last digits differ; remove it or choose "
+            f"another folder."
+        )
 
 
 def _run(
-    config: DatasetConfig, slopes: list[float], part: Path, indices: list[int], workers: int
-) -> Iterable[int]:
+    config: DatasetConfig, slopes: list[float], through_light_field: bool, part: Path,
+    indices: list[int], workers: int,
+) -> Iterable[int]:  # fmt: skip
     if workers == 1:
         group = zarr.open_group(part, mode="r+")
         for index in indices:
-            _store(group, index, simulate_sample(config, slopes, index))
+            _store(group, index, simulate_sample(config, slopes, index, through_light_field))
             yield index
         return
-    setup = (config_to_json(config), slopes, str(part))
+    setup = (config_to_json(config), slopes, through_light_field, str(part))
     with worker_pool(workers, _start_worker, *setup) as pool:
         jobs = [pool.submit(_work, index) for index in indices]
         try:
@@ -173,17 +191,20 @@ def _run(
 _worker: dict[str, Any] = {}
 
 
-def _start_worker(config: dict, slopes: list[float], part: str) -> None:
+def _start_worker(config: dict, slopes: list[float], through_light_field: bool, part: str) -> None:
     import numba
 
     numba.set_num_threads(1)  # one process per core: the kernels run serially here
     _worker["config"] = config_from_json(config, part)
     _worker["slopes"] = slopes
+    _worker[THROUGH_LIGHT_FIELD] = through_light_field
     _worker["group"] = zarr.open_group(part, mode="r+")
 
 
 def _work(index: int) -> int:
-    _store(_worker["group"], index, simulate_sample(_worker["config"], _worker["slopes"], index))
+    config, slopes, forced = (_worker[x] for x in ("config", "slopes", THROUGH_LIGHT_FIELD))
+    sample = simulate_sample(config, slopes, index, forced)
+    _store(_worker["group"], index, sample)
     return index
 
 
