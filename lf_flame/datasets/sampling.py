@@ -65,7 +65,7 @@ def simulate_sample(
         ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1],
         ``parameters``, and ``plan``, by which it was simulated.
     """
-    scene, parameters = _draw(config, index)
+    scene, parameters = draw_sample(config, index)
     plan = config.plan_of(scene)
     if through_light_field or plan.not_separable:
         light_field = render_drawn(scene, config, plan, index)
@@ -78,14 +78,14 @@ def simulate_sample(
     return {"input": shown, "target": target, "parameters": parameters, "plan": plan}
 
 
-def _draw(config: DatasetConfig, index: int) -> tuple[Scene, dict]:
+def draw_sample(config: DatasetConfig, index: int) -> tuple[Scene, dict]:
     """Draw the scene of one sample, and its parameters."""
     return config.draw(np.random.default_rng([config.seed, index]))
 
 
 def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
-    scene, parameters = _draw(config, index)
+    scene, parameters = draw_sample(config, index)
     return render_drawn(scene, config, config.plan_of(scene), index), parameters
 
 
