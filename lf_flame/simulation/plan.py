@@ -203,7 +203,7 @@ class EffectPlan:
             f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
             f"changes the image by at most {self.left_out_bound:.2g}",
             f"integrator: {self.integrator}",
-            f"refocused images: {self._way_to_images()}",
+            *self._way_to_images(),
         ]
         if max(self.slabs) > 1:
             notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
@@ -211,12 +211,12 @@ class EffectPlan:
             notes.append(f"colours over the band: {self.colours}")
         return f"{table}\n\n" + "\n".join(notes)
 
-    def _way_to_images(self) -> str:
+    def _way_to_images(self) -> list[str]:
         """Say whether refocused images need the light field, and why."""
         if not self.not_separable:
-            return "straight from the scene, as light only adds"
-        reasons = ", ".join(f"{name} {why}" for name, why in self.not_separable.items())
-        return f"through the light field, as {reasons}"
+            return ["refocused images: straight from the scene, as light only adds"]
+        reasons = [f"  {name} {why}" for name, why in self.not_separable.items()]
+        return ["refocused images: through the light field, as", *reasons]
 
 
 def plan_effects(
