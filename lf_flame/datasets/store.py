@@ -13,7 +13,7 @@ when it is whole; its attributes hold the hashes of images, parameters and attri
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import as_completed
 from functools import cached_property
 from pathlib import Path
@@ -38,6 +38,7 @@ from lf_flame.datasets.config import (
 from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, check_array, read_attributes
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
+from lf_flame.refocus import SlopeSearch
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.plan import EffectPlan
 
@@ -47,6 +48,9 @@ SIMULATED = "simulated"
 ATTRIBUTES_SHA256 = "attributes_sha256"
 """Attribute that guards the others."""
 
+THROUGH_LIGHT_FIELD = "through_light_field"
+"""Attribute: whether light fields were formed even where the plan needs none for the images."""
+
 
 def make_dataset(
     config: DatasetConfig,
@@ -54,6 +58,7 @@ def make_dataset(
     path: str | Path,
     workers: int = 1,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
+    through_light_field: bool = False,
 ) -> None:
     """Make a data set, or finish one that was cut off.
 
@@ -67,6 +72,8 @@ def make_dataset(
         Processes; 1 works in this one.
     progress : callable, optional
         ``progress(finished, done, total)`` wraps the iterable of finished samples.
+    through_light_field : bool, optional
+        Form every light field, even where the effect plan needs none for the images.
 
     Raises
     ------
@@ -76,25 +83,33 @@ def make_dataset(
         If a file cannot be written; finished samples are kept.
     """
     with exclusive(path):
-        _make(config, samples, Path(path), workers, progress)
+        _make(config, samples, Path(path), workers, progress, through_light_field)
 
 
-def _make(config, samples: int, path: Path, workers: int, progress: Callable | None) -> None:
+def _make(
+    config: DatasetConfig,
+    samples: int,
+    path: Path,
+    workers: int,
+    progress: Callable | None,
+    through_light_field: bool,
+) -> None:
     started, part = time.perf_counter(), path.with_name(path.name + ".part")
     if path.exists():
         raise InputError(f"{path} exists; remove it or choose another folder.")
     if not part.exists():
-        _create(part, config, samples)
+        _create(part, config, samples, through_light_field)
     elif not _is_laid_out(part):
         raise InputError(
             f"{part} is in the way: a data set is built under that name, but this is none; move it "
             f"or choose another folder."
         )
     group = zarr.open_group(part, mode="r+")
-    _check_same(group, config, samples, part)
+    _check_same(group, config, samples, through_light_field, part)
     attrs: dict[str, Any] = dict(group.attrs)
     open_indices = np.flatnonzero(np.asarray(_array(group, "complete")[:]) == 0).tolist()
-    finished = _run(config, attrs["slopes"], part, open_indices, workers)
+    asked = config, attrs["slopes"], through_light_field
+    finished = _run(*asked, part, open_indices, workers)
     if progress is not None:
         finished = progress(finished, samples - len(open_indices), samples)
     for _ in finished:
@@ -113,13 +128,20 @@ def _make(config, samples: int, path: Path, workers: int, progress: Callable | N
     part.rename(path)
 
 
-def _create(part: Path, config: DatasetConfig, samples: int) -> None:
+def _create(part: Path, config: DatasetConfig, samples: int, through_light_field: bool) -> None:
     searches = search_slopes(config)  # first: it also shows that the scene can be rendered
     with atomic_folder(part) as aside:  # what bears the name of a part is one
-        _lay_out(zarr.open_group(aside, mode="w", zarr_format=3), config, samples, searches)
+        group = zarr.open_group(aside, mode="w", zarr_format=3)
+        _lay_out(group, config, samples, searches, through_light_field)
 
 
-def _lay_out(group: zarr.Group, config: DatasetConfig, samples: int, searches) -> None:
+def _lay_out(
+    group: zarr.Group,
+    config: DatasetConfig,
+    samples: int,
+    searches: Sequence[SlopeSearch],
+    through_light_field: bool,
+) -> None:
     """Make empty arrays, and the attributes."""
     _, parameters = config.draw(None)
 
@@ -146,6 +168,7 @@ def _lay_out(group: zarr.Group, config: DatasetConfig, samples: int, searches) -
         "depths_mm": config.depths_mm,
         "objects": [o.name for o in config.template.objects],
         "plan": config.plan.to_json(),
+        THROUGH_LIGHT_FIELD: through_light_field,
         "config": config_to_json(config),
     }
     _set_attributes(group, attrs)
@@ -166,12 +189,21 @@ def _array(group: zarr.Group, name: str) -> zarr.Array:
     return array
 
 
-def _check_same(group: zarr.Group, config: DatasetConfig, samples: int, part: Path) -> None:
+def _check_same(
+    group: zarr.Group, config: DatasetConfig, samples: int, through_light_field: bool, part: Path
+) -> None:
     same = group.attrs.get("config") == config_to_json(config)
     if not same or _check_arrays(part, config) != samples:
         raise InputError(
             f"{part} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
+        )
+    # Older ones were always made so.
+    if group.attrs.get(THROUGH_LIGHT_FIELD, True) != through_light_field:
+        begun = "without forming" if through_light_field else "by forming"
+        raise InputError(
+            f"{part} was begun {begun} light fields: their last digits differ; remove it or choose "
+            f"another folder."
         )
     _check_attributes(group, part)
 
@@ -195,15 +227,16 @@ def _check_arrays(path: Path, config: DatasetConfig) -> int:
 
 
 def _run(
-    config: DatasetConfig, slopes: list[float], part: Path, indices: list[int], workers: int
-) -> Iterable[int]:
+    config: DatasetConfig, slopes: list[float], through_light_field: bool, part: Path,
+    indices: list[int], workers: int,
+) -> Iterable[int]:  # fmt: skip
     if workers == 1:
         group = zarr.open_group(part, mode="r+")
         for index in indices:
-            _store(group, index, simulate_sample(config, slopes, index))
+            _store(group, index, simulate_sample(config, slopes, index, through_light_field))
             yield index
         return
-    setup = (config_to_json(config), slopes, str(part))
+    setup = (config_to_json(config), slopes, through_light_field, str(part))
     with worker_pool(workers, _start_worker, *setup) as pool:
         jobs = [pool.submit(_work, index) for index in indices]
         for job in as_completed(jobs):
@@ -213,17 +246,20 @@ def _run(
 _worker: dict[str, Any] = {}
 
 
-def _start_worker(config: dict, slopes: list[float], part: str) -> None:
+def _start_worker(config: dict, slopes: list[float], through_light_field: bool, part: str) -> None:
     import numba
 
     numba.set_num_threads(1)  # one process per core: the kernels run serially here
     _worker["config"] = config_from_json(config, part)
     _worker["slopes"] = slopes
+    _worker[THROUGH_LIGHT_FIELD] = through_light_field
     _worker["group"] = zarr.open_group(part, mode="r+")
 
 
 def _work(index: int) -> int:
-    _store(_worker["group"], index, simulate_sample(_worker["config"], _worker["slopes"], index))
+    config, slopes, forced = (_worker[x] for x in ("config", "slopes", THROUGH_LIGHT_FIELD))
+    sample = simulate_sample(config, slopes, index, forced)
+    _store(_worker["group"], index, sample)
     return index
 
 

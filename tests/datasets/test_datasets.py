@@ -2,13 +2,15 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from skimage.transform import resize
 
-from lf_flame import InputError, Scene, plan_effects, render
+from lf_flame import InputError, Scene, Sensor, plan_effects, render
 from lf_flame._common.config import build
+from lf_flame.datasets import sampling
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.sampling import render_sample, search_slopes, simulate_sample
@@ -115,6 +117,46 @@ def test_bytes_do_not_depend_on_the_number_of_workers(tiny, tmp_path):
     assert chunk_bytes(tmp_path / "1.zarr") == chunk_bytes(tmp_path / "2.zarr")
     digests = {Dataset(tmp_path / f"{w}.zarr").attrs["sha256"] for w in (1, 2)}
     assert len(digests) == 1
+
+
+@pytest.mark.parametrize("kind", ["raw", "views", "grid"])
+def test_both_ways_to_the_images_agree(tiny, tmp_path, kind):
+    """Straight from the scene, and through the light field."""
+    config = replace(tiny, input=InputEncoding(kind), shuffled_depths=True)
+    with patch.object(sampling, "render_plan", wraps=sampling.render_plan) as rendered:
+        make_dataset(config, 3, tmp_path / "short.zarr")
+        assert rendered.call_count == 1  # of the mean scene, to find the slopes
+        make_dataset(config, 3, tmp_path / "long.zarr", through_light_field=True)
+        assert rendered.call_count == 1 + 1 + 3
+    short, long = (Dataset(tmp_path / name) for name in ("short.zarr", "long.zarr"))
+    np.testing.assert_allclose(short.inputs, long.inputs, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(short.targets, long.targets, rtol=0, atol=1e-6)
+    assert short.scenes_sha256 == long.scenes_sha256
+    assert [x.attrs["through_light_field"] for x in (short, long)] == [False, True]
+
+
+def test_images_that_need_a_light_field_get_one(tiny):
+    """Noise is drawn for every pixel of the raw image."""
+    noisy = replace(tiny, camera=replace(tiny.camera, sensor=Sensor(100.0)))
+    assert "shot_noise" in noisy.plan.not_separable
+    sample, light_field = simulate_sample(noisy, [0.3], 1), render_sample(noisy, 1)[0]
+    np.testing.assert_array_equal(sample["input"], noisy.encode(light_field))
+    blocks = shift_and_sum(light_field, 0.3).reshape(1, 8, 3, 12, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(sample["target"], np.clip(blocks, 0, 1), atol=1e-6)
+
+
+def test_a_run_begun_the_other_way_is_not_continued(tiny, tmp_path):
+    """Their last digits differ. What was begun before there was a choice formed light fields."""
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    shutil.move(tmp_path / "a.zarr", tmp_path / "b.zarr.part")
+    with pytest.raises(InputError, match="b.zarr.part was begun without forming light fields"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr", through_light_field=True)
+    described = tmp_path / "b.zarr.part" / "zarr.json"
+    values = json.loads(described.read_text())
+    del values["attributes"]["through_light_field"]
+    described.write_text(json.dumps(values))
+    with pytest.raises(InputError, match="b.zarr.part was begun by forming light fields"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr")
 
 
 def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
@@ -310,7 +352,7 @@ def test_networks_may_be_shown_several_views(tiny, tmp_path, kind, shape):
     assert dataset.config == config
     assert dataset.inputs.shape == (2, *shape)
     light_field, _ = render_sample(config, 1)
-    np.testing.assert_array_equal(dataset.inputs[1], config.encode(light_field))
+    np.testing.assert_allclose(dataset.inputs[1], config.encode(light_field), atol=1e-6)
 
 
 def test_an_input_size_that_does_not_divide_the_lenslets_is_refused(tiny):
@@ -408,7 +450,7 @@ def test_effects_are_decided_for_each_sample_of_opaque_shapes(opaque, tmp_path):
     for index in (occluded.index(False), occluded.index(True)):
         scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
         shown = opaque.encode(render(scene, opaque.camera))
-        np.testing.assert_array_equal(shown, dataset.inputs[index])
+        np.testing.assert_allclose(shown, dataset.inputs[index], atol=1e-6)
     assert 0 < sum(occluded) < 8
     record = dataset.attrs["simulated"]
     assert record["samples"] == 8
