@@ -80,6 +80,7 @@ class ArrayFile:
     shape: list[int]
     data_type: Literal["float32", "float64", "uint8"]
     chunk_grid: Grid
+    fill_value: Literal["NaN", 0]
     codecs: list[Codec]
 
     def __post_init__(self):

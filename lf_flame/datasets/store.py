@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
+from zarr.storage import LocalStore
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder
@@ -183,7 +184,9 @@ def _is_laid_out(part: Path) -> bool:
 
 def _array(group: zarr.Group, name: str) -> zarr.Array:
     """Array of a group, never a group inside it."""
-    array = group[name]
+    assert isinstance(group.store, LocalStore)
+    with readable(group.store.root / name / METADATA, ZARR_ERRORS):
+        array = group[name]
     if not isinstance(array, zarr.Array):
         raise InputError(f"{name} of a data set must be an array, got a group: it is damaged.")
     return array
