@@ -27,7 +27,8 @@ def dataset(config: Path, preset: str, out: Path, workers: int, through_light_fi
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
     from lf_flame.datasets.config import read_config
-    from lf_flame.datasets.store import Dataset, make_dataset
+    from lf_flame.datasets.making import make_dataset
+    from lf_flame.datasets.store import Dataset
 
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")

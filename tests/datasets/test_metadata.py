@@ -12,7 +12,8 @@ from sentences import sentence_of
 from lf_flame import InputError
 from lf_flame._common.memory import LIMIT
 from lf_flame.datasets.config import read_config
-from lf_flame.datasets.store import Dataset, make_dataset
+from lf_flame.datasets.making import make_dataset
+from lf_flame.datasets.store import Dataset
 
 SCENES = """
 kind = "shapes"
@@ -74,7 +75,7 @@ def change(path, keys, value):
         ("", ["attributes", "sha256"], None, "does not say what of"),
         ("", ["attributes"], {}, "does not say what of"),
         ("", ["node_type"], "array", "node_type: "),
-        ("input", ["shape"], [3, 4, 7, 1], "chunk_shape must be those of samples"),
+        ("input", ["shape"], [3, 4, 7, 1], "chunk_shape must be those of whole samples"),
         ("target", ["data_type"], "object", "target/zarr.json: data_type: "),
         ("target", ["codecs"], [{"name": "pickle"}], "codecs.0.name: "),
         ("complete", ["shape"], [10**15], "must have as many samples, up to 1000000, got 3, 1000"),
@@ -91,7 +92,7 @@ def test_metadata_that_are_not_ours_are_named(path, name, keys, value, words):
 def test_an_array_of_another_shape_is_refused(path):
     change(path / "target" / "zarr.json", ["shape"], [3, 2, 4, 6])
     change(
-        path / "target" / "zarr.json", ["chunk_grid", "configuration", "chunk_shape"], [1, 2, 4, 6]
+        path / "target" / "zarr.json", ["chunk_grid", "configuration", "chunk_shape"], [16, 2, 4, 6]
     )
     with pytest.raises(
         InputError, match=r"target is damaged: a sample must have the shape \(1, 4, 6"
