@@ -123,6 +123,13 @@ def test_training_needs_no_light_fields(config, name, monkeypatch):
         np.testing.assert_allclose(some, other, rtol=0, atol=2e-6)
 
 
+def test_noise_does_not_depend_on_which_views_are_looked_at(config):
+    """It is drawn for every view, so in low light all are there."""
+    scenes = replace(config.training_samples, leaves=0)
+    some, whole = (scenes.draw(1, 0, 1.0, x) for x in (lambda rows, columns: [(0, 0)], None))
+    np.testing.assert_array_equal(some.seen, whole.seen)
+
+
 def test_a_sample_without_its_light_field_has_no_fourier_slice(config):
     scenes = replace(config.training_samples, leaves=0)
     sample = scenes.draw(1, 0, looks=lambda rows, columns: [(0, 0), (rows - 1, 2)])
