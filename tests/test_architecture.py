@@ -20,6 +20,7 @@ FLOORS = [
     ["scenes"],
     ["simulation"],
     ["formats", "refocus"],
+    ["projection"],
     ["datasets"],
     ["learning"],
     ["models", "systems"],

@@ -23,6 +23,7 @@ from lf_flame._common import provenance
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import read_config
+from lf_flame.datasets.sampling import draw_sample, simulate_sample
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
@@ -299,6 +300,7 @@ def measure_costs(
     budget_s: float = 420.0,
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
+    configs: Sequence[Path] = tuple(map(Path, CONFIGS)),
 ) -> tuple[Sequence[Study], pd.DataFrame, pd.DataFrame, dict]:
     """Measure error against seconds, for `experiments.costs.rendering_report.write_report`.
 
@@ -313,6 +315,8 @@ def measure_costs(
         Default: `study_scenes` of the data sets in CONFIGS.
     trials : mapping of str to Trial, optional
         Default: `effect_trials` of the camera of the latter.
+    configs : sequence of Path, optional
+        Data-set configurations of which one sample is made both ways.
 
     Returns
     -------
@@ -322,18 +326,18 @@ def measure_costs(
     DataFrame
         What each effect costs, and what leaving it out does.
     dict
-        The record.
+        The record; in ``samples`` what a sample of each data set takes.
     """
     started, shapes, flames = time.perf_counter(), *map(Path, CONFIGS)
     studies = study_scenes(shapes, flames) if studies is None else studies
     trials = effect_trials(read_config(flames).camera) if trials is None else trials
-    found = {"accuracy": [], "effects": []}
-    steps = _measure(studies, trials, budget_s)
-    total = len(METHODS) * len(studies) + len(trials)
+    found = {"accuracy": [], "effects": [], "samples": []}
+    steps = _measure(studies, trials, configs, budget_s)
+    total = len(METHODS) * len(studies) + len(trials) + len(configs)
     with _one_thread():
         for table, rows in progress(steps, 0, total) if progress else steps:
             found[table] += rows
-    accuracy, effects = (pd.DataFrame(rows) for rows in found.values())
+    accuracy, effects = (pd.DataFrame(found[table]) for table in ("accuracy", "effects"))
     record = {
         "studies": {study.name: _described(study) for study in studies},
         "threads": 1,
@@ -390,8 +394,8 @@ def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
     return "polygon", expected_pairs(behind, OpticalPass(study.camera)) * len(behind)
 
 
-def _measure(studies, trials, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
-    """Yield rows of both tables, as they are measured."""
+def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
+    """Yield rows of the tables, as they are measured."""
     for study in studies:
         reference = closed_form(study.scene, study.camera)
         for name, method in METHODS.items():
@@ -399,6 +403,8 @@ def _measure(studies, trials, budget_s: float) -> Iterator[tuple[str, list[dict]
             yield "accuracy", _measure_method(study, name, reference, allowance)
     for name, trial in trials.items():
         yield "effects", [_measure_effect(name, trial)]
+    for path in configs:
+        yield "samples", [_measure_sample(path)]
 
 
 def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: float) -> list[dict]:
@@ -453,6 +459,29 @@ def _measure_effect(name: str, trial: Trial) -> dict:
         "integrator": planned.integrator,
         "pixels": images[1].size,
         "criterion": planned[name].criterion,
+    }
+
+
+def _measure_sample(path: Path) -> dict:
+    """Make one sample of a data set straight from the scene, and through its light field."""
+    config = read_config(path)
+    slopes = [float(config.camera.depth_to_slope(depth)) for depth in config.depths_mm]
+    ways = [partial(simulate_sample, config, slopes, 0, forced) for forced in (False, True)]
+    for way in ways:
+        way()  # compiles
+    draw = partial(draw_sample, config, 0)
+    seconds, (_, straight, through) = race(draw, *ways)
+    drawing, short, long = seconds[:, 0]
+    return {
+        "data": config.kind,
+        "not_separable": straight["plan"].not_separable,
+        "seconds_drawing": drawing,
+        "seconds_straight": short,
+        "seconds_through_light_field": long,
+        "ratio": long / short,
+        "largest_difference": max(
+            float(np.abs(straight[name] - through[name]).max()) for name in ("input", "target")
+        ),
     }
 
 

@@ -157,6 +157,14 @@ differ.
 
 {_effects_table(effects)}
 
+## A sample of a data set
+
+The network's input and the refocused images, straight from the scene and through the light field
+(`--through-light-field`); drawing the scene is a part of both. Difference: the largest of any
+pixel, in images from 0 to 1.
+
+{_samples_table(record["samples"])}
+
 ## What the plan's estimates rest on
 
 {_nanoseconds_table(studies, accuracy, effects)}
@@ -213,6 +221,22 @@ def _effects_table(effects: pd.DataFrame) -> str:
     shown = effects[list(columns)].rename(columns=columns)
     formats = ("", ".2g", ".2g", ".2g", ".4f", ".4f", "+.4f", ".4f", ".4f", "", "")
     return _markdown(shown, formats)
+
+
+def _samples_table(samples: list[dict]) -> str:
+    columns = {
+        "data": "data set",
+        "seconds_drawing": "drawing (ms)",
+        "seconds_straight": "straight (ms)",
+        "seconds_through_light_field": "through the light field (ms)",
+        "ratio": "ratio",
+        "largest_difference": "largest difference",
+    }
+    table = pd.DataFrame(samples)[list(columns)]
+    in_seconds = [name for name in columns if name.startswith("seconds")]
+    table[in_seconds] *= 1e3
+    formats = ("", ".1f", ".1f", ".1f", ".1f", ".1g")
+    return _markdown(table.rename(columns=columns), formats)
 
 
 def _nanoseconds_table(studies, accuracy: pd.DataFrame, effects: pd.DataFrame) -> str:

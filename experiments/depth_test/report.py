@@ -22,7 +22,7 @@ def write_report(
 
     Parameters
     ----------
-    config : lf_flame.datasets.store.DatasetConfig
+    config : lf_flame.datasets.config.DatasetConfig
     slopes : sequence of float
     subjects : sequence of experiments.depth_test.permutation.Subject
     outcomes : sequence of experiments.depth_test.permutation.Outcome

@@ -27,8 +27,8 @@ from lf_flame._common.config import build, build_record, to_json
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.strict import strict
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
+from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
-from lf_flame.datasets.store import make_dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import find_checkpoints
 from lf_flame.learning.decoder import AVERAGES
@@ -319,7 +319,7 @@ def run_study(
     only : collection of str, optional
         Names of variants to run; the others are reported if they are done. Default: all.
     workers, progress
-        See `lf_flame.datasets.store.make_dataset`.
+        See `lf_flame.datasets.making.make_dataset`.
     imagenet : Path, optional
         Weights file for the variants that ask for ImageNet weights. Default: Keras gets them.
 
@@ -371,7 +371,7 @@ def run_trial(
     runs, data : Path
         Folders of the study's runs and of data sets.
     workers, progress
-        See `lf_flame.datasets.store.make_dataset`.
+        See `lf_flame.datasets.making.make_dataset`.
     imagenet : Path, optional
         Weights file, where the trial asks for ImageNet's.
     """

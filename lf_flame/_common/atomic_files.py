@@ -195,11 +195,6 @@ def write_text(path: str | Path, text: str) -> None:
         aside.write_text(text, encoding="utf-8")
 
 
-def read_json(path: str | Path) -> dict:
-    """Read a record that `write_json` wrote."""
-    return json.loads(Path(path).read_text(encoding="utf-8"))
-
-
 def write_json(path: str | Path, record: dict) -> None:
     """Write a record as JSON; which has no infinity and no NaN, so they become null."""
     valid = json.loads(json.dumps(record), parse_constant=lambda name: None)

@@ -71,7 +71,7 @@ def check_regular(path: str | Path) -> int:
 def readable(
     path: str | Path,
     errors: tuple[type[Exception], ...],
-    fault: str = "is of a kind that is not known",
+    fault: str = "of a kind that is not known",
 ) -> Iterator[None]:
     """Name the file where somebody else's reader gives it up.
 
@@ -98,7 +98,9 @@ def readable(
         raise
     except errors as error:
         reason = str(error).strip().partition("\n")[0].partition(". ")[0] or type(error).__name__
-        raise InputError(f"{path} cannot be read: it is damaged, or {fault} ({reason}).") from error
+        raise InputError(
+            f"{path} cannot be read: it is damaged, or {fault} ({reason[:200]})."
+        ) from error
 
 
 def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:

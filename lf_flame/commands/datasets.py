@@ -17,12 +17,18 @@ from lf_flame.errors import InputError
 @click.option("--preset", default="quick", show_default=True, help="A key of [samples] in CONFIG.")
 @click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
 @click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
-def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
+@click.option(
+    "--through-light-field",
+    is_flag=True,
+    help="Form every light field, even where light only adds and the images need none.",
+)
+def dataset(config: Path, preset: str, out: Path, workers: int, through_light_field: bool) -> None:
     """Simulate the data set that CONFIG describes; goes on where a run was cut off."""
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
     from lf_flame.datasets.config import read_config
-    from lf_flame.datasets.store import Dataset, make_dataset
+    from lf_flame.datasets.making import make_dataset
+    from lf_flame.datasets.store import Dataset
 
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
@@ -35,9 +41,13 @@ def dataset(config: Path, preset: str, out: Path, workers: int) -> None:
                 f"{out} holds a data set of another configuration or size; remove it or choose "
                 f"another folder."
             )
+        if through_light_field and not found.attrs.get("through_light_field", True):
+            raise InputError(
+                f"{out} was made without forming light fields; remove it or choose another folder."
+            )
         (out / "zarr.json").touch()  # make compares it with the configuration file
         click.echo(f"{out} is complete: {samples} samples.")
         return
     click.echo(f"{samples} light fields into {out}; first, the slopes of sharpest focus", err=True)
-    make_dataset(settings, samples, out, workers or cpu_count(), progress_bar)
+    make_dataset(settings, samples, out, workers or cpu_count(), progress_bar, through_light_field)
     (out / "zarr.json").touch()

@@ -10,7 +10,7 @@ import numpy as np
 from lf_flame._common.config import build, to_json
 from lf_flame._common.input_files import read_toml
 from lf_flame._common.strict import strict
-from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.encodings import InputEncoding, block_of
 from lf_flame.datasets.templates import TEMPLATES, Template
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -108,8 +108,7 @@ class DatasetConfig:
     @property
     def block(self) -> tuple[int, int]:
         """Lenslets that are averaged into one pixel, along (t, s)."""
-        down, across = (n // m for n, m in zip(self.camera.lenslets, self.image, strict=True))
-        return down, across
+        return block_of(self.camera.lenslets, self.image)
 
     @property
     def depths_mm(self) -> list[float]:

@@ -15,6 +15,7 @@ from lf_flame._common.arrays import area_average, spread
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.projection import Projector
 
 CHANNELS = 3
 """Of the images that the backbone was made for."""
@@ -90,7 +91,38 @@ class InputEncoding:
         if self.kind == "raw":
             # Every output pixel is the mean of whole micro-images, so of the photograph.
             return area_average(light_field.photograph, size)[..., None]
-        tiles = area_average(views[self._view_mesh(*views.shape[:2])], size)
+        return self._arrange(area_average(views[self._view_mesh(*views.shape[:2])], size))
+
+    def project(self, projector: Projector, output: tuple[int, int]) -> np.ndarray:
+        """Show a scene to a network as `encode` would show its light field, without forming it.
+
+        Parameters
+        ----------
+        projector : Projector
+        output : (int, int)
+
+        Returns
+        -------
+        ndarray of float32, shape ``self.shape(output)``
+            From 0 to 1.
+        """
+        size, camera = self.image or output, projector.camera
+        block = block_of(camera.lenslets, size)
+        if self.kind == "raw":
+            return np.clip(projector.refocus(0.0, block=block)[0], 0, 1)[..., None]
+        down, across = self._view_mesh(camera.views, camera.views)
+        indices = self.view_indices(camera.views, camera.views)
+        tiles = np.clip(projector.align_views(0.0, indices, block)[0], 0, 1)
+        return self._arrange(tiles.reshape(down.size, across.size, *size))
+
+    def _arrange(self, tiles: np.ndarray) -> np.ndarray:
+        """Put views [v, u, h, w] into channels, or side by side."""
         if self.kind == "views":
             return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]
+
+
+def block_of(lenslets: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+    """Lenslets in a pixel of an image of this size, along (t, s)."""
+    down, across = (n // m for n, m in zip(lenslets, size, strict=True))
+    return down, across

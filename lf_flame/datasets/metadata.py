@@ -1,7 +1,7 @@
 """What a data set's Zarr files say of it, checked before Zarr reads them.
 
 Zarr raises many kinds of errors at metadata that it does not expect. Ours are of one kind: what
-`lf_flame.datasets.store` writes.
+`lf_flame.datasets.making` writes.
 """
 
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lf_flame._common.config import build_record, load_record
+from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig
 from lf_flame.errors import InputError
 
 ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError,
@@ -17,6 +18,12 @@ ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, Runt
 """What Zarr and its codecs raise at damaged metadata and chunks."""
 
 METADATA = "zarr.json"
+
+SIMULATED = "simulated"
+"""Array, and attribute, of what was simulated where that is decided for each sample."""
+
+MOST_TOGETHER = 4096
+"""Samples in a file at most."""
 
 
 @dataclass(frozen=True)
@@ -68,26 +75,29 @@ class Grid:
 class Codec:
     """A step between an array and the bytes of its chunks."""
 
-    name: Literal["bytes", "zstd", "crc32c"]
+    name: Literal["bytes", "zstd", "crc32c", "sharding_indexed"]
 
 
 @dataclass(frozen=True)
 class ArrayFile:
-    """The metadata file of an array: a chunk for each sample."""
+    """The metadata file of an array: files of whole samples."""
 
     zarr_format: Literal[3]
     node_type: Literal["array"]
     shape: list[int]
     data_type: Literal["float32", "float64", "uint8"]
     chunk_grid: Grid
+    fill_value: Literal["NaN", 0]
     codecs: list[Codec]
 
     def __post_init__(self):
         chunk = self.chunk_grid.configuration.chunk_shape
-        if min(self.shape, default=0) < 1 or chunk != [1, *self.shape[1:]]:
+        together = chunk[0] if chunk else 0
+        whole = min(self.shape, default=0) >= 1 and chunk[1:] == self.shape[1:]
+        if not (whole and 1 <= together <= MOST_TOGETHER):
             raise InputError(
-                f"shape and chunk_shape must be those of samples in a chunk each, got "
-                f"{self.shape[:6]} and {chunk[:6]}."
+                f"shape and chunk_shape must be those of whole samples, up to {MOST_TOGETHER} "
+                f"together, got {self.shape[:6]} and {chunk[:6]}."
             )
 
 
@@ -131,3 +141,32 @@ def check_array(path: Path, shapes: Sequence[tuple[int, ...]]) -> int:
             f"{path} is damaged: a sample must have the shape {shapes[0]}, got {tuple(shape[:6])}."
         )
     return samples
+
+
+def check_arrays(path: Path, config: DatasetConfig) -> int:
+    """Look at what the arrays of a data set say of themselves.
+
+    Returns
+    -------
+    int
+        Its samples.
+
+    Raises
+    ------
+    InputError
+        If one is missing, damaged, or not as the configuration has it.
+    """
+    shown = config.input.shape(config.image)
+    shapes = {
+        "complete": [()],
+        # Older data sets hold one channel without an axis.
+        "input": [shown, shown[:2]] if shown[2] == 1 else [shown],
+        "target": [(len(config.depths_mm), *config.image)],
+    }
+    counts = {check_array(path / name, some) for name, some in shapes.items()}
+    if len(counts) > 1 or max(counts) > MOST_SAMPLES:
+        raise InputError(
+            f"{path} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "
+            f"{', '.join(map(str, sorted(counts)))}."
+        )
+    return counts.pop()

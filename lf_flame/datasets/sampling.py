@@ -1,4 +1,8 @@
-"""Samples of a data set: drawn, rendered and refocused, each from the seed and its index."""
+"""Samples of a data set: drawn, simulated and refocused, each from the seed and its index.
+
+Where the effect plan allows, images come straight from the scene (`lf_flame.projection`); else from
+the light field. Both ways agree to 1e-6.
+"""
 
 import numpy as np
 
@@ -6,6 +10,7 @@ from lf_flame._common.arrays import area_average
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.projection import Projector
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.plan import EffectPlan
@@ -41,8 +46,18 @@ def _region(layer: Layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
     return top, bottom, left, right
 
 
-def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> dict:
-    """Draw, render and refocus one sample.
+def simulate_sample(
+    config: DatasetConfig, slopes: list[float], index: int, through_light_field: bool = False
+) -> dict:
+    """Draw, simulate and refocus one sample.
+
+    Parameters
+    ----------
+    config : DatasetConfig
+    slopes : list of float
+    index : int
+    through_light_field : bool, optional
+        Form the light field, even where the plan needs none.
 
     Returns
     -------
@@ -50,18 +65,27 @@ def simulate_sample(config: DatasetConfig, slopes: list[float], index: int) -> d
         ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1],
         ``parameters``, and ``plan``, by which it was simulated.
     """
-    light_field, parameters = render_sample(config, index)
-    return {
-        "input": config.encode(light_field),
-        "target": area_average(shift_and_sum(light_field, slopes), config.image),
-        "parameters": parameters,
-        "plan": light_field.plan,
-    }
+    scene, parameters = draw_sample(config, index)
+    plan = config.plan_of(scene)
+    if through_light_field or plan.not_separable:
+        light_field = render_drawn(scene, config, plan, index)
+        shown = config.encode(light_field)
+        target = area_average(shift_and_sum(light_field, slopes), config.image)
+    else:
+        projector = Projector(scene, config.camera, plan)
+        shown = config.input.project(projector, config.image)
+        target = np.clip(projector.refocus(slopes, block=config.block), 0, 1)
+    return {"input": shown, "target": target, "parameters": parameters, "plan": plan}
+
+
+def draw_sample(config: DatasetConfig, index: int) -> tuple[Scene, dict]:
+    """Draw the scene of one sample, and its parameters."""
+    return config.draw(np.random.default_rng([config.seed, index]))
 
 
 def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
-    scene, parameters = config.draw(np.random.default_rng([config.seed, index]))
+    scene, parameters = draw_sample(config, index)
     return render_drawn(scene, config, config.plan_of(scene), index), parameters
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import keras
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class RunRecord:
     """What the record of a finished run says, of whatever network; there is more in it.
 
@@ -51,9 +51,9 @@ class DatasetFacts:
     objects: list[str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperRunRecord(RunRecord):
-    """What the record of a finished run of the paper's network says.
+@dataclass(frozen=True)
+class PaperRunRecord:
+    """What the record of a finished run of the paper's network says beside that.
 
     Attributes
     ----------

@@ -207,7 +207,7 @@ def train(
     config : TrainingConfig
     preset : str
     data : str or Path
-        Data set made by `lf_flame.datasets.store.make_dataset`.
+        Data set made by `lf_flame.datasets.making.make_dataset`.
     out : str or Path
         Run folder.
     show : bool, optional

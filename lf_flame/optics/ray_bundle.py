@@ -7,6 +7,7 @@ Both axes have this form, and a square lenslet over a square pixel makes the two
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,6 +69,11 @@ def trace_footprint(
     -------
     Footprint
     """
+    return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour)
+
+
+@lru_cache(maxsize=32)  # scenes of a data set stand at the same depths
+def _trace_to_layer(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour) -> Footprint:
     to_array = camera.object_to_array(depth_mm, focal_mm)
     return _trace(camera, to_array, axis, lenslet_scale, neighbour)
 
@@ -104,10 +110,12 @@ def _trace(
     # Where the lenslet truly stands, as a departure from nominal: 0 stays 0 without rounding.
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
     pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
-    centres = back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle
+    # The sensor is turned by 180 degrees: images are upright.
+    centres = -(back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle)
+    centres.flags.writeable = False  # others may hold it too
     lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale
     return Footprint(
-        centres_mm=-centres,  # the sensor is turned by 180 degrees: images are upright
+        centres_mm=centres,
         lenslet_width_mm=(back[0, 0] - back[0, 1] * s_height / s_angle) * lenslet_mm,
         pixel_width_mm=back[0, 1] / s_angle * camera.pixel_mm,
         shift_per_lenslet_shift=-(back[0, 0] - back[0, 1] / s_angle),

@@ -1,5 +1,8 @@
 """Checks that all methods of refocusing share."""
 
+import operator
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -86,6 +89,20 @@ def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     if not np.all(weights >= 0) or not 0 < total < np.inf:
         raise InputError("weights must be finite and 0 or above, with at least one above 0.")
     return weights
+
+
+def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]:
+    """Lenslets that are averaged into one pixel, along (t, s), of an image of so many."""
+    try:
+        down, across = (operator.index(n) for n in block)
+    except (TypeError, ValueError):
+        raise InputError(f"A block is two whole numbers, got {block!r}.") from None
+    if min(down, across) < 1 or lenslets[0] % down or lenslets[1] % across:
+        raise InputError(
+            f"Blocks of {down} x {across} lenslets do not divide an image of {lenslets[0]} x "
+            f"{lenslets[1]}."
+        )
+    return down, across
 
 
 def by_channel(refocus, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.refocus import _alignment_kernels
-from lf_flame.refocus._arguments import Views, as_slopes, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views, refuse_not_finite
 from lf_flame.refocus.interpolation import shift_taps
 
 
@@ -44,12 +44,8 @@ def align_views(
         If an argument cannot be used, or a pixel that was read is NaN or infinite.
     """
     views, slopes = as_views(views), as_slopes(slopes)
-    indices = _as_view_indices(view_indices, views.shape[:2])
-    if min(block) < 1 or any(n % m for n, m in zip(views.shape[2:4], block, strict=True)):
-        raise InputError(
-            f"Blocks of {block[0]} x {block[1]} lenslets do not divide an image of "
-            f"{views.shape[2]} x {views.shape[3]}."
-        )
+    indices = as_view_indices(view_indices, views.shape[:2])
+    block = as_block(block, views.shape[2:4])
     images, at = _as_images(views, indices)
     channels = views.shape[4] if views.ndim == 5 else 1
     shifts = [np.outer(centred(views.shape[axis])[indices[:, axis]], slopes) for axis in (0, 1)]
@@ -65,7 +61,7 @@ def align_views(
     return out.reshape(*out.shape[:2], *size, *views.shape[4:])
 
 
-def _as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
+def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
     """Rows and columns of views of a light field that has so many, [k, 2]."""
     indices = np.asarray(view_indices)
     if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":

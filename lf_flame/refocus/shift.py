@@ -132,8 +132,8 @@ def plan_shifts(
     """
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    down, down_taps = shift_taps(_shifts(slopes, rows, height), interpolation)
-    across, taps = shift_taps(_shifts(slopes, columns, width // channels), interpolation)
+    down, down_taps = shift_taps(view_shifts(slopes, rows, height), interpolation)
+    across, taps = shift_taps(view_shifts(slopes, columns, width // channels), interpolation)
     if not taps[1:].any():  # whole slopes
         taps = taps[:1]
     reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
@@ -168,7 +168,7 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     _kernels.merge(sums, out)
 
 
-def _shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:
+def view_shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:
     """Shift of every view at every slope, [view, n]; beyond the image all shifts are alike."""
     return np.clip(slopes * centred(views)[:, None], -length, length)
 

@@ -10,6 +10,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
+TINY = np.finfo(float).tiny
+"""Divides where a width may be 0."""
+
 
 def _radiance(planes, transmission, rays, weights, a, c, i, b, d, j):
     """Radiance along one ray: what each plane adds, front to back, through those before it."""
@@ -328,6 +331,42 @@ def _add_polygons(planes, rows, columns, falloff, out):
                 out[a, b, c, d] += light * shade(falloff, a, c, b, d)
 
 
+def _trapezoid_cdf(x, wide, narrow):
+    """`lf_flame.optics.ray_bundle.trapezoid_cdf` of one number, for widths in order."""
+    distance, half = abs(x), 0.5
+    if wide > 0.0:
+        rest = (wide + narrow) / 2 - distance
+        if rest < narrow:
+            ramp = max(rest, 0.0)
+            half = 0.5 - ramp / wide * (ramp / max(narrow, TINY)) / 2
+        else:
+            half = min(distance / wide, 0.5)
+    return 0.5 + half if x > 0.0 else 0.5 - half if x < 0.0 else 0.5
+
+
+def _weigh_bands(edges, centres, lenslet, pixels, start, weights):
+    """Shares of trapezoids in cells: weights[k, i] of cell start[k] + i for centres[k].
+
+    edges[cell]: evenly spaced. lenslet, pixels[k]: widths of the boxes that make a trapezoid.
+    """
+    cells, cell_width = edges.size - 1, edges[1] - edges[0]
+    band, border = weights.shape[1], edges[cells]
+    for k in range(centres.size):
+        centre, wide, narrow = centres[k], max(lenslet, pixels[k]), min(lenslet, pixels[k])
+        reach = (lenslet + pixels[k]) / 2
+        if centre + reach < edges[0] or centre - reach > border:  # as most do: in short
+            start[k] = 0 if centre < border else cells - band
+            weights[k] = 0.0
+            continue
+        first = math.floor((centre - reach - edges[0]) / cell_width)
+        start[k] = min(max(first, 0), cells - band)
+        near = trapezoid_cdf(edges[start[k]] - centre, wide, narrow)
+        for i in range(band):
+            far = trapezoid_cdf(edges[start[k] + i + 1] - centre, wide, narrow)
+            weights[k, i] = far - near
+            near = far
+
+
 def _integrate_columns(texture, start, weight, first, last, out):
     """``texture @ Kx.T``, K banded: out[row, b, d].
 
@@ -393,6 +432,7 @@ on_array = njit(_on_array)
 inside = njit(_inside)
 cell = njit(_cell)
 hit = njit(_hit)
+trapezoid_cdf = njit(_trapezoid_cdf)
 box_mean = njit(_box_mean)
 mean = njit(_mean)
 hit_shifted = njit(_hit_shifted)
@@ -404,5 +444,6 @@ through_lenslets = njit(_through_lenslets)
 trace_planes = njit(parallel=True, cache=True)(_trace_planes)
 trace_lenslets = njit(parallel=True, cache=True)(_trace_lenslets)
 add_polygons = njit(parallel=True, cache=True)(_add_polygons)
+weigh_bands = njit(cache=True)(_weigh_bands)
 integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
 integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)

@@ -328,3 +328,19 @@ MATTER = ("occlusion", "self_absorption")
 
 RAYS = ("round_aperture", "f_number_mismatch", "vignetting", "lenslet_rotation")
 """Effects that weigh or shift the rays of one bundle unevenly, which only tracing them can do."""
+
+NOT_SEPARABLE = {
+    "occlusion": "hides what is behind",
+    "self_absorption": "dims what is behind",
+    "cos4": "dims pixels by their distance from the axis",
+    "round_aperture": "ends bundles in a circle",
+    "f_number_mismatch": "ends bundles in a circle",
+    "vignetting": "ends bundles in a circle",
+    "lenslet_diffraction": "spreads light from pixel to pixel",
+    "lenslet_rotation": "turns the lenslets against the scene",
+    "shot_noise": "is drawn for every pixel",
+    "read_noise": "is drawn for every pixel",
+    "quantisation": "rounds every pixel",
+    "saturation": "cuts every pixel",
+}
+"""Effects by which a light field is more than light that adds up along y and along x apart."""

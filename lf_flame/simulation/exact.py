@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from lf_flame.optics.ray_bundle import trapezoid_cdf
 from lf_flame.simulation import _kernels
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
@@ -66,7 +65,7 @@ def _integrate_open(planes, optics, layout: str, shaded: Shaded | None, out: np.
 
 def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np.ndarray) -> None:
     bands = [
-        [tuple(arrange(part, layout) for part in _band(plane, optics, axis)) for plane in planes]
+        [[arrange(part, layout) for part in bundle_bands(p, optics, axis)] for p in planes]
         for axis in (0, 1)
     ]
     heights = [plane.emission.shape[0] for plane in planes]
@@ -77,7 +76,7 @@ def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np
         reach[:, p] = seen_range(np.any(weight, axis=2))
         part = lines[top : top + heights[p]]
         _kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
-        bands[0][p] = (bands[0][p][0] + top, bands[0][p][1] * optics.share)
+        bands[0][p] = [bands[0][p][0] + top, bands[0][p][1] * optics.share]
         top += heights[p]
     most = max(weight.shape[2] for _, weight in bands[0])
     weights = np.zeros((len(planes), *bands[0][0][0].shape, most))
@@ -88,8 +87,14 @@ def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np
     _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, shaded, out)
 
 
-def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each pixel's ray bundle that meets each cell, as (first cell, weights)."""
+def bundle_bands(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Share of each pixel's ray bundle that meets each cell of a plane, along an axis.
+
+    Returns
+    -------
+    start, weights
+        As `band_weights` returns them, for centres of shape (view, lenslet).
+    """
     footprint = optics.footprint(plane.depth_mm, axis)
     edges, centres = plane.layer.cell_edges_mm(axis), footprint.centres_mm
     lenslet_mm = abs(footprint.lenslet_width_mm)
@@ -105,7 +110,7 @@ def _band(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.
 def band_weights(
     edges_mm: np.ndarray, centres_mm: np.ndarray, lenslet_mm: float, pixel_mm: Width
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Exact integrals of trapezoids over cells: differences of their cumulative distribution.
+    """Exact integrals of trapezoids over cells: differences of `trapezoid_cdf`, compiled.
 
     Parameters
     ----------
@@ -125,10 +130,12 @@ def band_weights(
         sum of 1.
     """
     cells, cell_mm = len(edges_mm) - 1, edges_mm[1] - edges_mm[0]
-    reach = (lenslet_mm + pixel_mm) / 2
-    band = int(min(cells, np.ceil(2 * np.max(reach) / cell_mm) + 1))
-    start = np.floor((centres_mm - reach - edges_mm[0]) / cell_mm)
-    start = np.clip(start, 0, cells - band).astype(np.int64)
-    edges = edges_mm[start[..., None] + np.arange(band + 1)]
-    widths = pixel_mm[..., None] if isinstance(pixel_mm, np.ndarray) else pixel_mm
-    return start, np.diff(trapezoid_cdf(edges - centres_mm[..., None], lenslet_mm, widths))
+    band = int(min(cells, np.ceil((lenslet_mm + np.max(pixel_mm)) / cell_mm) + 1))
+    widths = np.broadcast_to(np.asarray(pixel_mm, float), centres_mm.shape)
+    start = np.empty(centres_mm.shape, np.int64)
+    weights = np.empty((*centres_mm.shape, band))
+    _kernels.weigh_bands(
+        edges_mm, centres_mm.ravel(), float(lenslet_mm), widths.ravel(), start.ravel(),
+        weights.reshape(-1, band),
+    )  # fmt: skip
+    return start, weights

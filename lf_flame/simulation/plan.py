@@ -19,7 +19,7 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
-from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS, Estimate
+from lf_flame.simulation.effects import EFFECTS, MATTER, NOT_SEPARABLE, RAYS, Estimate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.scene_bounds import (
@@ -148,6 +148,16 @@ class EffectPlan:
         return tuple(name for name in self.traced if name in RAYS)
 
     @property
+    def not_separable(self) -> dict[str, str]:
+        """What stands between the scene and images without a light field: effect and reason.
+
+        Empty where light only adds, along y and along x apart: refocused images are then projected
+        straight from the scene (`lf_flame.projection`).
+        """
+        acts = {name for name in self.kept if name not in (*MATTER, *RAYS)} | set(self.traced)
+        return {name: why for name, why in NOT_SEPARABLE.items() if name in acts}
+
+    @property
     def kept(self) -> frozenset[str]:
         """Names of the effects that will be simulated."""
         return frozenset(effect.name for effect in self.effects if effect.kept)
@@ -173,6 +183,7 @@ class EffectPlan:
             "slabs": list(self.slabs),
             "colours": self.colours,
             "left_out_bound": self.left_out_bound,
+            "not_separable": self.not_separable,
             "effects": lines,
         }
 
@@ -193,12 +204,20 @@ class EffectPlan:
             f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
             f"changes the image by at most {self.left_out_bound:.2g}",
             f"integrator: {self.integrator}",
+            *self._way_to_images(),
         ]
         if max(self.slabs) > 1:
             notes.append(f"slabs of each layer: {', '.join(map(str, self.slabs))}")
         if self.colours > 1:
             notes.append(f"colours over the band: {self.colours}")
         return f"{table}\n\n" + "\n".join(notes)
+
+    def _way_to_images(self) -> list[str]:
+        """Say whether refocused images need the light field, and why."""
+        if not self.not_separable:
+            return ["refocused images: straight from the scene, as light only adds"]
+        reasons = [f"  {name} {why}" for name, why in self.not_separable.items()]
+        return ["refocused images: through the light field, as", *reasons]
 
 
 def plan_effects(

@@ -121,6 +121,23 @@ def render_plan(
             f"The exact integrator cannot do {', '.join(plan.only_by_rays)} here; "
             f"use integrator='auto', or force them off."
         )
+    planes = planned_planes(scene, camera, plan)
+    method = plan.integrator if integrator == "auto" else integrator
+    if _diffracts(camera, plan, "lenslet"):
+        views = _gather_diffracted(planes, camera, plan, method, rays)
+    else:
+        views = _gather(planes, camera, plan, method, rays, layout)
+    return _record(views, camera, plan, seed, layout)
+
+
+def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> list[Plane]:
+    """Cut a scene into the planes that a plan calls for, nearest to the main lens first.
+
+    Raises
+    ------
+    InputError
+        If a layer lies outside the field.
+    """
     planes = slice_scene(
         scene,
         dict(zip(scene.layers, plan.slabs, strict=True)),
@@ -130,12 +147,7 @@ def render_plan(
     _check_field(scene, OpticalPass(camera))
     if _diffracts(camera, plan, "main_lens") and not _dim(planes):
         planes = blur_planes(planes, camera)
-    method = plan.integrator if integrator == "auto" else integrator
-    if _diffracts(camera, plan, "lenslet"):
-        views = _gather_diffracted(planes, camera, plan, method, rays)
-    else:
-        views = _gather(planes, camera, plan, method, rays, layout)
-    return _record(views, camera, plan, seed, layout)
+    return planes
 
 
 def _gather(

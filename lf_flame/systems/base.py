@@ -4,7 +4,6 @@ A system says which views it looks at, which slopes it can do and how large an i
 refuses in one sentence what it cannot do. Behind it may stand a network or a formula.
 """
 
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_slopes, as_views
+from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views
 
 ViewIndices = Sequence[tuple[int, int]]
 """Row and column of each of some views."""
@@ -104,7 +103,7 @@ class RefocusingSystem(ABC):
         """Refocus what has been checked."""
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
-        _check_block(block, shape[2:4])
+        as_block(block, shape[2:4])
         self.view_indices(*shape[:2])
         if shape[4:] not in ((), (3,)):
             raise InputError(
@@ -123,18 +122,6 @@ class RefocusingSystem(ABC):
                 f"{self.name} needs images of {self.smallest} pixels or more along each side, got "
                 f"{height} x {width}."
             )
-
-
-def _check_block(block, lenslets: tuple[int, ...]) -> None:
-    try:
-        down, across = (operator.index(n) for n in block)
-    except (TypeError, ValueError):
-        raise InputError(f"A block is two whole numbers, got {block!r}.") from None
-    if min(down, across) < 1 or lenslets[0] % down or lenslets[1] % across:
-        raise InputError(
-            f"Blocks of {down} x {across} lenslets do not divide an image of {lenslets[0]} x "
-            f"{lenslets[1]}."
-        )
 
 
 class NetworkSystem(RefocusingSystem):

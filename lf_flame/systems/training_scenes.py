@@ -2,11 +2,13 @@
 
 Most of them show the paper's scenes with every object at a depth drawn anew, so that
 nothing can be memorised; the rest are dead leaves, which look like photographs. What a system
-should draw is what all views give, by shift-and-sum or by the Fourier slice.
+should draw is what all views give, by shift-and-sum or by the Fourier slice. Where the effect plan
+allows, that comes straight from the scene (`lf_flame.projection`), and so do the views that a
+system looks at; no light field is formed.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,43 +18,65 @@ from lf_flame._common.strict import strict
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.optics.sensor import Sensor, expose
+from lf_flame.projection import Projector
 from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.rendering import render_plan
-from lf_flame.systems.base import NetworkSystem
+from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import REFERENCES, average
 
 BEYOND_MM = 3.0
 """How far beyond the depths of a template its objects may stand."""
 
+PROJECTED = "shift-and-sum"
+"""The one of the `REFERENCES` that needs no light field."""
+
 SEED_OF_SCENES = 7
 """Keeps these scenes apart from those of data sets, which are drawn from (seed, index)."""
 
-Drawn = tuple[np.ndarray, np.ndarray, tuple[int, int]]
-"""Views, slopes and block of a `TrainingSample`."""
+Looks = Callable[[int, int], ViewIndices]
+"""From the numbers of rows and columns of views to the indices of those that are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSample:
-    """A light field, and slopes at which to look at it.
+    """A light field, or its scene, and slopes at which to look at it.
 
     Attributes
     ----------
     views : ndarray of float32, shape (v, u, t, s)
+        All, or without a light field those that are looked at; the others are 0.
     slopes : ndarray of float64, shape (n,)
         In lenslets per view step.
     block : (int, int)
         Lenslets in a pixel of the images.
     seen : ndarray of float32, shape (v, u, t, s)
         The views with noise; without any they are `views`.
+    projector : Projector, optional
+        Of the scene, where there is no light field.
     """
 
     views: np.ndarray
     slopes: np.ndarray
     block: tuple[int, int]
     seen: np.ndarray
+    projector: Projector | None = None
 
     def truth(self, slopes: np.ndarray, reference: str = "shift-and-sum") -> np.ndarray:
-        """Refocus with all views, without noise: float32, shape (n, h, w); see `REFERENCES`."""
+        """Refocus with all views, without noise: float32, shape (n, h, w); see `REFERENCES`.
+
+        Raises
+        ------
+        InputError
+            If there is no light field and the reference needs one.
+        """
+        if self.projector is not None:
+            if reference != PROJECTED:
+                raise InputError(
+                    f"A sample without its light field knows no {reference!r}; draw all views."
+                )
+            return np.clip(self.projector.refocus(slopes, block=self.block), 0, 1)
         return average(REFERENCES[reference](self.views, slopes), self.block)
 
 
@@ -105,39 +129,70 @@ class TrainingSamples:
             )
         return configs
 
-    def draw(self, seed: int, index: int, low_light: float = 0.0) -> TrainingSample:
-        """Draw a sample that depends on these numbers alone; a share of them is in low light."""
+    def draw(
+        self, seed: int, index: int, low_light: float = 0.0, looks: Looks | None = None
+    ) -> TrainingSample:
+        """Draw a sample that depends on these numbers alone; a share of them is in low light.
+
+        Parameters
+        ----------
+        seed, index : int
+        low_light : float, optional
+        looks : callable, optional
+            Which views are looked at: no more are made, where the effect plan and the light allow,
+            and no light field is formed. Default: all.
+        """
         rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
         if rng.uniform() < self.leaves:
-            views, slopes, block = self._draw_leaves(rng)
+            sample = self._draw_leaves(rng)
+            dark = rng.uniform() < low_light
         else:
             config = self.configs[rng.integers(len(self.configs))]
-            views, slopes, block = self._draw_scene(config, rng)
-        seen = views
-        if rng.uniform() < low_light:
-            light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
-            seen = expose(views, light, {"shot_noise"}, rng)
-        return TrainingSample(views, slopes, block, seen)
+            scene, slopes, noise = self._draw_scene(config, rng)
+            dark = rng.uniform() < low_light
+            # Noise is drawn for every view, in its order.
+            sample = _simulate(config, scene, slopes, noise, None if dark else looks)
+        if not dark:
+            return sample
+        light = Sensor(exposure_e=np.exp(rng.uniform(*np.log(self.electrons))))
+        return replace(sample, seen=expose(sample.views, light, {"shot_noise"}, rng))
 
-    def _draw_leaves(self, rng: np.random.Generator) -> Drawn:
+    def _draw_leaves(self, rng: np.random.Generator) -> TrainingSample:
         image = self.configs[0].image
         views = self.look.draw((self.leaf_views, self.leaf_views), image, rng).views
-        return views, rng.uniform(*self.look.slopes, self.slopes), (1, 1)
+        slopes = rng.uniform(*self.look.slopes, self.slopes)
+        return TrainingSample(views, slopes, (1, 1), views)
 
-    def _draw_scene(self, config: DatasetConfig, rng: np.random.Generator) -> Drawn:
+    def _draw_scene(
+        self, config: DatasetConfig, rng: np.random.Generator
+    ) -> tuple[Scene, np.ndarray, int]:
+        """Draw a scene, the slopes at which it is seen, and the seed of its sensor's noise."""
         scene, _ = config.template.draw(rng)
         own = np.array(config.depths_mm)
         depths = rng.permutation(own)
         if rng.uniform() < 0.5:
             depths = rng.uniform(own.min() - BEYOND_MM, own.max() + BEYOND_MM, len(own))
         placed = scene.at_depths(depths, config.camera)
-        plan, noise = config.plan_of(placed), int(rng.integers(2**31))
-        light_field = render_plan(placed, config.camera, plan, seed=noise)
+        noise = int(rng.integers(2**31))
         sharp = np.array([config.camera.depth_to_slope(depth) for depth in depths])
         low, high = sharp.min() - 0.2, sharp.max() + 0.2
         chosen = np.resize(rng.permutation(sharp), self.slopes // 2)
         between = rng.uniform(low, high, self.slopes - len(chosen))
-        return light_field.views, np.concatenate([chosen, between]), config.block
+        return placed, np.concatenate([chosen, between]), noise
+
+
+def _simulate(
+    config: DatasetConfig, scene: Scene, slopes: np.ndarray, noise: int, looks: Looks | None
+) -> TrainingSample:
+    """Make the views that are looked at, straight from the scene if the plan allows; or all."""
+    camera, plan = config.camera, config.plan_of(scene)
+    if looks is None or plan.not_separable:
+        views = render_plan(scene, camera, plan, seed=noise).views
+        return TrainingSample(views, slopes, config.block, views)
+    projector, views = Projector(scene, camera, plan), blank_image(camera, "views")
+    indices = looks(camera.views, camera.views)
+    views[tuple(np.transpose(indices))] = projector.align_views(0.0, indices)[0]
+    return TrainingSample(views, slopes, config.block, views, projector)
 
 
 def draw_arrays(
@@ -168,8 +223,9 @@ def draw_arrays(
     ndarray of float32, shape (n, h, w, channels)
     """
     arrays: list[np.ndarray] = []
+    looks = system.view_indices if reference == PROJECTED else None
     for k, index in enumerate(indices):
-        sample = training_samples.draw(seed, index, low_light)
+        sample = training_samples.draw(seed, index, low_light, looks)
         slopes = system.slopes_to_learn(sample.slopes, sample.block)
         images = (
             system.show(sample.seen, slopes, sample.block),

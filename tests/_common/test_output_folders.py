@@ -65,7 +65,7 @@ def test_a_file_that_no_record_names_is_not_replaced(tmp_path):
 
 def test_a_record_of_a_users_own_is_not_replaced(tmp_path):
     (tmp_path / RECORD).write_text('{"mine": 1}')
-    with pytest.raises(InputError, match="work.json is there, and is no whole record of this program"):
+    with pytest.raises(InputError, match="work.json is there, and is no whole record"):
         fill(tmp_path, a="1")
     assert json.loads((tmp_path / RECORD).read_text()) == {"mine": 1}
 

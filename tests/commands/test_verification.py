@@ -10,7 +10,7 @@ from lf_flame._common.atomic_files import write_text
 from lf_flame._common.output_folders import output_folder
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
-from lf_flame.datasets.store import make_dataset
+from lf_flame.datasets.making import make_dataset
 
 DATA = {
     "kind": "shapes",

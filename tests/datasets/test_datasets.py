@@ -1,18 +1,24 @@
 import json
+import math
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+import zarr
 from skimage.transform import resize
 
-from lf_flame import InputError, Scene, plan_effects, render
+from lf_flame import InputError, Scene, Sensor, plan_effects, render
 from lf_flame._common.config import build
+from lf_flame.datasets import sampling
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
 from lf_flame.datasets.sampling import render_sample, search_slopes, simulate_sample
-from lf_flame.datasets.store import Dataset, make_dataset
+from lf_flame.datasets.store import Dataset
 from lf_flame.refocus import shift_and_sum
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
@@ -117,18 +123,85 @@ def test_bytes_do_not_depend_on_the_number_of_workers(tiny, tmp_path):
     assert len(digests) == 1
 
 
+@pytest.mark.parametrize("samples", [1, 16, 200, 1600, 40_000, 1_000_000])
+def test_there_are_few_files_and_enough_work_for_all(samples):
+    files = math.ceil(samples / shard_size(samples))
+    assert 10 * files <= 10_000  # input, target, three parameters or so, complete, simulated
+    assert files >= min(64, samples / LEAST_TOGETHER)
+
+
+def test_samples_lie_in_shards_each_with_its_checksum(tiny, tmp_path):
+    make_dataset(tiny, LEAST_TOGETHER + 3, tmp_path / "a.zarr")
+    array = zarr.open_group(tmp_path / "a.zarr", mode="r")["target"]
+    assert array.shards[0] == LEAST_TOGETHER
+    assert array.chunks[0] == 1
+    assert "crc32c" in json.dumps(array.metadata.to_dict()["codecs"], default=str)
+    files = [path for path in (tmp_path / "a.zarr").rglob("c/*") if path.name.isdigit()]
+    assert {path.name for path in files} == {"0", "1"}
+    assert len(Dataset(tmp_path / "a.zarr").targets) == LEAST_TOGETHER + 3
+
+
+def test_anybody_may_do_the_work(tiny, tmp_path):
+    """An executor of threads, in which each task has one thread of Numba's as elsewhere."""
+    make_dataset(tiny, 40, tmp_path / "a.zarr")
+    with ThreadPoolExecutor(2) as executor:
+        make_dataset(tiny, 40, tmp_path / "b.zarr", executor=executor)
+    assert chunk_bytes(tmp_path / "a.zarr") == chunk_bytes(tmp_path / "b.zarr")
+    assert Dataset(tmp_path / "b.zarr").attrs["provenance"]["workers"] == "ThreadPoolExecutor"
+
+
+@pytest.mark.parametrize("kind", ["raw", "views", "grid"])
+def test_both_ways_to_the_images_agree(tiny, tmp_path, kind):
+    """Straight from the scene, and through the light field."""
+    config = replace(tiny, input=InputEncoding(kind), shuffled_depths=True)
+    with patch.object(sampling, "render_plan", wraps=sampling.render_plan) as rendered:
+        make_dataset(config, 3, tmp_path / "short.zarr")
+        assert rendered.call_count == 1  # of the mean scene, to find the slopes
+        make_dataset(config, 3, tmp_path / "long.zarr", through_light_field=True)
+        assert rendered.call_count == 1 + 1 + 3
+    short, long = (Dataset(tmp_path / name) for name in ("short.zarr", "long.zarr"))
+    np.testing.assert_allclose(short.inputs, long.inputs, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(short.targets, long.targets, rtol=0, atol=1e-6)
+    assert short.scenes_sha256 == long.scenes_sha256
+    assert [x.attrs["through_light_field"] for x in (short, long)] == [False, True]
+
+
+def test_images_that_need_a_light_field_get_one(tiny):
+    """Noise is drawn for every pixel of the raw image."""
+    noisy = replace(tiny, camera=replace(tiny.camera, sensor=Sensor(100.0)))
+    assert "shot_noise" in noisy.plan.not_separable
+    sample, light_field = simulate_sample(noisy, [0.3], 1), render_sample(noisy, 1)[0]
+    np.testing.assert_array_equal(sample["input"], noisy.encode(light_field))
+    blocks = shift_and_sum(light_field, 0.3).reshape(1, 8, 3, 12, 3).mean(axis=(2, 4))
+    np.testing.assert_allclose(sample["target"], np.clip(blocks, 0, 1), atol=1e-6)
+
+
+def test_a_run_begun_the_other_way_is_not_continued(tiny, tmp_path):
+    """Their last digits differ. What was begun before there was a choice formed light fields."""
+    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    shutil.move(tmp_path / "a.zarr", tmp_path / "b.zarr.part")
+    with pytest.raises(InputError, match="b.zarr.part was begun without forming light fields"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr", through_light_field=True)
+    described = tmp_path / "b.zarr.part" / "zarr.json"
+    values = json.loads(described.read_text())
+    del values["attributes"]["through_light_field"]
+    described.write_text(json.dumps(values))
+    with pytest.raises(InputError, match="b.zarr.part was begun by forming light fields"):
+        make_dataset(tiny, 2, tmp_path / "b.zarr")
+
+
 def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
     class Cut(Exception):
         pass
 
-    def cut_after_two(finished, done, total):
+    def cut(finished, done, total):
         for count, index in enumerate(finished):
-            if count == 2:
+            if count == 20:
                 raise Cut
             yield index
 
     with pytest.raises(Cut):
-        make_dataset(tiny, 5, tmp_path / "a.zarr", progress=cut_after_two)
+        make_dataset(tiny, 40, tmp_path / "a.zarr", progress=cut)
     with pytest.raises(InputError, match="begun, but is not finished"):
         Dataset(tmp_path / "a.zarr")
     redone = []
@@ -137,9 +210,9 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
         redone.append((done, total))
         return finished
 
-    make_dataset(tiny, 5, tmp_path / "a.zarr", progress=count)
-    make_dataset(tiny, 5, tmp_path / "b.zarr")
-    assert redone[0][0] >= 2
+    make_dataset(tiny, 40, tmp_path / "a.zarr", progress=count)
+    make_dataset(tiny, 40, tmp_path / "b.zarr")
+    assert redone[0][0] in (16, 32)
     assert chunk_bytes(tmp_path / "a.zarr") == chunk_bytes(tmp_path / "b.zarr")
     assert not (tmp_path / "a.zarr.part").exists()
 
@@ -220,7 +293,7 @@ def test_data_sets_from_before_attributes_had_a_hash_are_read(tiny, tmp_path):
 
 @pytest.mark.parametrize("name", ["input", "target", "parameters/size_mm"])
 def test_samples_that_were_exchanged_are_noticed_by_verify(tiny, tmp_path, name):
-    make_dataset(tiny, 2, tmp_path / "a.zarr")
+    make_dataset(tiny, 2 * LEAST_TOGETHER, tmp_path / "a.zarr")
     assert Dataset(tmp_path / "a.zarr").verify() == ["attributes", "images", "parameters"]
     array = tmp_path / "a.zarr" / name / "c"
     for old, new in (("0", "2"), ("1", "0"), ("2", "1")):  # each is whole by its checksum
@@ -231,14 +304,19 @@ def test_samples_that_were_exchanged_are_noticed_by_verify(tiny, tmp_path, name)
 
 def test_a_damaged_sample_is_named(tiny, tmp_path):
     make_dataset(tiny, 3, tmp_path / "a.zarr")
-    chunk = next((tmp_path / "a.zarr" / "target").rglob("c/1/*/*/*"))
-    content = bytearray(chunk.read_bytes())
-    content[len(content) // 2] ^= 1
-    chunk.write_bytes(content)
+    shard = next((tmp_path / "a.zarr" / "target").rglob("c/0/*/*/*"))
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1  # of the three samples, the middle one
+    shard.write_bytes(content)
     with pytest.raises(InputError, match="Sample 1 of .*target is damaged"):
         _ = Dataset(tmp_path / "a.zarr").targets
-    chunk.unlink()
-    with pytest.raises(InputError, match="Sample 1 of .*target is missing or not finite"):
+    with pytest.raises(InputError, match="is damaged, or a sample is"):
+        Dataset(tmp_path / "a.zarr").verify()
+    shard.write_bytes(content[:-1])  # without its index no sample can be found
+    with pytest.raises(InputError, match="Sample 0 of .*target is damaged"):
+        _ = Dataset(tmp_path / "a.zarr").targets
+    shard.unlink()
+    with pytest.raises(InputError, match="Sample 0 of .*target is missing or not finite"):
         _ = Dataset(tmp_path / "a.zarr").targets
 
 
@@ -310,7 +388,7 @@ def test_networks_may_be_shown_several_views(tiny, tmp_path, kind, shape):
     assert dataset.config == config
     assert dataset.inputs.shape == (2, *shape)
     light_field, _ = render_sample(config, 1)
-    np.testing.assert_array_equal(dataset.inputs[1], config.encode(light_field))
+    np.testing.assert_allclose(dataset.inputs[1], config.encode(light_field), atol=1e-6)
 
 
 def test_an_input_size_that_does_not_divide_the_lenslets_is_refused(tiny):
@@ -408,7 +486,7 @@ def test_effects_are_decided_for_each_sample_of_opaque_shapes(opaque, tmp_path):
     for index in (occluded.index(False), occluded.index(True)):
         scene, _ = opaque.draw(np.random.default_rng([opaque.seed, index]))
         shown = opaque.encode(render(scene, opaque.camera))
-        np.testing.assert_array_equal(shown, dataset.inputs[index])
+        np.testing.assert_allclose(shown, dataset.inputs[index], atol=1e-6)
     assert 0 < sum(occluded) < 8
     record = dataset.attrs["simulated"]
     assert record["samples"] == 8

@@ -19,7 +19,7 @@ from lf_flame._common.config import build, to_json
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.encodings import InputEncoding
-from lf_flame.datasets.store import make_dataset
+from lf_flame.datasets.making import make_dataset
 from lf_flame.formats import read_focal_stack, write_lenslet_image
 from lf_flame.formats.images import to_levels, write_image
 from lf_flame.learning.model_card import load_network, read_card

@@ -187,6 +187,18 @@ def test_shapes_have_a_cell_for_each_tenth_of_a_millimetre_and_1000_at_most(size
     assert shape_texture("circle", size).shape == cells
 
 
+@pytest.mark.parametrize("size", [(12.0, 12.0), (0.1, 0.1), (0.1, 3.0), (7.3, 0.4), (5.0, 9.1)])
+def test_cells_of_shapes_count_the_points_inside(size):
+    """Of 8 x 8 in each cell, all looked at; exactly."""
+    circle, triangle = shape_texture("circle", size), shape_texture("triangle", size)
+    rows, columns = circle.shape
+    y = (2 * np.arange(8 * rows) + 1)[:, None] / (8 * rows) - 1
+    x = (2 * np.arange(8 * columns) + 1) / (8 * columns) - 1
+    for found, inside in ((circle, y**2 + x**2 <= 1), (triangle, abs(x) <= (y + 1) / 2)):
+        counted = inside.reshape(rows, 8, columns, 8).mean(axis=(1, 3))
+        np.testing.assert_array_equal(found, counted)
+
+
 def test_empty_scene_is_refused():
     with pytest.raises(InputError, match="at least one layer"):
         Scene([])

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, Scene
+from lf_flame.optics.ray_bundle import trapezoid_cdf
 from lf_flame.simulation import exact
 from lf_flame.simulation.exact import band_weights, integrate
 from lf_flame.simulation.layouts import blank_image
@@ -24,6 +25,24 @@ def test_weights_are_the_shares_of_points_that_lie_in_the_cells(pixel_mm):
         found[start : start + len(band)] = band
         np.testing.assert_allclose(found, counted / points.size, atol=2e-3)
         assert found.sum() == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lenslet_mm", "pixel_mm"), [(0.3, 0.3), (0.0, 0.2), (0.2, 0.0), (0.0, 0.0), (1e-9, 3.0)]
+)
+def test_compiled_weights_are_differences_of_the_distribution(lenslet_mm, pixel_mm, rng):
+    """Whichever box is wider, and where one has no width; 0 beside the cells."""
+    edges = -1.3 + 0.07 * np.arange(40)
+    centres = np.concatenate([rng.uniform(-3, 3, 50), edges[:3], [edges[0] - 0.3, edges[-1] + 0.3]])
+    starts, weights = band_weights(edges, centres.reshape(5, 11), lenslet_mm, pixel_mm)
+    near = edges[starts[..., None] + np.arange(weights.shape[2] + 1)]
+    expected = np.diff(
+        trapezoid_cdf(near - centres.reshape(5, 11, 1), lenslet_mm, pixel_mm), axis=2
+    )
+    np.testing.assert_allclose(weights, expected, rtol=0, atol=1e-16)
+    beside = np.abs(centres - edges.mean()) > np.ptp(edges) / 2 + (lenslet_mm + pixel_mm) / 2
+    assert beside.any()
+    assert not weights.reshape(55, -1)[beside].any()
 
 
 def test_planes_are_integrated_together_as_far_as_their_lines_fit_in_memory(

@@ -12,6 +12,8 @@ from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame.learning import training_run
 from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.simulation import rendering
+from lf_flame.systems import training_scenes
 from lf_flame.systems.refnet import SLOPES
 from lf_flame.systems.registry import NETWORKS
 from lf_flame.systems.training import (
@@ -100,6 +102,43 @@ def test_samples_in_low_light_are_noisy_and_their_truth_is_not(config):
         sum(np.any(x.seen != x.views) for x in (training_samples.draw(1, k, 0.5) for k in range(9)))
         > 1
     )
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_training_needs_no_light_fields(config, name, monkeypatch):
+    """What is shown, and the truth, as through the light field; but for the Fourier slice."""
+    scenes, system = replace(config.training_samples, leaves=0), NETWORKS[name].build(0)
+    rendered = []
+
+    def render_plan(*arguments, **options):
+        rendered.append(arguments)
+        return rendering.render_plan(*arguments, **options)
+
+    monkeypatch.setattr(training_scenes, "render_plan", render_plan)
+    short = draw_arrays(scenes, system, 1, range(3), NETWORKS[name].truth)
+    assert len(rendered) == (3 if NETWORKS[name].truth == "Fourier slice" else 0)
+    monkeypatch.setattr(training_scenes, "PROJECTED", None)
+    long = draw_arrays(scenes, system, 1, range(3), NETWORKS[name].truth)
+    for some, other in zip(short, long, strict=True):
+        np.testing.assert_allclose(some, other, rtol=0, atol=2e-6)
+
+
+def test_noise_does_not_depend_on_which_views_are_looked_at(config):
+    """It is drawn for every view, so in low light all are there."""
+    scenes = replace(config.training_samples, leaves=0)
+    some, whole = (scenes.draw(1, 0, 1.0, x) for x in (lambda rows, columns: [(0, 0)], None))
+    np.testing.assert_array_equal(some.seen, whole.seen)
+
+
+def test_a_sample_without_its_light_field_has_no_fourier_slice(config):
+    scenes = replace(config.training_samples, leaves=0)
+    sample = scenes.draw(1, 0, looks=lambda rows, columns: [(0, 0), (rows - 1, 2)])
+    seen = np.argwhere(sample.views.any(axis=(2, 3))).tolist()
+    assert seen == [[0, 0], [8, 2]]
+    whole = scenes.draw(1, 0)
+    np.testing.assert_allclose(sample.views[0, 0], whole.views[0, 0], rtol=0, atol=1e-6)
+    with pytest.raises(InputError, match="knows no 'Fourier slice'; draw all views"):
+        sample.truth(sample.slopes, "Fourier slice")
 
 
 def test_what_is_right_may_be_the_fourier_slice(config):

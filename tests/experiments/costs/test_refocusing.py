@@ -23,8 +23,9 @@ from experiments.costs.refocusing import (
 from experiments.held_out import SAMPLES, find_scenes
 from lf_flame._common.config import build, to_json
 from lf_flame.datasets.config import config_from_json
+from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
-from lf_flame.datasets.store import Dataset, make_dataset
+from lf_flame.datasets.store import Dataset
 from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.lightfield import LightField

@@ -33,7 +33,7 @@ def small_studies():
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
+def measured(tmp_path_factory, coarse_data):
     out, seen = tmp_path_factory.mktemp("costs"), []
 
     def progress(steps, done, total):
@@ -46,7 +46,7 @@ def measured(tmp_path_factory):
     patch.setattr(timing, "SHORT_S", 0.0)
     patch.setattr(timing, "REPETITIONS", 1)
     threads = numba.get_num_threads()
-    found = measure_costs(progress, 8.0, small_studies(), TRIALS)
+    found = measure_costs(progress, 8.0, small_studies(), TRIALS, coarse_data)
     rendering_report.write_report(out, *found)
     record = found[-1]
     patch.undo()
@@ -88,7 +88,18 @@ def test_all_files_are_there(measured):
 def test_progress_passes_every_step(measured):
     (first, *steps) = measured[2]
     assert first == (0, len(steps))
-    assert len(steps) == 2 * len(METHODS) + len(EFFECTS)
+    assert len(steps) == 2 * len(METHODS) + len(EFFECTS) + 2
+
+
+def test_a_sample_is_the_same_both_ways_and_takes_less_straight_from_the_scene(measured):
+    out, record, _ = measured
+    assert [row["data"] for row in record["samples"]] == ["shapes", "flames"]
+    for row in record["samples"]:
+        assert row["not_separable"] == {}
+        assert 0 < row["largest_difference"] < 1e-6
+        assert row["ratio"] == row["seconds_through_light_field"] / row["seconds_straight"]
+        assert row["seconds_drawing"] < row["seconds_straight"]
+        assert f"| {row['data']} " in (out / "costs.md").read_text()
 
 
 @pytest.mark.parametrize("scene", ["open", "hidden"])

@@ -18,8 +18,8 @@ from lf_flame._common.config import build
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json, read_config
 from lf_flame.datasets.encodings import InputEncoding
+from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
-from lf_flame.datasets.store import make_dataset
 from lf_flame.learning.run_folders import open_run
 from lf_flame.learning.training import TrainingConfig, train
 from lf_flame.systems.resnet50 import ResNet50

@@ -228,7 +228,7 @@ def test_a_study_along_an_axis(folder):
     ("old", "new", "message"),
     [
         ("samples = 12", "samples = 12\nspeed = 2", "tiny.toml: speed is not a known key"),
-        ("samples = 12", "samples = 0", "needs variants and samples, got 2 and 0"),
+        ("samples = 12", "samples = 0", "needs variants, and samples up to 1000000, got 2 and 0"),
         ("samples = 12", "samples = 3", "3 samples are too few to split"),
         ('"data.toml"', '"none.toml"', "none.toml cannot be read"),
         ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, other, got 'fast'"),

@@ -1,0 +1,103 @@
+"""Hashes of a data set: of its images, of what was drawn for them, and of its attributes."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.storage import LocalStore
+
+from lf_flame._common.input_files import read_record, readable
+from lf_flame.datasets.metadata import METADATA, SIMULATED, ZARR_ERRORS
+from lf_flame.errors import InputError
+
+ATTRIBUTES_SHA256 = "attributes_sha256"
+"""Attribute that guards the others."""
+
+
+def open_array(group: zarr.Group, name: str) -> zarr.Array:
+    """Open an array of a group, never a group inside it.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or it is damaged.
+    """
+    with readable(_folder(group) / name / METADATA, ZARR_ERRORS):
+        array = group[name]
+    if not isinstance(array, zarr.Array):
+        raise InputError(f"{name} of a data set must be an array, got a group: it is damaged.")
+    return array
+
+
+def samples_together(array: zarr.Array) -> int:
+    """How many samples a file of an array holds, which are best read together."""
+    return (array.shards or array.chunks)[0]
+
+
+def hash_images(group: zarr.Group) -> str:
+    """Hash input and target of each sample in turn: the same however they are stored."""
+    digest = hashlib.sha256()
+    inputs, targets = open_array(group, "input"), open_array(group, "target")
+    count = samples_together(inputs)
+    for first in range(0, inputs.shape[0], count):
+        some = (np.asarray(array[first : first + count]) for array in (inputs, targets))
+        for shown, target in zip(*some, strict=True):
+            digest.update(np.ascontiguousarray(shown).data)
+            digest.update(np.ascontiguousarray(target).data)
+    return digest.hexdigest()
+
+
+def hash_parameters(group: zarr.Group) -> str:
+    """Hash what was drawn and decided for each sample."""
+    digest = hashlib.sha256()
+    for name in _arrays(group):
+        if name == SIMULATED or name.startswith("parameters/"):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(open_array(group, name)[:]).data)
+    return digest.hexdigest()
+
+
+def set_attributes(group: zarr.Group, attributes: dict[str, Any]) -> None:
+    """Set attributes and their hash, all in one write."""
+    attributes = json.loads(json.dumps(attributes))
+    group.attrs.update({**attributes, ATTRIBUTES_SHA256: _hash_attributes(group, attributes)})
+
+
+def check_attributes(group: zarr.Group, path: Path) -> None:
+    """Hold attributes against their hash; data sets from before there was one have none.
+
+    Raises
+    ------
+    InputError
+        If they are others.
+    """
+    attributes = dict(group.attrs)
+    known = attributes.get(ATTRIBUTES_SHA256)
+    if known is not None and known != _hash_attributes(group, attributes):
+        raise InputError(
+            f"{path} is damaged: its attributes (zarr.json) are not those that were written; "
+            f"remove it and make it again."
+        )
+
+
+def _hash_attributes(group: zarr.Group, attributes: dict[str, Any]) -> str:
+    """Hash all attributes but this hash, and what is said of each array."""
+    attributes = {key: value for key, value in attributes.items() if key != ATTRIBUTES_SHA256}
+    text = json.dumps({"attributes": attributes, "arrays": _arrays(group)}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _arrays(group: zarr.Group) -> dict[str, dict[str, Any]]:
+    """Read what is said of each array, by its name, as it stands in the files."""
+    root = _folder(group)
+    files = [*root.glob(f"*/{METADATA}"), *root.glob(f"parameters/*/{METADATA}")]
+    found = {file.parent.relative_to(root).as_posix(): read_record(file) for file in files}
+    return {name: found[name] for name in sorted(found) if name != "parameters"}
+
+
+def _folder(group: zarr.Group) -> Path:
+    assert isinstance(group.store, LocalStore)
+    return group.store.root

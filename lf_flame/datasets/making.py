@@ -1,0 +1,325 @@
+"""Making data sets: a shard for each task, in this process, in others, or on other machines.
+
+Every sample is drawn from the seed and its index, and every shard is written by one task as a
+whole. So no two tasks write one file, a run that was cut goes on with the shards that are not
+complete, and the bytes do not depend on who works. The group is built as ``NAME.part`` and renamed
+when it is whole.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.locks import exclusive
+from lf_flame._common.workers import worker_pool
+from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
+from lf_flame.datasets.hashes import (
+    check_attributes,
+    hash_images,
+    hash_parameters,
+    open_array,
+    set_attributes,
+)
+from lf_flame.datasets.metadata import METADATA, SIMULATED, check_arrays, read_attributes
+from lf_flame.datasets.sampling import search_slopes, simulate_sample
+from lf_flame.errors import InputError
+from lf_flame.refocus import SlopeSearch
+from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.plan import EffectPlan
+
+THROUGH_LIGHT_FIELD = "through_light_field"
+"""Attribute: whether light fields were formed even where the plan needs none for the images."""
+
+LEAST_TOGETHER, MOST_SHARDS = 16, 1000
+"""Samples of a shard at least, and shards of an array at most: a million samples are below ten
+thousand files."""
+
+
+def shard_size(samples: int) -> int:
+    """How many samples a shard holds."""
+    return max(LEAST_TOGETHER, math.ceil(samples / MOST_SHARDS))
+
+
+@dataclass(frozen=True)
+class Task:
+    """What it takes to make some samples, wherever that is done.
+
+    Attributes
+    ----------
+    config : str
+        The configuration as JSON.
+    slopes : tuple of float
+    through_light_field : bool
+    part : str
+        Folder of the group that is being built.
+    samples : range
+        A whole shard.
+    """
+
+    config: str
+    slopes: tuple[float, ...]
+    through_light_field: bool
+    part: str
+    samples: range
+
+    def __call__(self) -> range:
+        """Simulate the samples, and write them all at once."""
+        config, group = _open(self.config, self.part)
+        made = [
+            simulate_sample(config, list(self.slopes), index, self.through_light_field)
+            for index in self.samples
+        ]
+        _store(group, slice(self.samples.start, self.samples.stop), made)
+        return self.samples
+
+    def alone(self) -> range:
+        """Do so on one thread: other tasks run beside it."""
+        with _one_thread():
+            return self()
+
+
+@lru_cache(maxsize=4)
+def _open(config: str, part: str) -> tuple[DatasetConfig, zarr.Group]:
+    return config_from_json(json.loads(config), part), zarr.open_group(part, mode="r+")
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
+
+
+def make_dataset(
+    config: DatasetConfig,
+    samples: int,
+    path: str | Path,
+    workers: int = 1,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+    through_light_field: bool = False,
+    executor: Executor | None = None,
+) -> None:
+    """Make a data set, or finish one that was cut off.
+
+    Parameters
+    ----------
+    config : DatasetConfig
+    samples : int
+    path : str or Path
+        Folder of the finished group, which must not exist yet.
+    workers : int, optional
+        Processes; 1 works in this one.
+    progress : callable, optional
+        ``progress(finished, done, total)`` wraps the iterable of finished samples.
+    through_light_field : bool, optional
+        Form every light field, even where the effect plan needs none for the images.
+    executor : concurrent.futures.Executor, optional
+        Who works instead of `workers`, on other machines perhaps; all of them must see the folder
+        under the same name.
+
+    Raises
+    ------
+    InputError
+        If `path` exists, something else lies where it is built, or another process builds it.
+    OSError
+        If a file cannot be written; finished samples are kept.
+    """
+    path = Path(path)
+    with exclusive(path):
+        if path.exists():
+            raise InputError(f"{path} exists; remove it or choose another folder.")
+        started, part = time.perf_counter(), path.with_name(path.name + ".part")
+        group = _begin(part, config, samples, through_light_field)
+        asked = json.dumps(config_to_json(config)), tuple(_slopes(part))
+        tasks = [
+            Task(*asked, through_light_field, str(part.resolve()), range(first, last))
+            for first, last in _open_shards(group)
+        ]
+        missing = sum(len(task.samples) for task in tasks)
+        finished = _carry_out(tasks, workers, executor)
+        for _ in finished if progress is None else progress(finished, samples - missing, samples):
+            pass
+        made = {
+            "workers": type(executor).__name__ if executor else workers,
+            "wall_s": round(time.perf_counter() - started, 2),
+            "samples_this_run": missing,
+        }
+        _finish(group, made)
+        for left in part.rglob("*.partial"):  # by Zarr's store, of writes that were cut off
+            left.unlink(missing_ok=True)
+        part.rename(path)
+
+
+def _begin(
+    part: Path, config: DatasetConfig, samples: int, through_light_field: bool
+) -> zarr.Group:
+    """Open what was begun, or lay out a new group."""
+    if not part.exists():
+        searches = search_slopes(config)  # first: it also shows that the scene can be rendered
+        with atomic_folder(part) as aside:  # what bears the name of a part is one
+            group = zarr.open_group(aside, mode="w", zarr_format=3)
+            _lay_out(group, config, samples, searches, through_light_field)
+    elif not (part / METADATA).exists() or read_attributes(part) is None:
+        raise InputError(
+            f"{part} is in the way: a data set is built under that name, but this is none; move it "
+            f"or choose another folder."
+        )
+    group = zarr.open_group(part, mode="r+")
+    _check_same(group, config, samples, through_light_field, part)
+    return group
+
+
+def _slopes(part: Path) -> list[float]:
+    attributes = read_attributes(part)
+    assert attributes is not None  # `_begin` has seen to it
+    return attributes.slopes
+
+
+def _lay_out(
+    group: zarr.Group,
+    config: DatasetConfig,
+    samples: int,
+    searches: Sequence[SlopeSearch],
+    through_light_field: bool,
+) -> None:
+    """Make empty arrays, and the attributes."""
+    _, parameters = config.draw(None)
+    together = shard_size(samples)
+
+    def add(name: str, shape: tuple[int, ...], dtype: str, fill: float, sharded: bool) -> None:
+        group.create_array(
+            name,
+            shape=(samples, *shape),
+            chunks=(1 if sharded else together, *shape),
+            shards=(together, *shape) if sharded else None,
+            dtype=dtype,
+            fill_value=fill,
+            compressors=[ZstdCodec(level=3), Crc32cCodec()],
+        )
+
+    add("input", config.input.shape(config.image), "float32", np.nan, sharded=True)
+    add("target", (len(searches), *config.image), "float32", np.nan, sharded=True)
+    for name, values in parameters.items():
+        add(f"parameters/{name}", values.shape, "float64", np.nan, sharded=False)
+    if config.planned_by_sample:
+        add(SIMULATED, (len(EFFECTS) + 1,), "uint8", 0, sharded=False)
+    add("complete", (), "uint8", 0, sharded=False)
+    attributes = {
+        "slopes": [search.slope for search in searches],
+        "slopes_geometry": [config.camera.depth_to_slope(z) for z in config.depths_mm],
+        "depths_mm": config.depths_mm,
+        "objects": [o.name for o in config.template.objects],
+        "plan": config.plan.to_json(),
+        THROUGH_LIGHT_FIELD: through_light_field,
+        "config": config_to_json(config),
+    }
+    set_attributes(group, attributes)
+
+
+def _check_same(
+    group: zarr.Group, config: DatasetConfig, samples: int, through_light_field: bool, part: Path
+) -> None:
+    same = group.attrs.get("config") == config_to_json(config)
+    if not same or check_arrays(part, config) != samples:
+        raise InputError(
+            f"{part} was begun with another configuration or number of samples; "
+            f"remove it or choose another folder."
+        )
+    # Older ones were always made so.
+    if group.attrs.get(THROUGH_LIGHT_FIELD, True) != through_light_field:
+        begun = "without forming" if through_light_field else "by forming"
+        raise InputError(
+            f"{part} was begun {begun} light fields: their last digits differ; remove it or choose "
+            f"another folder."
+        )
+    check_attributes(group, part)
+
+
+def _open_shards(group: zarr.Group) -> Iterator[tuple[int, int]]:
+    """First sample of each shard that is not complete, and one past the last."""
+    complete = open_array(group, "complete")
+    done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
+    for first in range(0, done.size, count):
+        if not done[first : first + count].all():
+            yield first, min(first + count, done.size)
+
+
+def _carry_out(tasks: Sequence[Task], workers: int, executor: Executor | None) -> Iterator[int]:
+    """Give each sample when its shard is written."""
+    if executor is not None:
+        yield from _submit(tasks, executor)
+    elif workers == 1:
+        for task in tasks:
+            yield from task()
+    else:
+        with worker_pool(workers) as pool:
+            yield from _submit(tasks, pool)
+
+
+def _submit(tasks: Sequence[Task], executor: Executor) -> Iterator[int]:
+    jobs = [executor.submit(task.alone) for task in tasks]
+    try:
+        for job in as_completed(jobs):
+            yield from job.result()
+    finally:
+        for job in jobs:
+            job.cancel()
+
+
+def _store(group: zarr.Group, place: slice, samples: Sequence[dict[str, Any]]) -> None:
+    """Write some samples, a whole shard."""
+
+    def write(name: str, values: Sequence[Any]) -> None:
+        open_array(group, name)[place] = np.stack(values)
+
+    write("input", [sample["input"] for sample in samples])
+    write("target", [sample["target"] for sample in samples])
+    for name in samples[0]["parameters"]:
+        write(f"parameters/{name}", [sample["parameters"][name] for sample in samples])
+    if SIMULATED in group:
+        write(SIMULATED, [_simulated(sample["plan"]) for sample in samples])
+    write("complete", [np.uint8(1)] * len(samples))  # last: else they are made again
+
+
+def _simulated(plan: EffectPlan) -> np.ndarray:
+    """Whether a plan traces rays, and which effects it keeps, in the order of `EFFECTS`."""
+    kept = [name in plan.kept for name in EFFECTS]
+    return np.array([plan.integrator == "rays", *kept], np.uint8)
+
+
+def _count_simulated(group: zarr.Group) -> dict[str, Any]:
+    """Count the samples for which rays were traced and for which each effect was simulated."""
+    found = np.asarray(open_array(group, SIMULATED)[:])
+    counts = [int(count) for count in found.sum(axis=0)]
+    return {
+        "samples": len(found),
+        "by_rays": counts[0],
+        "with": dict(zip(EFFECTS, counts[1:], strict=True)),
+    }
+
+
+def _finish(group: zarr.Group, made: dict[str, Any]) -> None:
+    """Write the hashes and what made the data set."""
+    attributes = dict(group.attrs)
+    attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}
+    if SIMULATED in group:
+        attributes[SIMULATED] = _count_simulated(group)
+    attributes["provenance"] = {**provenance.environment(), **made}
+    set_attributes(group, attributes)

@@ -1,0 +1,89 @@
+"""Records of runs are read through one description: what is missing or of another type is named."""
+
+import json
+
+import pytest
+
+from lf_flame import InputError
+from lf_flame.learning.model_card import read_card
+from lf_flame.learning.run_folders import load_run, open_run
+
+DATA = {
+    "kind": "shapes", "seed": 5, "image": [40, 64], "samples": {"smoke": 12},
+    "camera": {
+        "main_lens_focal_mm": 150.0, "focus_distance_mm": 326.0, "lenslet_focal_mm": 2.4,
+        "lenslet_pitch_mm": 0.672, "views": 3, "lenslets": [40, 64],
+    },
+    "template": {
+        "position_mm": 1.0, "size": 0.1, "brightness": [0.8, 1.0],
+        "objects": [
+            {"shape": "square", "depth_mm": 10.0, "size_mm": [9, 9], "centre_mm": [0, -10]},
+            {"shape": "circle", "depth_mm": -10.0, "size_mm": [9, 9], "centre_mm": [0, 10]},
+        ],
+    },
+}  # fmt: skip
+
+RECORD = {
+    "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1, "recipe": {},
+    "train_s": 3.5, "machine": "a machine", "backbone_weights": "random", "model": {},
+    "split": [0.5, 0.25, 0.25], "parts": {"train": 6, "validation": 3, "test": 3},
+    "test_indices": [1, 4, 7], "data": "../a.zarr", "data_sha256": "0",
+    "dataset": {"config": DATA, "slopes": [1.0, -1.0], "objects": ["square", "circle"]},
+}  # fmt: skip
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(record):
+        (tmp_path / "model.keras").write_bytes(b"")
+        (tmp_path / "run.json").write_text(json.dumps(record))
+        return tmp_path
+
+    return write
+
+
+def test_a_whole_record_is_taken(write):
+    run = open_run(write(RECORD))
+    assert (run.slopes, run.objects) == ([1.0, -1.0], ["square", "circle"])
+    assert run.record == RECORD
+    assert read_card(run.folder).image == (40, 64)
+
+
+@pytest.mark.parametrize("name", sorted(set(RECORD) - {"dataset", "data"}))
+def test_what_is_missing_or_of_another_type_is_named(write, name):
+    left = {key: value for key, value in RECORD.items() if key != name}
+    with pytest.raises(InputError, match=rf"run\.json: {name} is missing"):
+        open_run(write(left))
+    for odd in ([[1]], [{"a": {}}], None):
+        with pytest.raises(InputError, match=rf"run\.json: {name}\b"):
+            open_run(write(RECORD | {name: odd}))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"test_indices": []}, "test_indices must be samples"),
+        ({"test_indices": [-1]}, "test_indices must be samples"),
+        ({"parts": {}}, "parts hold train and test"),
+        ({"split": [0.5, 1e308, 0.1]}, "split must be three shares"),
+        ({"dataset": RECORD["dataset"] | {"slopes": [1.0]}}, "as many as the depths"),
+        ({"dataset": RECORD["dataset"] | {"config": {}}}, "run.json: dataset: "),
+        ({"dataset": RECORD["dataset"] | {"config": 3}}, "dataset.config: "),
+        ({"dataset": 3}, "run.json: dataset: "),
+        ({"train_s": "3.5"}, "train_s: input should be a valid number, got '3.5'"),
+        ({"system": 3}, "system: input should be a valid string"),
+    ],
+)
+def test_what_does_not_go_together_is_named(write, change, words):
+    with pytest.raises(InputError, match=words):
+        open_run(write(RECORD | change))
+
+
+def test_a_run_of_a_system_says_what_it_is_and_what_is_wanted(write):
+    folder = write({"system": "refocusnet", "title": "RefocusNet", "train_s": 1.0})
+    assert load_run(folder)["system"] == "refocusnet"
+    words = (
+        "holds a run of the system refocusnet; wanted is one of the paper's network, by `lf-flame"
+    )
+    with pytest.raises(InputError, match=words):
+        open_run(folder)
