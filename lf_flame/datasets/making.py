@@ -143,7 +143,7 @@ def make_dataset(
     """
     path = Path(path)
     with exclusive(path):
-        if path.exists():
+        if path.exists() or path.is_symlink():  # no folder takes the place of a link
             raise InputError(f"{path} exists; remove it or choose another folder.")
         started, part = time.perf_counter(), path.with_name(path.name + ".part")
         group = _begin(part, config, samples, through_light_field)

@@ -56,7 +56,7 @@ CALLS = (
     "convert lenslets.tif out --views 3 --bits 8",
     "convert raw.png out.npy --white white.png",
     "convert raw.png out.npy --pitch 10 --layout rectangular",
-    "dataset shapes.toml --preset smoke --out data.zarr --workers 1",
+    "dataset shapes.toml --preset few --out data.zarr --workers 1",
     "train training.toml --preset smoke --data none.zarr --out out --seed 1 --epochs 2",
     "train-system refocusnet --config systems.toml --preset none --out out",
     "verify data.zarr",

@@ -95,11 +95,8 @@ class Place:
             return ""  # nothing stops root
         with workplace.copy() as home:
             try:
-                return (
-                    self._fill(workplace, home)
-                    if self.full is not None
-                    else self._write(workplace, home)
-                )
+                work = self._write if self.full is None else self._fill
+                return work(workplace, home)
             finally:
                 home.chmod(0o755)
 
@@ -114,7 +111,7 @@ class Place:
         after = contents(home, workplace.home.known)
         if wrong := fault(outcome):
             return wrong
-        mine = (command.out, "elsewhere") if outcome.status == 0 else ()
+        mine = (command.out, "elsewhere", "nowhere") if outcome.status == 0 else ()
         return differences(
             {name: what for name, what in after.items() if not _is_of(name, mine)},
             {name: what for name, what in before.items() if not _is_of(name, mine)},
