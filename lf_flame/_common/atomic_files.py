@@ -22,6 +22,9 @@ from lf_flame.errors import InputError
 TOKEN = "[0-9a-f]{16}"
 """What a name aside has that no name of a user's has by chance."""
 
+MOVING = ".moving"
+"""Ending of a folder aside whose files are being moved to their place."""
+
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
@@ -84,7 +87,8 @@ def atomic_folder(path: str | Path, named: str = "") -> Iterator[Path]:
 def together(folder: str | Path, last: str = "") -> Iterator[Path]:
     """Give an empty folder; move its files into the wanted one when the block ends well.
 
-    If it does not end well, nothing there has changed.
+    If it does not end well, nothing there has changed. What is cut off while it moves files, the
+    next call finishes before anything else.
 
     Parameters
     ----------
@@ -103,13 +107,29 @@ def together(folder: str | Path, last: str = "") -> Iterator[Path]:
         If something other than a file bears the name of one.
     """
     folder = Path(folder)
-    with made(folder), _folder_aside(folder / "outputs") as aside:
-        yield aside
-        names = sorted((path.name for path in aside.iterdir()), key=lambda name: name == last)
-        for name in names:
-            refuse_other_kinds(folder / name)
-        for name in names:
-            (aside / name).replace(folder / name)
+    with made(folder):
+        _finish_moves(folder, last)
+        with _folder_aside(folder / "outputs") as aside:
+            yield aside
+            for path in aside.iterdir():
+                refuse_other_kinds(folder / path.name)
+            # From here on there is no way back, and the name says so.
+            _move_all(aside.rename(aside.with_suffix(MOVING)), last)
+
+
+def _finish_moves(folder: Path, last: str) -> None:
+    """Move what a process that has ended has not moved any more."""
+    for left in folder.iterdir():
+        if re.fullmatch(rf"\.outputs\.{TOKEN}\{MOVING}", left.name) and not left.is_symlink():
+            with suppress(BlockingIOError), _locked(left):
+                _move_all(left, last)
+
+
+def _move_all(aside: Path, last: str) -> None:
+    """Move all files of a folder into the one that it lies in."""
+    for path in sorted(aside.iterdir(), key=lambda path: (path.name == last, path.name)):
+        path.replace(aside.with_name(path.name))
+    aside.rmdir()
 
 
 @contextmanager
@@ -143,13 +163,20 @@ def remove_leftovers(path: Path) -> None:
 
 
 def _remove_unless_locked(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with _locked(path):
         if path.is_dir():
             shutil.rmtree(path)
         else:
             path.unlink()
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock of something that lies aside, unless another process does."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
     finally:
         os.close(descriptor)
 

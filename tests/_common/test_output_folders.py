@@ -1,6 +1,9 @@
 """A folder and its record change together; what is the user's stays."""
 
+import fcntl
 import json
+import os
+from pathlib import Path
 
 import pytest
 
@@ -50,6 +53,48 @@ def test_a_call_that_fails_changes_nothing(tmp_path, error):
         fill(tmp_path, a="2", b="2", error=error)
     assert contents(tmp_path) == {"a.txt": "1"}
     assert (tmp_path / RECORD).read_text() == record
+
+
+@pytest.mark.parametrize("moved", [0, 1, 2])
+@pytest.mark.parametrize("before", [False, True])
+def test_what_was_cut_off_between_two_moves_is_moved_by_the_next_call(
+    tmp_path, monkeypatch, moved, before
+):
+    """Whatever cuts it off: nothing runs behind it that could mend anything."""
+    folder, moves = tmp_path / "out", []
+    if before:
+        fill(folder, a="0", b="0")
+    replace = Path.replace
+
+    def cut_off(path, target):
+        if path.parent.suffix == ".moving":
+            moves.append(path.name)
+            if len(moves) > moved:
+                raise KeyboardInterrupt
+        return replace(path, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            fill(folder, a="1", b="1")
+    assert moves == ["a.txt", "b.txt", RECORD][: moved + 1]
+    fill(folder, a="1", c="1")
+    assert contents(folder) == {"a.txt": "1", "c.txt": "1"}
+    assert verify_outputs(folder, RECORD) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_another_process_moves_is_left_to_it(tmp_path):
+    moving = tmp_path / f".outputs.{'0' * 16}.moving"
+    moving.mkdir()
+    (moving / "a.txt").write_text("theirs")
+    descriptor = os.open(moving, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    fill(tmp_path, b="1")
+    assert moving.exists()
+    os.close(descriptor)
+    fill(tmp_path, b="1")
+    assert not moving.exists()
 
 
 def test_a_file_that_no_record_names_is_not_replaced(tmp_path):

@@ -5,6 +5,7 @@ behind a change of its files, when it writes.
 """
 
 import random
+import signal
 from dataclasses import dataclass
 
 from campaigning.commands import WRITING, Command
@@ -15,7 +16,8 @@ from campaigning.workplace import Reference, Workplace
 
 PART = "kills"
 KILL, INTERRUPT = "kill -9", "Ctrl-C"
-INTERRUPTED = 130
+INTERRUPTED = (130, -signal.SIGINT)
+"""Status by the program, and by the interpreter before it starts and when it has ended."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Kill:
                 return f"{left} processes live on"
         finally:
             process.end()
-        return "" if by_kill else fault(outcome, (0, INTERRUPTED))
+        return "" if by_kill else fault(outcome, (0, *INTERRUPTED))
 
     def _is_due(self, whole: Reference):
         if self.delay_s is None:

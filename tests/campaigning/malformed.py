@@ -178,9 +178,11 @@ class Malformed:
 
 def _told(file: str, text: str) -> str:
     """Say what is changed in a configuration; of a text that is none, the text."""
+    if text in TEXT_CASES.values():
+        return text
     try:
         return ", ".join(changes(tomllib.loads(text), tomllib.loads(TEXTS[file]))) or text
-    except (ValueError, RecursionError):
+    except ValueError:
         return text
 
 

@@ -81,7 +81,8 @@ class Process:
 
     def interrupt(self) -> None:
         """Interrupt it and what it has started, as Ctrl-C in a terminal does."""
-        os.killpg(self._process.pid, signal.SIGINT)
+        if self.runs:
+            os.killpg(self._process.pid, signal.SIGINT)
 
     def wait(self, limit_s: float = LIMIT_S) -> Outcome:
         """Wait for its end; what hangs is killed with all that it has started."""

@@ -240,6 +240,13 @@ def test_a_folder_that_bears_the_name_of_a_part_is_left_alone(tiny, tmp_path):
     assert [path.name for path in tmp_path.glob("*a.*")] == ["a.zarr.part"]
 
 
+def test_a_link_to_nothing_is_refused_before_any_work(tiny, tmp_path):
+    (tmp_path / "a.zarr").symlink_to("nowhere")
+    with pytest.raises(InputError, match="a.zarr exists; remove it"):
+        make_dataset(tiny, 2, tmp_path / "a.zarr")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+
+
 def test_what_zarr_left_of_a_write_that_was_cut_off_goes(tiny, tmp_path):
     make_dataset(tiny, 2, tmp_path / "a.zarr")
     part = tmp_path / "a.zarr.part"
