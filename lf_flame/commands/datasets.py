@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -22,8 +23,31 @@ from lf_flame.errors import InputError
     is_flag=True,
     help="Form every light field, even where light only adds and the images need none.",
 )
-def dataset(config: Path, preset: str, out: Path, workers: int, through_light_field: bool) -> None:
-    """Simulate the data set that CONFIG describes; goes on where a run was cut off."""
+@click.option("--scheduler", help="Dask scheduler whose workers make it: tcp://HOST:PORT.")
+@click.option(
+    "--local-cluster",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Start a Dask cluster of N processes here.",
+)
+def dataset(
+    config: Path,
+    preset: str,
+    out: Path,
+    workers: int,
+    through_light_field: bool,
+    scheduler: str | None,
+    local_cluster: int | None,
+) -> None:
+    """Simulate the data set that CONFIG describes; goes on where a run was cut off.
+
+    \b
+      lf-flame dataset data_gen/flames.toml --out flames.zarr
+      lf-flame dataset big.toml --out /shared/big.zarr --scheduler tcp://node1:8786
+
+    A cluster's workers must have this package, and see OUT under the same name. The bytes are the
+    same, whoever works.
+    """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
     from lf_flame.datasets.config import read_config
@@ -32,6 +56,8 @@ def dataset(config: Path, preset: str, out: Path, workers: int, through_light_fi
 
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
+    if scheduler and local_cluster:
+        raise InputError("--scheduler and --local-cluster exclude each other.")
     settings = read_config(config)
     samples = settings.sample_count(preset)
     if out.exists():
@@ -49,5 +75,12 @@ def dataset(config: Path, preset: str, out: Path, workers: int, through_light_fi
         click.echo(f"{out} is complete: {samples} samples.")
         return
     click.echo(f"{samples} light fields into {out}; first, the slopes of sharpest focus", err=True)
-    make_dataset(settings, samples, out, workers or cpu_count(), progress_bar, through_light_field)
+    make = partial(make_dataset, settings, samples, out, workers or cpu_count(), progress_bar)
+    if scheduler or local_cluster:
+        from lf_flame.datasets.clusters import cluster_executor
+
+        with cluster_executor(scheduler, local_cluster) as executor:
+            make(through_light_field, executor)
+    else:
+        make(through_light_field)
     (out / "zarr.json").touch()

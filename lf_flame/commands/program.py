@@ -79,6 +79,7 @@ MOST_THREADS = 1024
 LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas", "zarr"), LEARNING),
+    **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
     "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
     "torch": "This needs PyTorch, or another KERAS_BACKEND",
 }
