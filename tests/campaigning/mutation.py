@@ -1,5 +1,6 @@
 """Values changed at random: what a configuration, a record or a command line could be given."""
 
+import copy
 import json
 import math
 import random
@@ -32,7 +33,7 @@ def strange(rng: random.Random, schema: dict | None = None) -> Any:
         inner = (schema or {}).get("prefixItems") or [(schema or {}).get("items") or {}]
         count = rng.choice((0, 1, 2, 2, 2, 3, 2000))
         return [strange(rng, rng.choice(inner)) for _ in range(count)]
-    return rng.choice(SMALL)
+    return copy.deepcopy(rng.choice(SMALL))
 
 
 def resolved(schema: dict, root: dict) -> dict:
