@@ -38,7 +38,7 @@ BASELINES := .venv-baselines
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: mutants lint types clean
+.PHONY: mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -139,6 +139,11 @@ test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
 # Where it was cut off it goes on; MUTANTS='optics/camera.py --per-file 50' for some files alone.
 mutants: | $(INSTALLED)  ## plant small errors in the numerical core and list those that no test notices (an hour)
 	$(BIN)/python tests/mutants.py $(MUTANTS) --out results/mutants
+
+# Where it was cut off it goes on; TMPDIR on a disk in memory makes it faster. CAMPAIGN='--part kills'
+# for one part, CAMPAIGN=--quick for two minutes.
+campaign: | $(INSTALLED)  ## try to lose files, to hang and to break every command, and count (half an hour)
+	$(BIN)/python tests/campaign.py $(CAMPAIGN) --out results/campaign
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
