@@ -42,7 +42,7 @@ def dataset(
     """Simulate the data set that CONFIG describes; goes on where a run was cut off.
 
     \b
-      lf-flame dataset data_gen/flames.toml --out flames.zarr
+      lf-flame dataset flames.toml --out flames.zarr
       lf-flame dataset big.toml --out /shared/big.zarr --scheduler tcp://node1:8786
 
     A cluster's workers must have this package, and see OUT under the same name. The bytes are the

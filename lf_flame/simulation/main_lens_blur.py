@@ -21,6 +21,7 @@ from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm
 from lf_flame.simulation.lenslet_blur import TAIL, wavelength_mm
 from lf_flame.simulation.slabs import Plane
+from lf_flame.simulation.stops import neighbours, true_pitch_mm
 
 Interval = tuple[float, float]
 
@@ -224,6 +225,8 @@ def _seen_mm(camera: PlenopticCamera, depth_mm: float, axis: int) -> tuple[float
         focal_mm = camera.main_lens_focal_mm * (1 + camera.chromatic_shift * colour)
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
         aside = beyond_mm(camera) + sum(misplaced_mm(camera))
+        # At the edge of the array pixels see through lenslets beyond it, too.
+        aside += max(neighbours(camera), any(misplaced_mm(camera))) * true_pitch_mm(camera)
         reach = footprint.half_width_mm + abs(footprint.shift_per_lenslet_shift) * aside
         low = min(low, footprint.centres_mm.min() - reach)
         high = max(high, footprint.centres_mm.max() + reach)

@@ -35,7 +35,7 @@ RECORD = {
 @pytest.fixture
 def write(tmp_path):
     def write(record):
-        (tmp_path / "model.keras").write_bytes(b"")
+        (tmp_path / "model.keras").write_bytes(b"PK\5\6" + bytes(18))  # an empty archive
         (tmp_path / "run.json").write_text(json.dumps(record))
         return tmp_path
 

@@ -66,6 +66,29 @@ def test_light_from_beyond_the_field_comes_in(rng):
     assert 1 - ends[8, 0] < dark
 
 
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"aperture_diameter_mm": 1.3 * CAMERA.aperture_mm},
+        {"aperture_diameter_mm": 2.5 * CAMERA.aperture_mm},
+        {"lenslet_rotation_rad": 0.02},
+        {"lenslet_pitch_error": 0.02},
+        {"aperture_diameter_mm": 1.1 * CAMERA.aperture_mm, "lenslet_pitch_error": -0.01},
+    ],
+    ids=["wide", "very wide", "rotated", "stretched", "shrunk"],
+)
+@pytest.mark.parametrize("depth", [0.0, 8.0])
+def test_what_is_even_as_far_as_any_pixel_sees_stays_as_it_is(odd, depth):
+    """At the edge of the array, pixels see through lenslets beyond it too."""
+    camera = replace(CAMERA, wavelength_nm=500.0, **odd)
+    scene = Scene([Layer(np.ones((1, 1)), depth, (60.0, 60.0))])
+    images = [
+        render(scene, camera, 2e-3, effects=ONLY | {"main_lens_diffraction": on}).views
+        for on in (False, True)
+    ]
+    np.testing.assert_allclose(images[1], images[0], atol=3e-3 * images[0].max())
+
+
 @pytest.mark.parametrize("size", [(0.02, 0.02), (30.0, 0.5)])
 @pytest.mark.parametrize("cells", [(1, 1), (40, 3)])
 def test_all_light_is_kept_on_any_cells(rng, size, cells):
