@@ -24,6 +24,7 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.input_files import readable
 from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
@@ -34,7 +35,13 @@ from lf_flame.datasets.hashes import (
     open_array,
     set_attributes,
 )
-from lf_flame.datasets.metadata import METADATA, SIMULATED, check_arrays, read_attributes
+from lf_flame.datasets.metadata import (
+    METADATA,
+    SIMULATED,
+    ZARR_ERRORS,
+    check_arrays,
+    read_attributes,
+)
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
@@ -150,7 +157,7 @@ def make_dataset(
         asked = json.dumps(config_to_json(config)), tuple(_slopes(part))
         tasks = [
             Task(*asked, through_light_field, str(part.resolve()), range(first, last))
-            for first, last in _open_shards(group)
+            for first, last in _open_shards(group, part)
         ]
         missing = sum(len(task.samples) for task in tasks)
         finished = _carry_out(tasks, workers, executor)
@@ -161,7 +168,7 @@ def make_dataset(
             "wall_s": round(time.perf_counter() - started, 2),
             "samples_this_run": missing,
         }
-        _finish(group, made)
+        _finish(group, part, made)
         for left in part.rglob("*.partial"):  # by Zarr's store, of writes that were cut off
             left.unlink(missing_ok=True)
         part.rename(path)
@@ -252,10 +259,11 @@ def _check_same(
     check_attributes(group, part)
 
 
-def _open_shards(group: zarr.Group) -> Iterator[tuple[int, int]]:
+def _open_shards(group: zarr.Group, part: Path) -> Iterator[tuple[int, int]]:
     """First sample of each shard that is not complete, and one past the last."""
-    complete = open_array(group, "complete")
-    done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
+    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
+        complete = open_array(group, "complete")
+        done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
     for first in range(0, done.size, count):
         if not done[first : first + count].all():
             yield first, min(first + count, done.size)
@@ -315,11 +323,12 @@ def _count_simulated(group: zarr.Group) -> dict[str, Any]:
     }
 
 
-def _finish(group: zarr.Group, made: dict[str, Any]) -> None:
+def _finish(group: zarr.Group, part: Path, made: dict[str, Any]) -> None:
     """Write the hashes and what made the data set."""
     attributes = dict(group.attrs)
-    attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}
-    if SIMULATED in group:
-        attributes[SIMULATED] = _count_simulated(group)
+    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
+        attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}
+        if SIMULATED in group:
+            attributes[SIMULATED] = _count_simulated(group)
     attributes["provenance"] = {**provenance.environment(), **made}
     set_attributes(group, attributes)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from campaigning.commands import WRITING, Command
 from campaigning.contents import differences
 from campaigning.processes import Process, call, watch
-from campaigning.verdicts import fault
+from campaigning.verdicts import Outcome, fault
 from campaigning.workplace import Reference, Workplace
 
 PART = "kills"
@@ -77,7 +77,9 @@ class Kill:
                 return f"{left} processes live on"
         finally:
             process.end()
-        return "" if by_kill else fault(outcome, (0, *INTERRUPTED))
+        if by_kill or _is_outside(outcome):
+            return ""
+        return fault(outcome, (0, *INTERRUPTED))
 
     def _is_due(self, whole: Reference):
         if self.delay_s is None:
@@ -90,6 +92,11 @@ class Kill:
             return bool(seen) and seconds - seen[0] >= self.delay_s
 
         return is_due
+
+
+def _is_outside(outcome: Outcome) -> bool:
+    """Whether the interpreter was interrupted before it had our program, or when that had ended."""
+    return "KeyboardInterrupt" in outcome.err and "program.py" not in outcome.err
 
 
 def cases(seed: int, quick: bool) -> list[Kill]:

@@ -217,6 +217,19 @@ def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):
     assert not (tmp_path / "a.zarr.part").exists()
 
 
+@pytest.mark.parametrize("name", ["complete/c/0", "target/c/0/0/0/0"])
+def test_what_was_begun_and_is_damaged_is_named(tiny, tmp_path, name):
+    """Also where the shards that are there are read for the hash of all."""
+    make_dataset(tiny, 20, tmp_path / "a.zarr")
+    part = (tmp_path / "a.zarr").rename(tmp_path / "a.zarr.part")
+    (part / "complete" / "c" / "1").unlink()
+    chunk = part / name
+    chunk.write_bytes(chunk.read_bytes()[:-3] + b"xyz")
+    with pytest.raises(InputError, match=r"a\.zarr\.part/zarr\.json cannot be read: it is damaged"):
+        make_dataset(tiny, 20, tmp_path / "a.zarr")
+    assert part.exists()
+
+
 def test_a_run_that_was_cut_at_its_very_start_begins_again(tiny, tmp_path):
     left = tmp_path / f".a.zarr.{'0' * 16}.part.part"
     left.mkdir()
