@@ -139,7 +139,7 @@ def report(rows: list[dict], made: dict) -> str:
     total = summary(rows)
     parts = [
         "# A campaign against the commands\n",
-        f"{total['cases']} cases, **{total['wrong']} wrong**. Seed {made['seed']}"
+        f"{total['cases']} cases of {made['drawn']}, **{total['wrong']} wrong**. Seed {made['seed']}"
         f"{', quick' if made['quick'] else ''}; {made['machine']}, revision "
         f"{made['git_revision']}, {made['date']}. Command: `{made['command']}`. One case again: "
         f"`python tests/campaign.py --seed {made['seed']} --only PART:NUMBER`.\n",
@@ -191,7 +191,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _carry_out(cases: list, asked: argparse.Namespace) -> int:
-    made = provenance.environment() | {"seed": asked.seed, "quick": asked.quick}
+    made = provenance.environment()
+    made |= {"seed": asked.seed, "quick": asked.quick, "drawn": len(cases)}
     program = program_key()
     keys = [key_of(case, program, asked.seed) for case in cases]
     with TemporaryDirectory() as nowhere:
@@ -204,14 +205,13 @@ def _carry_out(cases: list, asked: argparse.Namespace) -> int:
             if left:
                 run(*map(list, zip(*left, strict=True)), asked.jobs, record, not asked.quick)
         except KeyboardInterrupt:
-            print(f"\nStopped; the same command goes on. {record} holds what was found so far.")
-            return 130
+            print("\nStopped; the same command goes on.")
         found = read_rows(record)
-        rows = [found[key] for key in keys]
+        rows = [found[key] for key in keys if key in found]
         write_json(out / "campaign.json", made | summary(rows) | {"rows": rows})
         write_text(out / "campaign.md", report(rows, made))
     print(report(rows, made))
-    return int(summary(rows)["wrong"] > 0)
+    return int(summary(rows)["right"] < len(cases))
 
 
 if __name__ == "__main__":

@@ -137,7 +137,7 @@ def test_a_record_goes_on_and_tells_what_is_wrong(tmp_path, monkeypatch, capsys)
         assert end.value.code == 1
     assert len(tried) == len(places.cases(1, quick=False))  # the second time all is known
     text = (tmp_path / "campaign.md").read_text()
-    assert f"{len(tried)} cases, **1 wrong**" in text
+    assert f"{len(tried)} cases of {len(tried)}, **1 wrong**" in text
     assert "- `places:1` simulate: a link to a file. **traceback: KeyError**" in text
     assert text in capsys.readouterr().out
 

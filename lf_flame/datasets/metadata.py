@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lf_flame._common.config import build_record, load_record
+from lf_flame._common.input_files import check_regular
+from lf_flame._common.memory import check_memory
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig
 from lf_flame.errors import InputError
 
@@ -144,7 +146,7 @@ def check_array(path: Path, shapes: Sequence[tuple[int, ...]]) -> int:
 
 
 def check_arrays(path: Path, config: DatasetConfig) -> int:
-    """Look at what the arrays of a data set say of themselves.
+    """Look at what the arrays of a data set say of themselves, and at what lies in their files.
 
     Returns
     -------
@@ -154,8 +156,12 @@ def check_arrays(path: Path, config: DatasetConfig) -> int:
     Raises
     ------
     InputError
-        If one is missing, damaged, or not as the configuration has it.
+        If one is missing, damaged, or not as the configuration has it; or a file is a device, a
+        pipe, or larger than the memory allows, for Zarr reads files whole.
     """
+    for file in path.rglob("*"):
+        if not file.is_dir():
+            check_memory(check_regular(file), file)
     shown = config.input.shape(config.image)
     shapes = {
         "complete": [()],

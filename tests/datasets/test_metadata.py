@@ -1,6 +1,7 @@
 """What a stored data set says of itself is looked at before Zarr sees it."""
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -156,3 +157,15 @@ def test_a_part_that_is_damaged_is_named(path, whole, tmp_path):
     (tmp_path / "b.zarr.part" / "complete" / "zarr.json").unlink()
     with pytest.raises(InputError, match=r"complete/zarr\.json cannot be read: there is no such"):
         make_dataset(read_config(whole.parent / "a.toml"), 3, tmp_path / "b.zarr")
+
+
+@pytest.mark.parametrize("name", ["complete/c/0", "parameters/brightness/c/0/0"])
+def test_a_device_or_a_pipe_in_place_of_a_chunk_is_not_read(path, name):
+    for kind in ("a device", "a pipe"):
+        (path / name).unlink()
+        if kind == "a device":
+            (path / name).symlink_to("/dev/zero")
+        else:
+            os.mkfifo(path / name)
+        with pytest.raises(InputError, match=f"{name} cannot be read: .* is {kind}"):
+            Dataset(path)
