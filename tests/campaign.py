@@ -139,7 +139,8 @@ def report(rows: list[dict], made: dict) -> str:
     total = summary(rows)
     parts = [
         "# A campaign against the commands\n",
-        f"{total['cases']} cases of {made['drawn']}, **{total['wrong']} wrong**. Seed {made['seed']}"
+        f"{total['cases']} cases of {made['drawn']}, **{total['wrong']} wrong**. "
+        f"Seed {made['seed']}"
         f"{', quick' if made['quick'] else ''}; {made['machine']}, revision "
         f"{made['git_revision']}, {made['date']}. Command: `{made['command']}`. One case again: "
         f"`python tests/campaign.py --seed {made['seed']} --only PART:NUMBER`.\n",

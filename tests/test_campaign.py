@@ -51,6 +51,9 @@ def test_contents_are_compared_without_dates(tmp_path):
     a, b, c = (contents(tmp_path / name) for name in "abc")
     assert differences(a, b) == ""
     assert differences(a, c) == "another content: record.json, table.csv"
+    (tmp_path / "a" / "cut.keras").write_bytes(b"PK")
+    assert differences(contents(tmp_path / "a"), b) == "left over: cut.keras"
+    (tmp_path / "a" / "cut.keras").unlink()
     (tmp_path / "b" / ".picture.part").touch()
     (tmp_path / "b" / "picture.png").unlink()
     assert differences(contents(tmp_path / "b"), a) == (
