@@ -24,8 +24,9 @@ DATA = {
 }  # fmt: skip
 
 RECORD = {
-    "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1, "recipe": {},
-    "train_s": 3.5, "machine": "a machine", "backbone_weights": "random", "model": {},
+    "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1,
+    "recipe": {"batch_size": 2}, "train_s": 3.5, "machine": "a machine",
+    "backbone_weights": "random", "model": {},
     "split": [0.5, 0.25, 0.25], "parts": {"train": 6, "validation": 3, "test": 3},
     "test_indices": [1, 4, 7], "data": "../a.zarr", "data_sha256": "0",
     "dataset": {"config": DATA, "slopes": [1.0, -1.0], "objects": ["square", "circle"]},
@@ -71,6 +72,7 @@ def test_what_is_missing_or_of_another_type_is_named(write, name):
         ({"dataset": RECORD["dataset"] | {"config": 3}}, "dataset.config: "),
         ({"dataset": 3}, "run.json: dataset: "),
         ({"train_s": "3.5"}, "train_s: input should be a valid number, got '3.5'"),
+        ({"recipe": {}}, "recipe.batch_size is missing"),
         ({"system": 3}, "system: input should be a valid string"),
     ],
 )
