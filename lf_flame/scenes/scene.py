@@ -17,8 +17,8 @@ from lf_flame.optics.camera import PlenopticCamera
 BRIGHTEST = 1e36
 """Radiance whose sums over some layers still are float32 numbers."""
 
-LARGEST_MM = 1e303
-"""Length whose sums and ratios with those of a camera still are float64 numbers."""
+LARGEST_MM, SMALLEST_MM = 1e303, 1e-250
+"""Lengths whose sums and ratios with those of a camera still are float64 numbers."""
 
 Lengths = Sequence[float] | np.ndarray
 """Two lengths (y, x), as users give them."""
@@ -91,10 +91,12 @@ class Layer:
         size = _checked_pair(size_mm, "size_mm", above=0.0)
         centre = _checked_pair(centre_mm, "centre_mm")
         for length, place, count in zip(size, centre, cells.shape, strict=True):
-            if not 4 * count * (np.spacing(abs(place)) + np.spacing(length)) < length < LARGEST_MM:
+            rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(length))
+            if not max(rounding, SMALLEST_MM) < length < LARGEST_MM:
                 raise InputError(
                     f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
-                    f"axis, and stay below {LARGEST_MM:g} mm, got {size} and {centre}."
+                    f"axis, above {SMALLEST_MM:g} and below {LARGEST_MM:g} mm, got {size} and "
+                    f"{centre}."
                 )
         if not abs(depth_mm) < LARGEST_MM:
             raise InputError(

@@ -127,6 +127,7 @@ def test_layer_keeps_its_own_texture():
         ({"size_mm": (0.0, 1.0)}, "size_mm must be two finite lengths .* above 0"),
         ({"centre_mm": (np.inf, 0)}, "centre_mm must be two finite"),
         ({"depth_mm": np.nan}, "depth_mm of a layer must be finite"),
+        ({"size_mm": (1e-308, 1.0)}, "tell its cells apart, 1 along an axis, above 1e-250"),
     ],
 )
 def test_impossible_layers_are_refused(values, message):
