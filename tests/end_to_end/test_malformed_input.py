@@ -64,7 +64,7 @@ def ended(arguments, gathered=cli.commands):
 
 def content():
     """Every file below the working folder, by its size and when it was written."""
-    found = {path: path.lstat() for path in Path().rglob("*")}
+    found = {path: path.lstat() for path in Path().rglob("*") if not path.is_dir()}
     return {path: (status.st_size, status.st_mtime_ns) for path, status in found.items()}
 
 
