@@ -52,6 +52,13 @@ class DatasetFacts:
 
 
 @dataclass(frozen=True)
+class RecipeFacts:
+    """What tables say of a run's recipe; there is more in it."""
+
+    batch_size: int
+
+
+@dataclass(frozen=True)
 class PaperRunRecord:
     """What the record of a finished run of the paper's network says beside that.
 
@@ -59,7 +66,7 @@ class PaperRunRecord:
     ----------
     title, preset : str
     seed, epochs, best_epoch : int
-    recipe : dict
+    recipe : RecipeFacts
     train_s : float
     machine : str
     backbone_weights : str
@@ -79,7 +86,7 @@ class PaperRunRecord:
     seed: int
     epochs: int
     best_epoch: int
-    recipe: dict[str, Any]
+    recipe: RecipeFacts
     train_s: float
     machine: str
     backbone_weights: str
