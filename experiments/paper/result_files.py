@@ -42,6 +42,10 @@ class ResultRecord:
     table: list[Row]
     sha256: dict[str, str] = field(default_factory=dict)
 
+    def __post_init__(self):
+        if not isinstance(self.recipe.get("batch_size"), int):
+            raise InputError("recipe must hold a batch_size, a whole number.")
+
 
 def hashes_of(folder: Path, name: str) -> dict[str, str]:
     """SHA-256 of the files of a table, those that are there."""

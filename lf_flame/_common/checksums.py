@@ -12,7 +12,7 @@ def file_sha256(path: str | Path) -> str:
     Raises
     ------
     InputError
-        If it is no regular file: a device may have no end.
+        If it is no regular file: a device may never end.
     """
     check_regular(path)
     with Path(path).open("rb") as file:

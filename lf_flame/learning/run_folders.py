@@ -53,7 +53,7 @@ class DatasetFacts:
 
 @dataclass(frozen=True)
 class RecipeFacts:
-    """What is read of a run's recipe; there is more in it."""
+    """What tables say of a run's recipe; there is more in it."""
 
     batch_size: int
 

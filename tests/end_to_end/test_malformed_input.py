@@ -64,7 +64,7 @@ def ended(arguments, gathered=cli.commands):
 
 def content():
     """Every file below the working folder, by its size and when it was written."""
-    found = {path: path.lstat() for path in Path().rglob("*")}
+    found = {path: path.lstat() for path in Path().rglob("*") if not path.is_dir()}
     return {path: (status.st_size, status.st_mtime_ns) for path, status in found.items()}
 
 
@@ -217,11 +217,15 @@ def test_configurations(refuse, tmp_path, command, name):
     [
         ("[" * 100_000, "nest deeper than 64"),
         ('{"source": "a\\u0000b"}', "holds a null byte"),
-        ('{"source": 7}', "refocus.json: source: input should be a valid string, got 7"),
-        ('{"files": "all"}', "refocus.json: files: input should be a valid"),
-        ('{"files": [["a"]]}', "refocus.json: files.0: "),
+        (
+            '{"versions": {}, "source": 7}',
+            "refocus.json: source: input should be a valid string, got 7",
+        ),
+        ('{"versions": {}, "files": "all"}', "refocus.json: files."),
+        ('{"versions": {}, "files": [["a"]]}', "refocus.json: files."),
+        ('{"source": "mine"}', "is no whole record of this program"),
         ("\0", "is not a JSON file"),
-        ('{"source": "elsewhere.npy"}', "holds the pictures of elsewhere.npy"),
+        ('{"versions": {}, "source": "elsewhere.npy"}', "holds the pictures of elsewhere.npy"),
     ],
     ids=lambda value: str(value)[:30],
 )

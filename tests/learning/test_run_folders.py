@@ -25,8 +25,8 @@ DATA = {
 
 RECORD = {
     "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1,
-    "recipe": {"batch_size": 2}, "train_s": 3.5, "machine": "a machine",
-    "backbone_weights": "random", "model": {},
+    "recipe": {"batch_size": 2},
+    "train_s": 3.5, "machine": "a machine", "backbone_weights": "random", "model": {},
     "split": [0.5, 0.25, 0.25], "parts": {"train": 6, "validation": 3, "test": 3},
     "test_indices": [1, 4, 7], "data": "../a.zarr", "data_sha256": "0",
     "dataset": {"config": DATA, "slopes": [1.0, -1.0], "objects": ["square", "circle"]},
@@ -65,6 +65,7 @@ def test_what_is_missing_or_of_another_type_is_named(write, name):
     [
         ({"test_indices": []}, "test_indices must be samples"),
         ({"test_indices": [-1]}, "test_indices must be samples"),
+        ({"recipe": {"epochs": 2}}, "recipe.batch_size is missing"),
         ({"parts": {}}, "parts hold train and test"),
         ({"split": [0.5, 1e308, 0.1]}, "split must be three shares"),
         ({"dataset": RECORD["dataset"] | {"slopes": [1.0]}}, "as many as the depths"),
@@ -72,7 +73,6 @@ def test_what_is_missing_or_of_another_type_is_named(write, name):
         ({"dataset": RECORD["dataset"] | {"config": 3}}, "dataset.config: "),
         ({"dataset": 3}, "run.json: dataset: "),
         ({"train_s": "3.5"}, "train_s: input should be a valid number, got '3.5'"),
-        ({"recipe": {}}, "recipe.batch_size is missing"),
         ({"system": 3}, "system: input should be a valid string"),
     ],
 )
@@ -88,4 +88,12 @@ def test_a_run_of_a_system_says_what_it_is_and_what_is_wanted(write):
         "holds a run of the system refocusnet; wanted is one of the paper's network, by `lf-flame"
     )
     with pytest.raises(InputError, match=words):
+        open_run(folder)
+
+
+def test_a_network_that_is_a_link_to_a_device_is_refused_at_once(write):
+    folder = write(RECORD | {"model_sha256": "0"})
+    (folder / "model.keras").unlink()
+    (folder / "model.keras").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match="must be a regular file, and is a device"):
         open_run(folder)

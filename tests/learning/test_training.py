@@ -320,9 +320,9 @@ def test_split_is_whole_disjoint_and_seeded():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"epochs": 0}, "epochs, batch_size and bands must be at least 1"),
+        ({"epochs": 0}, "epochs, batch_size and bands must be from 1 to"),
         ({"epochs": 1, "learning_rate": -1.0}, "learning_rate above 0"),
-        ({"epochs": 1, "bands": 0}, "bands must be at least 1"),
+        ({"epochs": 1, "bands": 0}, "batch_size and bands must be from 1 to"),
         ({"epochs": 1, "speed": 2}, "speed is not a known key"),
         ({"epochs": 1, "schedule": "steps"}, "schedule: input should be 'constant' or 'cosine'"),
     ],

@@ -237,8 +237,8 @@ def test_unknown_names_are_one_sentence(config, tmp_path, name, preset, words):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("model.keras", b"", "model.keras is not a Keras file, or is cut short"),
-        ("model.keras", None, "model.keras is not a Keras file of this package"),
+        ("model.keras", b"", "model.keras is not the network that run.json was written for"),
+        ("model.keras", None, "model.keras is not the network that run.json was written for"),
         ("run.json", b"{", "run.json is not a JSON file"),
     ],
 )
