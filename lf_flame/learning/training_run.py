@@ -112,7 +112,7 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
             tqdm.write(f"{out} holds this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
-        _claim_folder(out, job.request)
+        _refuse_other_run(out, job.request)
         _train(job, model, started, show)
     return model
 
@@ -121,6 +121,7 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
     """Train from the last checkpoint on, and write network and record."""
     out = model.parent
     run = load_checkpoint(out, _decides_epochs(job.request))
+    write_json(out / "config.json", job.request)
     if run.history:
         tqdm.write(f"Going on behind epoch {run.epochs_done} of {job.epochs}.")
     if run.next_epoch <= job.epochs:
@@ -169,21 +170,18 @@ def _decides_epochs(request: dict) -> dict:
     return {**request, "recipe": recipe}
 
 
-def _claim_folder(out: Path, request: dict) -> None:
-    """Write what is asked for into a new run folder; refuse one that holds something else.
+def _refuse_other_run(out: Path, request: dict) -> None:
+    """Refuse a run folder that holds something else than what is asked for.
 
     A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
     """
     path = out / "config.json"
     if not path.exists():
-        write_json(path, request)
         return
     found = _without_folders(read_record(path))
     build_record(FoundRequest, found, path)
     if _goes_on(found["recipe"], request["recipe"]):
         found["recipe"]["epochs"] = request["recipe"]["epochs"]
-        if found == request:
-            write_json(path, request)
     changed = [key for key in request if found.get(key) != request[key]]
     if changed:
         key = changed[0]

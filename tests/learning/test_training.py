@@ -238,7 +238,7 @@ def test_a_checkpoint_of_another_run_is_refused(config, data, run):
     (run / "config.json").unlink()
     with pytest.raises(InputError, match=r"belongs to a run with another seed \(1, now 2\)"):
         again(replace(config, seed=2), data, run)
-    (run / "config.json").unlink()
+    assert not (run / "config.json").exists()  # which would speak for the other run
     (next(run.glob("checkpoint-*")) / "manifest.json").unlink()
     with pytest.raises(InputError, match="says what run it belongs to; remove it"):
         again(config, data, run)
