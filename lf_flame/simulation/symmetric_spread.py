@@ -25,6 +25,9 @@ PATCHES = 2
 MOST_BLOCKS, MOST_REACH = 100_000, 40
 """Blocks of cells, and blocks to each side of a bundle, beyond which they are taken larger."""
 
+MOST_CELLS = 1_000_000
+"""Cells along an axis, lit or dark, that are looked at one by one."""
+
 PARTIAL = 0.0161
 """Twice the largest integral, in cells squared, of a tooth's integral less its mean over a part of
 a cell: of u/24 - u^3/6, which is largest at u^2 = 1/12."""
@@ -186,9 +189,11 @@ def spread_change(layer: Layer, axes: tuple[AxisSpread, AxisSpread], together: b
     Returns
     -------
     float
-        In the unit of the texture.
+        In the unit of the texture; infinite where bundles reach over more than `MOST_CELLS`.
     """
     blocks = _Blocks(layer, axes)
+    if max(grid.count for grid in blocks.grids) > MOST_CELLS:
+        return math.inf
     # Along y at every column to which the light of a bundle spreads, along x at its own rows.
     (first_y, second_y, aside_y), (first_x, second_x, aside_x) = (
         _axis_change(blocks, axis, axes[axis], beside)

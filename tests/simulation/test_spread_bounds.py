@@ -240,3 +240,11 @@ def test_widths_between_two_depths_and_colours_are_those_of_rays(small_camera, d
             traced = [getattr(footprint, name) for footprint in footprints]
             narrowest = 0.0 if min(traced) <= 0 <= max(traced) else np.abs(traced).min()
             np.testing.assert_allclose(found, (narrowest, np.abs(traced).max()), rtol=1e-9)
+
+
+@pytest.mark.parametrize("focus_mm", [1e7, 2.0**62])
+def test_bundles_that_reach_over_any_number_of_cells_have_a_bound(small_camera, focus_mm):
+    """That of how far rays move: the change of a whole texture at most."""
+    scene = Scene([Layer(np.eye(5), 5.0, (3.0, 3.0))])
+    camera = replace(small_camera, focus_distance_mm=focus_mm)
+    assert plan_effects(scene, camera, 0.05)["defocus"].kept
