@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import correlate1d, maximum_filter1d
 
-from lf_flame._common.memory import check_memory
 from lf_flame.scenes.scene import Layer
 
 SUBCELLS = 4
@@ -270,8 +269,6 @@ class _Blocks:
             if self.size > 1:
                 border[axis] = (before, border[axis][1] + -grid.count % self.size)
             if any(border[axis]):
-                cells = (differences.shape[axis] + sum(border[axis])) * differences.shape[1 - axis]
-                check_memory(8 * cells, "What the camera sees beyond a layer")
                 differences = np.pad(differences, border)
             if self.size > 1:
                 shape = list(differences.shape)

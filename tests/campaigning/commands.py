@@ -82,7 +82,7 @@ WRITING = (
     Command("tables", "tables results --out out.md", "out.md", program="experiments"),
 )  # fmt: skip
 
-LEARNING = ("train", "train-system", "export", "predict", "evaluate")
-"""Those that start TensorFlow, and so take seconds."""
+LEARNING = ("train", "train-system", "export", "predict", "evaluate", "tables")
+"""Those that start TensorFlow, and so take seconds, or need what it has made."""
 
 BY_NAME = {command.name: command for command in WRITING}

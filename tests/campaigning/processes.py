@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from campaigning.verdicts import Outcome
@@ -161,16 +162,14 @@ class Changes:
 
     def _look(self, folder: Path) -> set[tuple[str, int]]:
         found = set()
-        try:
-            for entry in os.scandir(folder):
+        with suppress(OSError), os.scandir(folder) as entries:  # it may change under our eyes
+            for entry in entries:
                 if folder is self._home and entry.name in self._inputs:
                     continue
                 inside = entry.is_dir(follow_symlinks=False)
                 found.add((entry.path, 0 if inside else entry.stat(follow_symlinks=False).st_size))
                 if inside:
                     found |= self._look(Path(entry.path))
-        except OSError:  # it changed under our eyes
-            pass
         return found
 
 

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, PlenopticCamera, Scene
-from lf_flame.simulation.plan import plan_effects
 from lf_flame.simulation.symmetric_spread import Box, Pairs, find_rounding, teeth
 
 FINE = 4000
@@ -55,10 +53,3 @@ def test_narrowest_bundle_on_the_way_decides():
     assert find_rounding(pairs, 1.0, wide, [(wide, wide)], cut=True).any_steps == pytest.approx(
         1e-3 / 3.0
     )
-
-
-def test_a_camera_that_sees_too_much_is_refused_before_memory_is_taken():
-    camera = PlenopticCamera(150.0, float(2**62), 0.4, 0.112, views=3, lenslets=(20, 30))
-    scene = Scene([Layer(np.ones((8, 8)), 0.0, (1.5, 1.5))])
-    with pytest.raises(InputError, match="What the camera sees beyond a layer would need"):
-        plan_effects(scene, camera)
