@@ -90,6 +90,13 @@ def test_a_disk_is_full_for_a_process(tmp_path):
     assert (tmp_path / "out").stat().st_size == 1000
 
 
+@pytest.mark.parametrize(("place", "outside"), [("<module>", True), ("run", False)])
+def test_an_interruption_counts_where_the_program_runs(place, outside):
+    line = f'  File "lf_flame/commands/program.py", line 9, in {place}'
+    err = f"Traceback (most recent call last):\n{line}\nKeyboardInterrupt\n"
+    assert kills._is_outside(Outcome(1, "", err, 1.0)) == outside
+
+
 @pytest.mark.parametrize("part", [kills, pairs, damages, malformed, known, places])
 def test_cases_are_the_same_in_every_run(part):
     """So that one can be repeated by its number."""

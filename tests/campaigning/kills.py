@@ -5,6 +5,7 @@ behind a change of its files, when it writes.
 """
 
 import random
+import re
 import signal
 from dataclasses import dataclass
 
@@ -96,7 +97,8 @@ class Kill:
 
 def _is_outside(outcome: Outcome) -> bool:
     """Whether the interpreter was interrupted before it had our program, or when that had ended."""
-    return "KeyboardInterrupt" in outcome.err and "program.py" not in outcome.err
+    ours = re.search(r'program\.py", line \d+, in run', outcome.err)
+    return "KeyboardInterrupt" in outcome.err and not ours
 
 
 def cases(seed: int, quick: bool) -> list[Kill]:
