@@ -97,6 +97,22 @@ def test_an_interruption_counts_where_the_program_runs(place, outside):
     assert kills._is_outside(Outcome(1, "", err, 1.0)) == outside
 
 
+@pytest.mark.parametrize(
+    ("there", "done", "wrong"),
+    [
+        ({"b", "record"}, [0, 1], ""),
+        ({"a", "record"}, [0], ""),
+        ({"record"}, [0, 1], "missing: a"),
+        ({"record"}, [1], "missing: b"),
+        (set(), [], ""),
+    ],
+)
+def test_a_later_call_may_remove_what_an_earlier_one_wrote(there, done, wrong):
+    alone = [{"a": "1", "record": "0"}, {"b": "1", "record": "0"}]
+    found = {name: "0" if name == "record" else "1" for name in there}
+    assert pairs._mixed(found, alone, done) == wrong
+
+
 @pytest.mark.parametrize("part", [kills, pairs, damages, malformed, known, places])
 def test_cases_are_the_same_in_every_run(part):
     """So that one can be repeated by its number."""
