@@ -141,8 +141,8 @@ mutants: | $(INSTALLED)  ## plant small errors in the numerical core and list th
 	$(BIN)/python tests/mutants.py $(MUTANTS) --out results/mutants
 
 # Where it was cut off it goes on; TMPDIR on a disk in memory makes it faster. CAMPAIGN='--part kills'
-# for one part, CAMPAIGN=--quick for two minutes.
-campaign: | $(INSTALLED)  ## try to lose files, to hang and to break every command, and count (half an hour)
+# for one part, CAMPAIGN=--quick for some minutes.
+campaign: | $(INSTALLED)  ## try to lose files, to hang and to break every command, and count (an hour)
 	$(BIN)/python tests/campaign.py $(CAMPAIGN) --out results/campaign
 
 lint: | $(INSTALLED)  ## check style with ruff

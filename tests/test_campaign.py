@@ -170,7 +170,7 @@ def test_a_record_goes_on_and_tells_what_is_wrong(tmp_path, monkeypatch, capsys)
 
 @pytest.mark.slow
 def test_a_quick_campaign_finds_nothing_wrong(tmp_path):
-    """Some cases of each part, without TensorFlow: two minutes on two cores."""
+    """Some cases of each part, without TensorFlow: some minutes."""
     with pytest.raises(SystemExit) as end:
         campaign.main(["--quick", "--out", str(tmp_path)])
     assert end.value.code == 0, (tmp_path / "campaign.md").read_text()

@@ -70,7 +70,7 @@ def _results(path: Path) -> Iterator[tuple[Path, str]]:
     if not path.is_dir():
         return
     for known in (*WHOLE, *RECORDS):
-        if (path / known).is_file():
+        if (path / known).is_file() and (known != "config.json" or _holds_training(path)):
             yield path, known
             if known in WHOLE:
                 return
@@ -78,6 +78,11 @@ def _results(path: Path) -> Iterator[tuple[Path, str]]:
         exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
         if exported or (inside.is_dir() and not inside.is_symlink()):
             yield from _results(inside)
+
+
+def _holds_training(folder: Path) -> bool:
+    """Whether a folder with a ``config.json``, as many programs have, is that of a run."""
+    return (folder / "model.keras").exists() or any(folder.glob("checkpoint-??????"))
 
 
 def _verify_one(path: Path, known: str) -> str:

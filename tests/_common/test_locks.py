@@ -5,6 +5,7 @@ import sys
 import threading
 
 import pytest
+from filelock import FileLock
 
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
@@ -69,3 +70,24 @@ def test_never_two_at_once(tmp_path):
         thread.join()
     assert max(most) == 1
     assert len(turns) == 120
+
+
+def test_who_comes_in_during_a_release_keeps_the_lock(tmp_path, monkeypatch):
+    """The file is gone by then, and the next holder's new one must not go with the old lock."""
+    file, release, second = (
+        tmp_path / ".out.lock",
+        FileLock.release,
+        FileLock(tmp_path / ".out.lock"),
+    )
+
+    def come_in_before(lock, *args, **options):
+        monkeypatch.undo()
+        second.acquire(timeout=0)
+        release(lock, *args, **options)
+
+    with exclusive(tmp_path / "out"):
+        monkeypatch.setattr(FileLock, "release", come_in_before)
+    assert file.exists()
+    with pytest.raises(InputError, match="another process"), exclusive(tmp_path / "out"):
+        pass
+    second.release()

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 from click.testing import CliRunner
+from tiny_data import DATA
 
 from lf_flame import InputError
 from lf_flame._common.atomic_files import write_text
@@ -11,27 +12,6 @@ from lf_flame._common.output_folders import output_folder
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
-
-DATA = {
-    "kind": "shapes",
-    "seed": 5,
-    "image": [10, 16],
-    "samples": {"smoke": 2},
-    "camera": {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 2.4,
-        "lenslet_pitch_mm": 0.672,
-        "views": 3,
-        "lenslets": [10, 16],
-    },
-    "template": {
-        "position_mm": 1.0,
-        "size": 0.1,
-        "brightness": [0.8, 1.0],
-        "objects": [{"shape": "square", "depth_mm": 10, "size_mm": [4, 4], "centre_mm": [0, 0]}],
-    },
-}
 
 
 @pytest.fixture(scope="module")
@@ -92,5 +72,6 @@ def test_a_sample_that_changed_is_noticed(results):
 
 def test_what_holds_no_result_is_one_sentence(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "config.json").write_text("{}")  # of some other program
     for path in (tmp_path, tmp_path / "notes.txt"):
         assert "holds nothing whose hash is known" in str(run(path)[0].exception)

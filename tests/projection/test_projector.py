@@ -52,7 +52,7 @@ def binned(images, block):
     return cut.mean(axis=(-3, -1), dtype=float)
 
 
-def close(found, expected, brightest):
+def assert_close(found, expected, brightest):
     assert found.dtype == np.float32
     assert found.shape == expected.shape
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * brightest)
@@ -116,7 +116,7 @@ def test_refocused_images_are_those_of_the_light_field(
     projected, light_field = both_ways(scene, camera)
     found = projected.refocus(slopes, interpolation, block, weights)
     expected = binned(shift_and_sum(light_field, slopes, interpolation, weights), block)
-    close(found, expected, light_field.views.max())
+    assert_close(found, expected, light_field.views.max())
 
 
 @given(
@@ -131,10 +131,10 @@ def test_aligned_views_are_those_of_the_light_field(scene, camera, slopes, block
     indices = [(0, last), (last // 2, last), (last, 0)]
     projected, light_field = both_ways(scene, camera)
     found = projected.align_views(slopes, indices, block)
-    close(found, align_views(light_field, slopes, indices, block), light_field.views.max())
+    assert_close(found, align_views(light_field, slopes, indices, block), light_field.views.max())
     still = projected.align_views(0.0, indices, block)[0]
     views = np.stack([light_field.views[index] for index in indices])
-    close(still, binned(views, block), light_field.views.max())
+    assert_close(still, binned(views, block), light_field.views.max())
 
 
 @pytest.mark.parametrize("slope", [0.0, -1.7, 30.0])
@@ -260,7 +260,7 @@ def test_effects_that_keep_light_separable_are_in_the_images(name):
         for kept in (True, False)
     ]
     on, off = (projected.refocus(0.7)[0] for projected in images)
-    close(on, shift_and_sum(render_plan(scene, camera, plan), 0.7)[0], 1.0)
+    assert_close(on, shift_and_sum(render_plan(scene, camera, plan), 0.7)[0], 1.0)
     assert np.abs(on - off).max() > 1e-4
 
 
@@ -271,14 +271,14 @@ def test_many_passes_are_traced_anew_for_each_image():
         anew, _ = both_ways(scene, camera)
     for _ in range(2):
         np.testing.assert_array_equal(kept.refocus(0.7), anew.refocus(0.7))
-    close(anew.refocus(0.7), shift_and_sum(light_field, 0.7), 1.0)
+    assert_close(anew.refocus(0.7), shift_and_sum(light_field, 0.7), 1.0)
 
 
 def test_a_flame_that_dims_but_its_own_light_is_projected():
     scene = Scene([Layer(GLOW.texture, 10.0, (1.0, 1.0), optical_thickness=0.5)])
     projected, light_field = both_ways(scene, small())
     assert "self_absorption" in light_field.plan.kept
-    close(projected.refocus(0.4), shift_and_sum(light_field, 0.4), 1.0)
+    assert_close(projected.refocus(0.4), shift_and_sum(light_field, 0.4), 1.0)
 
 
 def test_what_cannot_be_projected_is_told_in_one_sentence():
