@@ -48,7 +48,7 @@ MATTER = (
     *IMAGES,
 )  # fmt: skip
 PLANS = (
-    "simulation/test_scene_bounds.py", "simulation/test_plan.py",
+    "simulation/test_scene_bounds.py", "simulation/test_plan.py", "simulation/test_part_counts.py",
     "simulation/test_spread_bounds.py", "simulation/test_effects.py",
 )  # fmt: skip
 SPACE = ("refocus/test_shift.py", "refocus/test_surface.py", "refocus/test_fourier.py")
@@ -102,7 +102,14 @@ CORE = {
     "simulation/scene_bounds.py": PLANS,
     "simulation/spread_bounds.py": PLANS,
     "simulation/symmetric_spread.py": PLANS,
-    "simulation/slabs.py": (*MATTER, "simulation/test_plan.py"),
+    "simulation/slabs.py": (*MATTER, "simulation/test_part_counts.py"),
+    "simulation/axis_spread.py": PLANS,
+    "simulation/bundle_widths.py": PLANS,
+    "simulation/cell_rounding.py": PLANS,
+    "simulation/part_counts.py": PLANS,
+    "simulation/texture_blocks.py": PLANS,
+    "simulation/time_estimates.py": PLANS,
+    "simulation/ray_grid.py": MATTER,
     "simulation/stops.py": PLANS,
     "formats/lenslet_grid.py": GRID,
     "formats/raw_lenslets.py": GRID,

@@ -19,7 +19,7 @@ import pandas as pd
 from scipy.fft import set_workers
 from skimage.transform import downscale_local_mean
 
-from experiments.costs.rendering import CONFIGS
+from experiments.costs.rendering_scenes import CONFIGS
 from experiments.held_out import HeldOut, find_scenes
 from experiments.timing import race
 from lf_flame._common import provenance
@@ -186,7 +186,7 @@ def measure_refocusing(
     progress : callable, optional
         Passes on an iterable of steps, given how many are done and how many there are.
     configs : sequence of DatasetConfig, optional
-        Default: of the data sets in `experiments.costs.rendering.CONFIGS`.
+        Default: of the data sets in `experiments.costs.rendering_scenes.CONFIGS`.
 
     Returns
     -------

@@ -9,7 +9,6 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,281 +17,22 @@ import numpy as np
 import pandas as pd
 
 from experiments import timing
+from experiments.costs.integration_methods import METHODS, study_planes
+from experiments.costs.rendering_scenes import CONFIGS, Study, Trial, effect_trials, study_scenes
 from experiments.timing import race
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import read_config
 from lf_flame.datasets.sampling import draw_sample, simulate_sample
-from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.sensor import Sensor
-from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
-from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.scenes.shapes import shape_texture
-from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.plan import plan_effects
 from lf_flame.simulation.polygons import expected_pairs, split_planes
-from lf_flame.simulation.rays import trace
 from lf_flame.simulation.reference.closed_form import closed_form
-from lf_flame.simulation.reference.forward import trace_forward
 from lf_flame.simulation.rendering import render
-from lf_flame.simulation.slabs import slice_scene
-
-CONFIGS = ("data_gen/shapes.toml", "data_gen/flames.toml")
-"""Data sets whose scenes are taken if no others are given."""
-
-PER_PIXEL = tuple(4.0**k for k in range(-1, 8))
-"""Rays per pixel of the forward methods."""
-
-PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
-"""Rays per pixel and axis of the backward methods."""
-
 
 TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
-
-CENTRAL_VIEWS = 5
-"""Views along an axis, out of the camera's own, on which the methods of integration are
-compared."""
-
-
-@dataclass(frozen=True)
-class Study:
-    """A scene on which the methods of integration are compared.
-
-    Attributes
-    ----------
-    name, title : str
-        In the tables, and over the panel of the figure.
-    scene : Scene
-    camera : PlenopticCamera
-    """
-
-    name: str
-    title: str
-    scene: Scene
-    camera: PlenopticCamera
-
-    @property
-    def pixels(self) -> int:
-        """Pixels of the image."""
-        return self.camera.views**2 * math.prod(self.camera.lenslets)
-
-    @property
-    def hides(self) -> bool:
-        """Whether a layer hides another."""
-        return any(layer.opaque for layer in self.scene.layers)
-
-
-@dataclass(frozen=True)
-class Method:
-    """A method of integration.
-
-    Attributes
-    ----------
-    label : str
-    draw : callable
-        From a study and a setting to an image.
-    settings : sequence of numbers
-    per_pixel : callable or None
-        From a setting to the rays for each pixel; None where there are none.
-    share : float
-        Share of a study's time: the slow ones need it to get anywhere.
-    theory, theory_hidden : float or None
-        The error of a picture with edges falls as ``rays**-theory``; with the second exponent, if
-        there is one, where a layer hides another.
-    """
-
-    label: str
-    draw: Callable[[Study, float], np.ndarray]
-    settings: Sequence[float] = (0,)
-    per_pixel: Callable[[float], float] | None = None
-    share: float = 0.0
-    theory: float | None = None
-    theory_hidden: float | None = None
-
-    def theory_for(self, study: Study) -> float | None:
-        """Exponent by theory for a scene."""
-        return (study.hides and self.theory_hidden) or self.theory
-
-
-def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
-    rays = math.ceil(study.pixels * per_pixel)
-    return trace_forward(study.scene, study.camera, rays, sequence)
-
-
-def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
-    image = _blank(study.camera)
-    trace(
-        _planes(study.scene),
-        OpticalPass(study.camera),
-        "views",
-        per_axis,
-        image,
-        finite_width=finite_width,
-    )
-    return image
-
-
-def _exact(study: Study, _setting: float) -> np.ndarray:
-    image = _blank(study.camera)
-    integrate(_planes(study.scene), OpticalPass(study.camera), "views", image)
-    return image
-
-
-def _planes(scene: Scene) -> list:
-    return slice_scene(scene, {}, absorption=False, dimming={"occlusion"})
-
-
-def _blank(camera: PlenopticCamera) -> np.ndarray:
-    return np.zeros((camera.views, camera.views, *camera.lenslets), np.float32)
-
-
-METHODS = {
-    "random": Method(
-        "forward, random (Monte Carlo)",
-        partial(_forward, sequence="random"),
-        PER_PIXEL,
-        lambda n: n,
-        share=0.38,
-        theory=1 / 2,
-    ),
-    "quasi": Method(
-        "forward, quasi-random",
-        partial(_forward, sequence="quasi"),
-        PER_PIXEL,
-        lambda n: n,
-        share=0.38,
-        theory=5 / 8,
-    ),
-    "midpoint": Method(
-        "backward, midpoint rule",
-        partial(_backward, finite_width=False),
-        PER_AXIS,
-        lambda n: n**2,
-        share=0.12,
-        theory=1 / 2,
-    ),
-    "thin": Method(
-        "backward, finite-width rays",
-        partial(_backward, finite_width=True),
-        PER_AXIS,
-        lambda n: n**2,
-        share=0.12,
-        theory=1.0,
-        theory_hidden=1 / 2,
-    ),
-    "exact": Method("exact integrator", _exact),
-}
-"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge;
-n midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
-those in which two layers have an edge, one of n along an axis."""
-
-
-def study_scenes(shapes: Path, flames: Path) -> list[Study]:
-    """Set up the scenes of the study from the templates of both data sets.
-
-    Optics, pixels, objects and depths are the data sets'. So that slow methods get somewhere, the
-    objects stand on the axis, one in front of the other, and no more is recorded than the central
-    views of the lenslets that see them.
-
-    Parameters
-    ----------
-    shapes, flames : Path
-        Data-set configurations.
-    """
-    config = read_config(shapes)
-    layers = [
-        replace(layer, centre_mm=(0.0, 0.0)) for layer in config.template.draw(None)[0].layers
-    ]
-    depths = ", ".join(f"{layer.depth_mm:g}" for layer in layers)
-    title = f"{len(layers)} shapes at {depths} mm"
-    found = [Study("shapes", title, Scene(layers), _central(config.camera, layers))]
-    config = read_config(flames)
-    smallest = min(config.template.draw(None)[0].layers, key=lambda layer: layer.size_mm[0])
-    flame = replace(smallest, centre_mm=(0.0, 0.0))
-    camera = _central(config.camera, [flame])
-    found.append(Study("flame", f"a flame at {flame.depth_mm:g} mm", Scene([flame]), camera))
-    disc = _disc(flame.size_mm[0] / 3, flame.depth_mm - 20.0)
-    title = "the same flame, a disc 20 mm in front of it"
-    found.append(Study("hidden", title, Scene([flame, disc]), camera))
-    return found
-
-
-def _disc(diameter_mm: float, depth_mm: float) -> Layer:
-    """Make a black disc on the axis."""
-    size = (diameter_mm, diameter_mm)
-    coverage = shape_texture("circle", size, diameter_mm / 20)
-    return Layer(np.zeros(coverage.shape), depth_mm, size, opaque=True, coverage=coverage)
-
-
-def _central(camera: PlenopticCamera, layers: Sequence[Layer]) -> PlenopticCamera:
-    views = min(camera.views, CENTRAL_VIEWS)
-    return _framed(replace(camera, views=views, pixel_pitch_mm=camera.pixel_mm), layers)
-
-
-def _framed(camera: PlenopticCamera, layers: Sequence[Layer]) -> PlenopticCamera:
-    """Record as many lenslets as it takes for all views to see all of layers on the axis."""
-    lenslets = []
-    for axis in (0, 1):
-        needed = 1
-        for layer in layers:
-            lenslet_mm = camera.field_mm(layer.depth_mm)[axis] / camera.lenslets[axis]
-            aside = abs(layer.depth_mm) / camera.focus_distance_mm * camera.view_step_mm
-            seen_mm = layer.size_mm[axis] + aside * camera.views
-            needed = max(needed, math.ceil(seen_mm / lenslet_mm) + 2)
-        lenslets.append(needed)
-    return replace(camera, lenslets=tuple(lenslets))
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A scene and a camera that call for an effect."""
-
-    scene: Scene
-    camera: PlenopticCamera
-
-
-def effect_trials(camera: PlenopticCamera, height_mm: float = 6.0) -> dict[str, Trial]:
-    """Set up, for each effect, a small flame before a camera in which the effect matters.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-        Its optics and views; the lenslets follow from the scene.
-    height_mm : float, optional
-        Height of the flame, which decides the size of the images.
-    """
-    texture = flame_texture(height_mm, height_mm / 8)
-    size = (height_mm, 2 * HALF_WIDTH * height_mm / 8)
-    near, far = Layer(texture, 10.0, size), Layer(texture, 30.0, size)
-    sooty = replace(near, optical_thickness=0.2 * texture)
-    lone, camera = Scene([near]), _framed(camera, [near, far])
-
-    def before(scene: Scene = lone, **changes) -> Trial:
-        return Trial(scene, replace(camera, **changes))
-
-    width = camera.aperture_mm
-    return {
-        "defocus": before(),
-        "occlusion": before(Scene([near, _disc(height_mm / 4, -10.0)])),
-        "self_absorption": before(Scene([sooty, far])),
-        "thickness": before(Scene([replace(near, thickness_mm=height_mm / 4)])),
-        "cos4": before(falloff_corrected=False),
-        "round_aperture": before(aperture_diameter_mm=width),
-        "f_number_mismatch": before(aperture_diameter_mm=1.1 * width),
-        "vignetting": before(rim_diameter_mm=width, rim_distance_mm=40.0),
-        "lenslet_diffraction": before(wavelength_nm=550.0),
-        "main_lens_diffraction": before(wavelength_nm=550.0),
-        "lenslet_rotation": before(lenslet_rotation_rad=2e-3),
-        "lenslet_pitch_error": before(lenslet_pitch_error=2e-3),
-        "chromatic": before(chromatic_shift=0.01),
-        "shot_noise": before(sensor=Sensor(8000.0)),
-        "read_noise": before(sensor=Sensor(8000.0, read_noise_e=20.0)),
-        "quantisation": before(sensor=Sensor(8000.0, bits=8)),
-        "saturation": before(sensor=Sensor(8000.0, full_well_e=6000.0)),
-    }
 
 
 def measure_costs(
@@ -382,7 +122,7 @@ def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
     Returns
     -------
     kind : str
-        A key of `lf_flame.simulation.plan.NANOSECONDS`.
+        A key of `lf_flame.simulation.time_estimates.NANOSECONDS`.
     count : float
     """
     planes = len(study.scene.layers)
@@ -390,7 +130,7 @@ def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
         return ("dimmed" if study.hides else "ray"), study.pixels * planes * per_pixel
     if not study.hides:
         return "exact", study.pixels * planes
-    _, behind = split_planes(_planes(study.scene))
+    _, behind = split_planes(study_planes(study.scene))
     return "polygon", expected_pairs(behind, OpticalPass(study.camera)) * len(behind)
 
 

@@ -8,11 +8,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.lines import Line2D
 
-from experiments.costs.rendering import METHODS, TOLERANCE, Study, work
+from experiments.costs.integration_methods import METHODS
+from experiments.costs.rendering import TOLERANCE, work
+from experiments.costs.rendering_scenes import Study
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.figures import subplots
-from lf_flame.simulation.plan import LEFT_OUT_SHARE, NANOSECONDS
+from lf_flame.simulation.plan import LEFT_OUT_SHARE
+from lf_flame.simulation.time_estimates import NANOSECONDS
 
 LEVELS = (0.1, 0.01, 0.001)
 """Errors for which the table gives the seconds."""

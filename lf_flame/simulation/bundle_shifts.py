@@ -30,6 +30,11 @@ def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:
     return rotated[0] + stretched[0], rotated[1] + stretched[1]
 
 
+def true_pitch_mm(camera: PlenopticCamera) -> float:
+    """Pitch of the lenslets with its error."""
+    return camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
+
+
 def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
     """How far aside at most the lenslet nearest to a micro-image stands, along y and x, in mm.
 

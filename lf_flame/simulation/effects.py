@@ -17,6 +17,7 @@ from lf_flame.simulation.bundle_shifts import (
     misplaced_mm,
     pitch_shifts_mm,
     rotation_shifts_mm,
+    true_pitch_mm,
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
 from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
@@ -36,7 +37,7 @@ from lf_flame.simulation.spread_bounds import (
     main_lens_blur_change,
     patch_change,
 )
-from lf_flame.simulation.stops import crosstalk, neighbours, share_cut, true_pitch_mm
+from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
 CLEAR = 0.25
 """Change by the farthest move, relative to the brightest pixel, beyond which defocus is not looked

@@ -18,10 +18,10 @@ from lf_flame.optics.aperture_response import blur_cells
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm
+from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm, true_pitch_mm
 from lf_flame.simulation.lenslet_blur import TAIL, wavelength_mm
 from lf_flame.simulation.slabs import Plane
-from lf_flame.simulation.stops import neighbours, true_pitch_mm
+from lf_flame.simulation.stops import neighbours
 
 Interval = tuple[float, float]
 

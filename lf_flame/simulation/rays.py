@@ -1,16 +1,14 @@
 """The ray integrator: each pixel's ray bundle by tracing rays backward, with every effect."""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame.optics.ray_bundle import Footprint
 from lf_flame.simulation import _kernels
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.ray_grid import RayGrid, Tiling, ray_grid
 from lf_flame.simulation.ray_tables import (
     MicroImageTable,
     PlaneTable,
@@ -24,10 +22,6 @@ from lf_flame.simulation.ray_tables import (
     WeightTable,
 )
 from lf_flame.simulation.slabs import Plane
-
-LENSLET_FINER = 1.5
-"""Tiles along the lenslet by those along the pixel, where the images of both are as wide: about
-what takes the fewest rays, by trial."""
 
 
 def trace(
@@ -64,246 +58,6 @@ def trace(
     for group in [planes] if dims else [[plane] for plane in planes]:
         grids = [ray_grid(group, optics, layout, rays, axis, finite_width) for axis in (0, 1)]
         _trace_group(group, optics, layout, grids, finite_width, out, lines)
-
-
-@dataclass(frozen=True, eq=False)
-class RayGrid:
-    """Rays of all bundles along one axis, on planes and stops, in the order of an image.
-
-    They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
-    tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
-
-    With e and f the image's axes along this one, (a, c) or (b, d), and g and h those along the
-    other, p the planes, k the stops and i the rays:
-
-    Attributes
-    ----------
-    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
-        Of the cells of each plane that the rays meet: the layer's, or wider ones where those are
-        finer than a ray's box.
-    positions : ndarray of float64, shape (p, e, f, i)
-        Middles of the rays' boxes, in cells from the first edge.
-    boxes : ndarray of float64, shape (p,)
-        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
-    shifts : ndarray of float64, shape (p, g, h)
-        How far a rotated array shifts the bundles, in cells.
-    pitch_shifts : ndarray of float64, shape (p,)
-        How far a lenslet a pitch further on shifts them, in cells.
-    stop_mm : ndarray of float64, shape (k, e, f, i)
-        Middles of the rays' boxes on the stops.
-    stop_boxes_mm : ndarray of float64, shape (k,)
-        Breadth of a ray's box on the stops, below 0 where it lies upside down.
-    stop_shifts_mm : ndarray of float64, shape (k, g, h)
-    stop_pitch_shifts_mm : ndarray of float64, shape (k,)
-    seen : ndarray of bool, shape (e, f)
-        Whether a pixel can see any of the planes.
-    lenslet_cells : ndarray of float64, shape (p,)
-        Image of the lenslet in cells, signed as the rays' places on it.
-    tiling : Tiling
-    """
-
-    edges_mm: tuple[np.ndarray, ...]
-    positions: np.ndarray
-    boxes: np.ndarray
-    shifts: np.ndarray
-    pitch_shifts: np.ndarray
-    stop_mm: np.ndarray
-    stop_boxes_mm: np.ndarray
-    stop_shifts_mm: np.ndarray
-    stop_pitch_shifts_mm: np.ndarray
-    seen: np.ndarray
-    lenslet_cells: np.ndarray
-    tiling: "Tiling"
-
-    @property
-    def count(self) -> int:
-        """Rays of each pixel along this axis."""
-        return self.positions.shape[3]
-
-    @property
-    def cells(self) -> np.ndarray:
-        """Cells of each plane along this axis, shape (p,)."""
-        return np.array([edges.size - 1 for edges in self.edges_mm])
-
-
-class Tiling(NamedTuple):
-    """Places of the rays on a pixel and on its lenslet, in widths of each.
-
-    Attributes
-    ----------
-    along_pixel, along_lenslet : ndarray of float64, shape (i,)
-        In [-1/2, 1/2].
-    on_pixel, on_lenslet : int
-        Tiles along each.
-    """
-
-    along_pixel: np.ndarray
-    along_lenslet: np.ndarray
-    on_pixel: int
-    on_lenslet: int
-
-
-def ray_grid(
-    planes: list[Plane], optics: OpticalPass, layout: str, rays: int, axis: int, finite_width: bool
-) -> RayGrid:
-    """Lay the rays of all bundles over some planes, along one axis.
-
-    Parameters
-    ----------
-    planes : list of Plane
-    optics : OpticalPass
-    layout : {"views", "raw"}
-    rays : int
-        At least so many for each pixel.
-    axis : int
-        0 for y, 1 for x.
-    finite_width : bool
-        False for rays without breadth.
-
-    Returns
-    -------
-    RayGrid
-    """
-    footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
-    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
-    layer_edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
-    tiling = _lattice(rays)
-    if finite_width:
-        tiling = _tile(rays, _widths_in_cells(footprints, layer_edges, optics), planes, optics)
-    # Without defocus a plane sees the pixel as a point; a stop never does.
-    on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
-    on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
-    boxes_mm = np.array(
-        [
-            _box_mm(footprint, tiling, optics.defocus) if finite_width else 0.0
-            for footprint in footprints
-        ]
-    )
-    edges_mm = tuple(
-        _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
-    )
-    cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
-    positions = [
-        (hits - edges[0]) / width
-        for hits, edges, width in zip(on_planes, edges_mm, cell_mm, strict=True)
-    ]
-    # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
-    stop_tile = finite_width / tiling.on_pixel
-    seen = [
-        _meets(footprint, edges, optics, axis)
-        for footprint, edges in zip(footprints, layer_edges, strict=True)
-    ]
-    shape = optics.camera.views, optics.camera.lenslets[axis], tiling.along_pixel.size
-    return RayGrid(
-        edges_mm=edges_mm,
-        positions=_stack(positions, layout, shape),
-        boxes=np.minimum(boxes_mm / cell_mm, 1.0),
-        shifts=_shifts(footprints, cell_mm, optics, layout, axis),
-        pitch_shifts=_gains(footprints) * optics.lenslet_pitch_mm / cell_mm,
-        stop_mm=_stack(on_stops, layout, shape),
-        stop_boxes_mm=np.array([stop.pixel_width_mm * stop_tile for stop in stops]),
-        stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
-        stop_pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
-        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
-        lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
-        tiling=tiling,
-    )
-
-
-def _widths_in_cells(footprints, edges_mm, optics: OpticalPass) -> np.ndarray:
-    """Images of lenslet and pixel on each plane, in its cells, shape (p, 2)."""
-    cells_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
-    widths = [(f.lenslet_width_mm, f.pixel_width_mm * optics.defocus) for f in footprints]
-    return np.abs(widths) / cells_mm[:, None]
-
-
-def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPass) -> Tiling:
-    """Tile pixel and lenslet.
-
-    Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
-    all further rays go along the pixel. Where planes dim each other, what two of them have in one
-    tile counts as unrelated: then tiles shrink along both, with images on the planes about as
-    wide as long, as long as they are no wider along the pixel than cells, or than a stop asks.
-
-    rays: at least so many; widths: of the images of lenslet and pixel in cells, shape (p, 2).
-    """
-    root = math.ceil(rays**0.5)
-    cells, pixel_cells = widths.max(axis=0)
-    on_pixel = root if optics.stops else min(math.ceil(pixel_cells), root)
-    dims = any(plane.transmission is not None for plane in planes)
-    balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
-    on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
-    on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
-    if optics.stops:  # whose edge cuts the lenslet's image as well, in tiles about as long as wide
-        camera = optics.camera
-        seen = round(math.sqrt(rays * camera.lenslet_pitch_mm / camera.view_step_mm))
-        on_lenslet = max(on_lenslet, min(seen, root))
-    spread = optics.defocus or optics.stops or optics.every_lenslet
-    on_pixel = math.ceil(rays / on_lenslet) if spread else 1
-    pixel_places, lenslet_places = ((np.arange(n) + 0.5) / n - 0.5 for n in (on_pixel, on_lenslet))
-    return Tiling(
-        np.repeat(pixel_places, on_lenslet), np.tile(lenslet_places, on_pixel), on_pixel, on_lenslet
-    )
-
-
-def _aspect(widths: np.ndarray) -> float:
-    """Image of the lenslet over that of the pixel, both as means over all pairs of planes.
-
-    In a tile the covariance of the places on two planes is that of the product of both images:
-    of the lenslet's tile, plus of the pixel's.
-    """
-    pairs = np.triu_indices(len(widths), 1)
-    lenslet, pixel = (np.outer(column, column)[pairs].sum() for column in widths.T)
-    if pixel <= lenslet * 1e-18:
-        return math.inf if lenslet else 0.0
-    return math.sqrt(lenslet / pixel)
-
-
-def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
-    """Trace all rays to a plane, [view, lenslet, i]; not `wide`: as if the pixel were a point."""
-    pixel_mm = footprint.pixel_width_mm * wide
-    offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
-    return footprint.centres_mm[..., None] + offsets
-
-
-def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
-    """Breadth of a box of the variance of a tile's image, itself of two boxes."""
-    pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
-    return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
-
-
-def _meets(
-    footprint: Footprint, edges_mm: np.ndarray, optics: OpticalPass, axis: int
-) -> np.ndarray:
-    """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
-    moved = np.abs(optics.skew_mm(axis)).max()
-    if optics.every_lenslet:  # no farther from the pixel than light of a lenslet reaches
-        turned = 1 + abs(optics.lenslet_tangent)
-        micro_image = optics.camera.views * optics.camera.pixel_mm / 2
-        moved = micro_image + optics.micro_image_reach_mm * turned
-    reach = footprint.half_width_mm + moved * abs(footprint.shift_per_lenslet_shift)
-    reach += abs(optics.lenslet_tangent * footprint.lenslet_width_mm) / 2
-    centres = footprint.centres_mm
-    return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
-
-
-def _shifts(footprints, unit_mm, optics: OpticalPass, layout: str, axis: int) -> np.ndarray:
-    """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
-    moved = arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout)
-    gains = _gains(footprints) / unit_mm
-    return moved[None] * gains[:, None, None]
-
-
-def _gains(footprints) -> np.ndarray:
-    """How far bundles move when their lenslets do, on each plane."""
-    return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
-
-
-def _stack(tables: list[np.ndarray], layout: str, shape: tuple) -> np.ndarray:
-    """Tables [view, lenslet, i], arranged, one behind the other; of none, an empty one."""
-    if not tables:
-        return arrange(np.empty(shape), layout)[None][:0]
-    return np.stack([arrange(table, layout) for table in tables])
 
 
 def _trace_group(
@@ -345,7 +99,7 @@ def _trace_group(
 
 
 def _falloff_table(
-    y: "Tiling", x: "Tiling", optics: OpticalPass, layout: str, finite_width: bool
+    y: Tiling, x: Tiling, optics: OpticalPass, layout: str, finite_width: bool
 ) -> RayFalloffTable | None:
     """Tangents of all rays, or None without cos^4."""
     if not optics.falloff:
@@ -393,7 +147,7 @@ def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
 
 
 def _square_table(
-    y: "Tiling", x: "Tiling", optics: OpticalPass, finite_width: bool
+    y: Tiling, x: Tiling, optics: OpticalPass, finite_width: bool
 ) -> SquareTable | None:
     """Places of the rays on a pixel, where micro-images are squares."""
     if not optics.square_micro_images:
@@ -456,17 +210,6 @@ def _take_lines(table, lines: slice):
     return table._replace(**cut)
 
 
-def _lattice(rays: int) -> Tiling:
-    """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
-
-    The same midpoints along both, in an order along the lenslet that steps by about the golden
-    section, so that neither width alone, nor both together, is sampled unevenly.
-    """
-    step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
-    places = (np.arange(rays) + 0.5) / rays - 0.5
-    return Tiling(places, places[np.arange(rays) * step % rays], rays, rays)
-
-
 def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
     if all(plane.transmission is None for plane in planes):
         return None
@@ -477,15 +220,6 @@ def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
             stopped = 1 - plane.transmission
         found.append(_bordered(1 - _averaged(stopped, plane, new), 1.0))
     return np.concatenate(found)
-
-
-def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
-    """Keep the cells of a layer, or lay as few as wide as a ray's box over it."""
-    length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
-    if box_mm * cells <= length:
-        return edges_mm
-    count = math.ceil(length / box_mm)
-    return (edges_mm[0] + edges_mm[-1]) / 2 + (np.arange(count + 1) - count / 2) * box_mm
 
 
 def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:

@@ -15,7 +15,25 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
+from lf_flame.simulation.axis_spread import (
+    PATCHES,
+    AxisSpread,
+    Border,
+    Box,
+    Pairs,
+    Rounding,
+    Shifts,
+)
 from lf_flame.simulation.bundle_shifts import focus_spread, misplaced_mm
+from lf_flame.simulation.bundle_widths import (
+    BundleWidths,
+    Interval,
+    cell_width_mm,
+    end_footprints,
+    footprint_at,
+    spread_ends,
+)
+from lf_flame.simulation.cell_rounding import find_rounding
 from lf_flame.simulation.lenslet_blur import leaves_gaps, lenslet_kernel
 from lf_flame.simulation.main_lens_blur import (
     gain_on_layer,
@@ -26,14 +44,6 @@ from lf_flame.simulation.main_lens_blur import (
 from lf_flame.simulation.scene_bounds import SceneBounds, displaced
 from lf_flame.simulation.stops import neighbours, round_stops
 from lf_flame.simulation.symmetric_spread import (
-    PATCHES,
-    AxisSpread,
-    Border,
-    Box,
-    Pairs,
-    Rounding,
-    Shifts,
-    find_rounding,
     spread_change,
 )
 
@@ -46,7 +56,6 @@ FOCUS_STEPS = 3
 GROUPS = 4
 """Parts of a spread of depth or colour whose bundles are told apart by their widths."""
 
-Interval = tuple[float, float]
 
 DISTANCES = 24
 """Distances over which the main lens's pattern is divided: evenly in their logarithms."""
@@ -122,11 +131,13 @@ def patch_change(bounds: SceneBounds, layer: Layer) -> float:
         return math.inf
     axes = []
     for axis in (0, 1):
-        box = _Widths(replace(bounds, defocus=True), layer, axis).box((-1, 1), (-1, 1))
+        box = BundleWidths(replace(bounds, defocus=True), layer, axis).box((-1, 1), (-1, 1))
         point = Box(box.lenslet, (0.0, 0.0))
         moves = box.pixel[1] / 2 * (np.arange(STEPS) + 1) / STEPS
         pairs = Pairs.alike(np.full(STEPS, 1 / STEPS), moves)
-        rounding = find_rounding(pairs, _cell_mm(layer, axis), point, [(point, point)], cut=False)
+        rounding = find_rounding(
+            pairs, cell_width_mm(layer, axis), point, [(point, point)], cut=False
+        )
         axes.append(AxisSpread(point, _centres(bounds, layer, axis), pairs, rounding))
     return spread_change(layer, (axes[0], axes[1]), together=False)
 
@@ -160,7 +171,7 @@ def main_lens_blur_change(bounds: SceneBounds, layer: Layer) -> float:
     gain = max(gain_on_layer(camera, *place) for place in focus_spread(camera, layer))
     spread = main_lens_spread_mm(camera) * gain
     for axis in (0, 1):
-        widths = _Widths(bounds, layer, axis)
+        widths = BundleWidths(bounds, layer, axis)
         box = widths.box((-1, 1), (-1, 1))
         farthest = max(FAR_CELLS * widths.cell_mm, 4 * box.half_mm)
         moves = np.geomspace(min(spread, farthest) / 4, farthest, DISTANCES)
@@ -185,7 +196,7 @@ def _focus_change(bounds: SceneBounds, layer: Layer, depth: float, colour: float
         return math.inf
     axes, uneven = [], 0.0
     for axis in (0, 1):
-        widths = _Widths(bounds, layer, axis)
+        widths = BundleWidths(bounds, layer, axis)
         pairs, lopsided = _focus_pairs(bounds, layer, axis, depth, colour)
         # The spread itself has its middle where the layer or the mean colour stands.
         middle = float(depth != 1), float(colour != 1)
@@ -205,10 +216,10 @@ def _focus_pairs(
     For the parts at the ends of the whole spread too; what lies between moves no farther.
     """
     moves, widening, lopsided = np.zeros(PATCHES), 0.0, 0.0
-    for place, focus in _ends(bounds.camera, layer):
-        here = _footprint(bounds.camera, layer, axis, place, focus)
+    for place, focus in spread_ends(bounds.camera, layer):
+        here = footprint_at(bounds.camera, layer, axis, place, focus)
         ends = [
-            _footprint(bounds.camera, layer, axis, place + sign * depth, focus + sign * colour)
+            footprint_at(bounds.camera, layer, axis, place + sign * depth, focus + sign * colour)
             for sign in (-1, 1)
         ]
         lit = _lit(layer, axis, [here, *ends])
@@ -227,7 +238,7 @@ def _focus_pairs(
     return Pairs(np.full(STEPS, 1 / STEPS), part[:, None] * moves, part * widening), lopsided
 
 
-def _rounding(widths: "_Widths", pairs: Pairs, way: tuple[float, float]) -> Rounding:
+def _rounding(widths: BundleWidths, pairs: Pairs, way: tuple[float, float]) -> Rounding:
     """Find what steps between cells add, with the spread of depth and colour or without it.
 
     way: share of each spread that the pairs go to either side; at 0 they stay where they are. A
@@ -280,7 +291,7 @@ def _blur_change(
     """
     axes, far = [], 0.0
     for axis in (0, 1):
-        widths = _Widths(bounds, layer, axis)
+        widths = BundleWidths(bounds, layer, axis)
         box = widths.box((-1, 1), (-1, 1))
         shares, mixed = _mixed(bounds.camera, layer, axis, kernel[len(kernel) // 2 + 1 :], ways)
         limit = max(FAR_CELLS * widths.cell_mm, 4 * box.half_mm)
@@ -304,7 +315,7 @@ def _blur_change(
 
 def _border(bounds: SceneBounds, layer: Layer, axis: int, shares, ways) -> Border | None:
     """Pixels near the image's border, beyond which its outermost pixels go on, if they are lit."""
-    seen = _footprints(bounds.camera, layer, axis)
+    seen = end_footprints(bounds.camera, layer, axis)
     low, high = layer.extent_mm(layer.texture, axis)
     farthest = float(ways["farther"].max(initial=0.0))
     reach = max(footprint.half_width_mm for footprint in seen) + farthest
@@ -366,61 +377,13 @@ def _pixel_steps(
     return step - pixel * camera.micro_image_pitch_mm, -footprint.pixel_width_mm
 
 
-class _Widths:
-    """Widths of bundles on a layer along one axis, over its depth and the band of colours.
-
-    Both spreads go from -1 to 1. Widths are linear in depth and in the power of the lens, so that
-    what lies between some places is not wider than they are, nor narrower unless it passes 0.
-    """
-
-    def __init__(self, bounds: SceneBounds, layer: Layer, axis: int):
-        self.defocus, self.cell_mm = bounds.defocus, _cell_mm(layer, axis)
-        self.spreads = layer.thickness_mm > 0, bounds.camera.chromatic_shift > 0
-        self.cut = bool(round_stops(bounds.camera))
-        self._shift = bounds.camera.chromatic_shift / 2
-        corners = [
-            _footprint(bounds.camera, layer, axis, depth, colour)
-            for depth, colour in product((0, 1), (0, 1))
-        ]
-        self._lenslets = _plane([corner.lenslet_width_mm for corner in corners])
-        self._pixels = _plane([corner.pixel_width_mm for corner in corners])
-
-    def box(self, depths: Interval, colours: Interval) -> Box:
-        """Narrowest and widest between two depths and two colours."""
-        places = [(d, self._power(c)) for d in depths for c in colours]
-        pixel = self._range(self._pixels, places) if self.defocus else (0.0, 0.0)
-        return Box(self._range(self._lenslets, places), pixel)
-
-    def _power(self, colour: float) -> float:
-        """Change of the power of the lens, over that at a colour of 1."""
-        return colour * (1 + self._shift) / (1 + self._shift * colour)
-
-    @staticmethod
-    def _range(plane: tuple[float, ...], places: list[tuple[float, float]]) -> Interval:
-        here, by_depth, by_power, by_both = plane
-        widths = [here + d * by_depth + p * (by_power + d * by_both) for d, p in places]
-        low, high = min(widths), max(widths)
-        return (0.0 if low <= 0 <= high else min(abs(low), abs(high))), max(-low, high)
-
-
-def _plane(corners: list[float]) -> tuple[float, float, float, float]:
-    """Coefficients of what is linear in two numbers, from its values where each is 0 or 1."""
-    here, other, deeper, both = corners
-    return here, deeper - here, other - here, both - deeper - other + here
-
-
-def _cell_mm(layer: Layer, axis: int) -> float:
-    edges = layer.cell_edges_mm(axis)
-    return float(edges[1] - edges[0])
-
-
 def _centres(
     bounds: SceneBounds, layer: Layer, axis: int, depth: float = 1.0, colour: float = 1.0
 ) -> tuple[float, float]:
     """First and last centre of the pixels' bundles, over shares of the spreads."""
     seen = [
-        _footprint(bounds.camera, layer, axis, depth * place, colour * focus)
-        for place, focus in _ends(bounds.camera, layer)
+        footprint_at(bounds.camera, layer, axis, depth * place, colour * focus)
+        for place, focus in spread_ends(bounds.camera, layer)
     ]
     return (
         float(min(footprint.centres_mm.min() for footprint in seen)),
@@ -434,22 +397,3 @@ def _lit(layer: Layer, axis: int, seen: list[Footprint]) -> np.ndarray:
     lowest = np.min([f.centres_mm.min(axis=0) - f.half_width_mm for f in seen], axis=0)
     highest = np.max([f.centres_mm.max(axis=0) + f.half_width_mm for f in seen], axis=0)
     return (highest > low) & (lowest < high)
-
-
-def _ends(camera: PlenopticCamera, layer: Layer) -> list[tuple[int, int]]:
-    """List the ends of the spreads of depth and colour, -1 and 1, as far as there are any."""
-    depths = (-1, 1) if layer.thickness_mm else (0,)
-    return list(product(depths, (-1, 1) if camera.chromatic_shift else (0,)))
-
-
-def _footprint(
-    camera: PlenopticCamera, layer: Layer, axis: int, depth: float, colour: float
-) -> Footprint:
-    """Bundles at a place in the spreads of depth and colour."""
-    focal_mm = camera.main_lens_focal_mm * (1 + camera.chromatic_shift / 2 * colour)
-    return trace_footprint(camera, layer.depth_mm + layer.thickness_mm / 2 * depth, axis, focal_mm)
-
-
-def _footprints(camera: PlenopticCamera, layer: Layer, axis: int) -> list[Footprint]:
-    """Bundles at the ends of the spreads of depth and colour."""
-    return [_footprint(camera, layer, axis, *place) for place in _ends(camera, layer)]

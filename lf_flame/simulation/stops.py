@@ -6,7 +6,7 @@ import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_stop
-from lf_flame.simulation.bundle_shifts import aside_mm
+from lf_flame.simulation.bundle_shifts import aside_mm, true_pitch_mm
 
 GRID = 48
 """Points along each axis of a bundle by which the share that passes a stop is counted."""
@@ -69,11 +69,6 @@ def share_crossing(
         spacing = abs(footprint.shift_per_lenslet_shift) * true_pitch_mm(camera)
         edges *= 1 + math.floor(2 * (radius_mm + footprint.half_width_mm) / max(spacing, 1e-300))
     return edges * moved
-
-
-def true_pitch_mm(camera: PlenopticCamera) -> float:
-    """Pitch of the lenslets with its error."""
-    return camera.lenslet_pitch_mm * (1 + camera.lenslet_pitch_error)
 
 
 def crosstalk(camera: PlenopticCamera) -> float:

@@ -7,7 +7,12 @@ import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame.optics.ray_bundle import trace_stop
-from lf_flame.simulation.bundle_shifts import misplaced_mm, pitch_shifts_mm, rotation_shifts_mm
+from lf_flame.simulation.bundle_shifts import (
+    misplaced_mm,
+    pitch_shifts_mm,
+    rotation_shifts_mm,
+    true_pitch_mm,
+)
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
 from lf_flame.simulation.stops import (
     crosstalk,
@@ -15,7 +20,6 @@ from lf_flame.simulation.stops import (
     round_stops,
     share_crossing,
     share_cut,
-    true_pitch_mm,
 )
 
 

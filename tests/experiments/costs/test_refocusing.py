@@ -12,7 +12,7 @@ from matplotlib.text import Annotation, Text
 
 from experiments import timing
 from experiments.__main__ import commands
-from experiments.costs import refocusing_report, rendering
+from experiments.costs import refocusing, refocusing_report
 from experiments.costs.refocusing import (
     ALONE,
     NETWORK,
@@ -314,7 +314,7 @@ def test_the_program_measures_the_chapter_that_is_asked_for(tmp_path, monkeypatc
         ),
     ]
     config.write_text("\n".join(lines))
-    monkeypatch.setattr(rendering, "CONFIGS", (config,))
+    monkeypatch.setattr(refocusing, "CONFIGS", (config,))
     options = ["--chapter", "refocusing", "--run", str(tmp_path / "none"), "--out", str(tmp_path)]
     done = CliRunner().invoke(commands, ["costs", *options], catch_exceptions=False)
     assert done.exit_code == 0

@@ -10,8 +10,10 @@ import pytest
 from matplotlib.image import imread
 
 from experiments import timing
-from experiments.costs import rendering, rendering_report
-from experiments.costs.rendering import METHODS, Study, effect_trials, measure_costs, study_scenes
+from experiments.costs import rendering_report
+from experiments.costs.integration_methods import METHODS
+from experiments.costs.rendering import measure_costs
+from experiments.costs.rendering_scenes import CONFIGS, Study, effect_trials, study_scenes
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render
@@ -138,7 +140,7 @@ def test_every_effect_has_a_scene_that_needs_it(measured):
 
 
 def test_the_study_keeps_the_optics_and_frames_all_light():
-    studies = study_scenes(*rendering.CONFIGS)
+    studies = study_scenes(*CONFIGS)
     assert [study.name for study in studies] == ["shapes", "flame", "hidden"]
     for study in studies:
         assert study.camera.pixel_mm == pytest.approx(0.112 * (1 + 0.4 / 277.84) / 15, rel=1e-4)

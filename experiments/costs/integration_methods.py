@@ -1,0 +1,129 @@
+"""Methods of integrating the light of a scene over the rays of each pixel."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from experiments.costs.rendering_scenes import Study
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.exact import integrate
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.rays import trace
+from lf_flame.simulation.reference.forward import trace_forward
+from lf_flame.simulation.slabs import slice_scene
+
+PER_PIXEL = tuple(4.0**k for k in range(-1, 8))
+"""Rays per pixel of the forward methods."""
+
+PER_AXIS = (1, *(n * 2**k for k in range(9) for n in (2, 3)))
+"""Rays per pixel and axis of the backward methods."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of integration.
+
+    Attributes
+    ----------
+    label : str
+    draw : callable
+        From a study and a setting to an image.
+    settings : sequence of numbers
+    per_pixel : callable or None
+        From a setting to the rays for each pixel; None where there are none.
+    share : float
+        Share of a study's time: the slow ones need it to get anywhere.
+    theory, theory_hidden : float or None
+        The error of a picture with edges falls as ``rays**-theory``; with the second exponent, if
+        there is one, where a layer hides another.
+    """
+
+    label: str
+    draw: Callable[[Study, float], np.ndarray]
+    settings: Sequence[float] = (0,)
+    per_pixel: Callable[[float], float] | None = None
+    share: float = 0.0
+    theory: float | None = None
+    theory_hidden: float | None = None
+
+    def theory_for(self, study: Study) -> float | None:
+        """Exponent by theory for a scene."""
+        return (study.hides and self.theory_hidden) or self.theory
+
+
+def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:
+    rays = math.ceil(study.pixels * per_pixel)
+    return trace_forward(study.scene, study.camera, rays, sequence)
+
+
+def _backward(study: Study, per_axis: float, finite_width: bool) -> np.ndarray:
+    image = _blank(study.camera)
+    trace(
+        study_planes(study.scene),
+        OpticalPass(study.camera),
+        "views",
+        per_axis,
+        image,
+        finite_width=finite_width,
+    )
+    return image
+
+
+def _exact(study: Study, _setting: float) -> np.ndarray:
+    image = _blank(study.camera)
+    integrate(study_planes(study.scene), OpticalPass(study.camera), "views", image)
+    return image
+
+
+def study_planes(scene: Scene) -> list:
+    """Planes of a scene, front to back, each layer one."""
+    return slice_scene(scene, {}, absorption=False, dimming={"occlusion"})
+
+
+def _blank(camera: PlenopticCamera) -> np.ndarray:
+    return np.zeros((camera.views, camera.views, *camera.lenslets), np.float32)
+
+
+METHODS = {
+    "random": Method(
+        "forward, random (Monte Carlo)",
+        partial(_forward, sequence="random"),
+        PER_PIXEL,
+        lambda n: n,
+        share=0.38,
+        theory=1 / 2,
+    ),
+    "quasi": Method(
+        "forward, quasi-random",
+        partial(_forward, sequence="quasi"),
+        PER_PIXEL,
+        lambda n: n,
+        share=0.38,
+        theory=5 / 8,
+    ),
+    "midpoint": Method(
+        "backward, midpoint rule",
+        partial(_backward, finite_width=False),
+        PER_AXIS,
+        lambda n: n**2,
+        share=0.12,
+        theory=1 / 2,
+    ),
+    "thin": Method(
+        "backward, finite-width rays",
+        partial(_backward, finite_width=True),
+        PER_AXIS,
+        lambda n: n**2,
+        share=0.12,
+        theory=1.0,
+        theory_hidden=1 / 2,
+    ),
+    "exact": Method("exact integrator", _exact),
+}
+"""The methods of integration. Theory: Monte Carlo; quasi-Monte Carlo in 4 dimensions with an edge;
+n midpoints along an axis miss an edge by up to 1/n; boxes miss it by the square of that, except for
+those in which two layers have an edge, one of n along an axis."""
