@@ -23,7 +23,7 @@ def slope_report(configs: list[DatasetConfig], paper_values: Path, out: Path | N
     paper = dict(zip(printed["depth_mm"], printed["slope"], strict=True))
     rows, records, panels = [], [], {}
     for config in configs:
-        searches = search_slopes(config)
+        searches = search_slopes(config, whole_range=True)
         records.append({"config": to_json(config), "slopes": [s.slope for s in searches]})
         layers = panels.setdefault(f"{config.kind}: mean scene", [])
         for item, search in zip(config.template.objects, searches, strict=True):

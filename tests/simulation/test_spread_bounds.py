@@ -9,11 +9,11 @@ import pytest
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
+from lf_flame.simulation.bundle_widths import BundleWidths
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.simulation.scene_bounds import bound_scene, displaced
 from lf_flame.simulation.spread_bounds import (
-    _Widths,
     colour_change,
     depth_change,
     lenslet_blur_change,
@@ -228,7 +228,7 @@ def test_widths_between_two_depths_and_colours_are_those_of_rays(small_camera, d
     """Against bundles traced at places all over both spreads, which may pass the focal plane."""
     camera = replace(small_camera, chromatic_shift=0.03)
     layer = Layer([[1.0]], depth_mm, (1.0, 1.0), thickness_mm=4.0)
-    widths = _Widths(bound_scene(Scene([layer]), camera), layer, 0)
+    widths = BundleWidths(bound_scene(Scene([layer]), camera), layer, 0)
     for depths, colours in (((-1, 1), (-1, 1)), ((-0.5, 0.2), (0.3, 0.9)), ((0, 0), (-1, 0.5))):
         footprints = [
             trace_footprint(camera, depth_mm + 2.0 * depth, 0, 150.0 * (1 + 0.015 * colour))
