@@ -4,6 +4,7 @@ import cloup
 
 from experiments.bounds.commands import bounds
 from experiments.costs.commands import costs, latency
+from experiments.dataset_making.commands import dataset_making
 from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
 from experiments.paper.commands import evaluate, slopes, tables
@@ -24,7 +25,7 @@ The Make targets call these commands; `make help` lists them:
 SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
-    cloup.Section("What accuracy costs in time", [costs, latency]),
+    cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
