@@ -84,8 +84,8 @@ def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
         f"All rounds and ways {'gave the same images' if same else 'did NOT give the same images'} "
         "of each data set, by their SHA-256.",
         "## A million samples",
-        "Worked out from the rates above: bytes and files grow with the samples, and each core does as "
-        "much as it does in the pool here. No such run was made.",
+        "Worked out from the rates above: bytes and files grow with the samples, and each core "
+        "does as much as in the pool here. No such run was made.",
         _million_table(rows),
     ]
     if kills:
