@@ -5,6 +5,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import cloup
@@ -12,11 +13,31 @@ import cloup
 from lf_flame.commands.options import FILE, FOLDER
 from lf_flame.errors import InputError
 
+if TYPE_CHECKING:
+    from lf_flame.datasets.config import DatasetConfig
+
+
+class FolderOrUrl(click.ParamType):
+    """A folder that can be made, or a place in an object store."""
+
+    name = "folder or URL"
+
+    def convert(self, value, param, ctx):
+        """Give a path for a folder, and text for a URL."""
+        if isinstance(value, str) and "://" in value:
+            return value
+        return FOLDER.convert(value, param, ctx)
+
 
 @cloup.command()
 @click.argument("config", type=FILE)
 @click.option("--preset", default="quick", show_default=True, help="A key of [samples] in CONFIG.")
-@click.option("--out", type=FOLDER, required=True, help="Folder of the Zarr group to make.")
+@click.option(
+    "--out",
+    type=FolderOrUrl(),
+    required=True,
+    help="Folder of the Zarr group to make; or s3://BUCKET/NAME, with the extra [s3].",
+)
 @click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
 @click.option(
     "--through-light-field",
@@ -33,7 +54,7 @@ from lf_flame.errors import InputError
 def dataset(
     config: Path,
     preset: str,
-    out: Path,
+    out: Path | str,
     workers: int,
     through_light_field: bool,
     scheduler: str | None,
@@ -44,15 +65,17 @@ def dataset(
     \b
       lf-flame dataset flames.toml --out flames.zarr
       lf-flame dataset big.toml --out /shared/big.zarr --scheduler tcp://node1:8786
+      lf-flame dataset big.toml --out s3://bucket/big.zarr --scheduler tcp://node1:8786
 
-    A cluster's workers must have this package, and see OUT under the same name. The bytes are the
-    same, whoever works.
+    A cluster's workers must have this package, and see OUT under the same name, or have the
+    credentials of the object store in their environment. The bytes are the same, whoever works.
+    An object store knows no locks: let one program build there at a time. Networks train on
+    folders: copy a data set from its store first, and see that it is whole by `lf-flame verify`.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
     from lf_flame.datasets.config import read_config
     from lf_flame.datasets.making import make_dataset
-    from lf_flame.datasets.store import Dataset
 
     if workers < 0:
         raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
@@ -60,21 +83,12 @@ def dataset(
         raise InputError("--scheduler and --local-cluster exclude each other.")
     settings = read_config(config)
     samples = settings.sample_count(preset)
-    if out.exists():
-        found = Dataset(out)
-        if found.config != settings or len(found) != samples:
-            raise InputError(
-                f"{out} holds a data set of another configuration or size; remove it or choose "
-                f"another folder."
-            )
-        if through_light_field and not found.attrs.get("through_light_field", True):
-            raise InputError(
-                f"{out} was made without forming light fields; remove it or choose another folder."
-            )
+    if isinstance(out, Path) and out.exists():
+        _check_finished(out, settings, samples, through_light_field)
         (out / "zarr.json").touch()  # make compares it with the configuration file
         click.echo(f"{out} is complete: {samples} samples.")
         return
-    click.echo(f"{samples} light fields into {out}; first, the slopes of sharpest focus", err=True)
+    click.echo(f"{samples} samples into {out}; first, the slopes of sharpest focus", err=True)
     make = partial(make_dataset, settings, samples, out, workers or cpu_count(), progress_bar)
     if scheduler or local_cluster:
         from lf_flame.datasets.clusters import cluster_executor
@@ -83,4 +97,23 @@ def dataset(
             make(through_light_field, executor)
     else:
         make(through_light_field)
-    (out / "zarr.json").touch()
+    if isinstance(out, Path):
+        (out / "zarr.json").touch()
+
+
+def _check_finished(
+    out: Path, settings: "DatasetConfig", samples: int, through_light_field: bool
+) -> None:
+    """Refuse a finished data set that is not the one that was asked for."""
+    from lf_flame.datasets.store import Dataset
+
+    found = Dataset(out)
+    if found.config != settings or len(found) != samples:
+        raise InputError(
+            f"{out} holds a data set of another configuration or size; remove it or choose "
+            f"another folder."
+        )
+    if through_light_field and not found.attrs.get("through_light_field", True):
+        raise InputError(
+            f"{out} was made without forming light fields; remove it or choose another folder."
+        )

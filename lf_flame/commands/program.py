@@ -80,6 +80,7 @@ LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
 OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas", "zarr"), LEARNING),
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
+    **dict.fromkeys(("fsspec", "s3fs"), "This needs object stores: pip install 'lf_flame[s3]'"),
     "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
     "torch": "This needs PyTorch, or another KERAS_BACKEND",
 }

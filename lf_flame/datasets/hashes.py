@@ -2,14 +2,16 @@
 
 import hashlib
 import json
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
-from zarr.storage import LocalStore
+from zarr.storage import FsspecStore, LocalStore
 
-from lf_flame._common.input_files import read_record, readable
+from lf_flame._common.input_files import parse_json, read_record, readable
 from lf_flame.datasets.metadata import METADATA, SIMULATED, ZARR_ERRORS
 from lf_flame.errors import InputError
 
@@ -25,7 +27,8 @@ def open_array(group: zarr.Group, name: str) -> zarr.Array:
     InputError
         If there is none of that name, or it is damaged.
     """
-    with readable(_folder(group) / name / METADATA, ZARR_ERRORS):
+    folder = _folder(group)
+    with readable(folder / name / METADATA, ZARR_ERRORS) if folder else nullcontext():
         array = group[name]
     if not isinstance(array, zarr.Array):
         raise InputError(f"{name} of a data set must be an array, got a group: it is damaged.")
@@ -53,7 +56,7 @@ def hash_images(group: zarr.Group) -> str:
 def hash_parameters(group: zarr.Group) -> str:
     """Hash what was drawn and decided for each sample."""
     digest = hashlib.sha256()
-    for name in _arrays(group):
+    for name in describe_arrays(group):
         if name == SIMULATED or name.startswith("parameters/"):
             digest.update(name.encode())
             digest.update(np.ascontiguousarray(open_array(group, name)[:]).data)
@@ -66,7 +69,7 @@ def set_attributes(group: zarr.Group, attributes: dict[str, Any]) -> None:
     group.attrs.update({**attributes, ATTRIBUTES_SHA256: _hash_attributes(group, attributes)})
 
 
-def check_attributes(group: zarr.Group, path: Path) -> None:
+def check_attributes(group: zarr.Group, path: str | Path) -> None:
     """Hold attributes against their hash; data sets from before there was one have none.
 
     Raises
@@ -86,18 +89,35 @@ def check_attributes(group: zarr.Group, path: Path) -> None:
 def _hash_attributes(group: zarr.Group, attributes: dict[str, Any]) -> str:
     """Hash all attributes but this hash, and what is said of each array."""
     attributes = {key: value for key, value in attributes.items() if key != ATTRIBUTES_SHA256}
-    text = json.dumps({"attributes": attributes, "arrays": _arrays(group)}, sort_keys=True)
+    text = json.dumps({"attributes": attributes, "arrays": describe_arrays(group)}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _arrays(group: zarr.Group) -> dict[str, dict[str, Any]]:
-    """Read what is said of each array, by its name, as it stands in the files."""
-    root = _folder(group)
-    files = [*root.glob(f"*/{METADATA}"), *root.glob(f"parameters/*/{METADATA}")]
-    found = {file.parent.relative_to(root).as_posix(): read_record(file) for file in files}
+def describe_arrays(group: zarr.Group) -> dict[str, dict[str, Any]]:
+    """Read what is said of each array, by its name, as it stands in its metadata file."""
+    found = dict(_describe_in_folder(group) if _folder(group) else _describe_in_store(group))
     return {name: found[name] for name in sorted(found) if name != "parameters"}
 
 
-def _folder(group: zarr.Group) -> Path:
-    assert isinstance(group.store, LocalStore)
-    return group.store.root
+def _describe_in_folder(group: zarr.Group) -> Iterator[tuple[str, dict[str, Any]]]:
+    root = _folder(group)
+    assert root is not None
+    for pattern in (f"*/{METADATA}", f"parameters/*/{METADATA}"):
+        for file in root.glob(pattern):
+            yield file.parent.relative_to(root).as_posix(), read_record(file)
+
+
+def _describe_in_store(group: zarr.Group) -> Iterator[tuple[str, dict[str, Any]]]:
+    import fsspec
+
+    store = group.store
+    assert isinstance(store, FsspecStore)
+    protocol = store.fs.protocol
+    files = fsspec.filesystem(protocol if isinstance(protocol, str) else protocol[0])
+    for name, _ in group.members(max_depth=None):
+        file = f"{store.path}/{name}/{METADATA}"
+        yield name, parse_json(files.cat_file(file).decode(), file)
+
+
+def _folder(group: zarr.Group) -> Path | None:
+    return group.store.root if isinstance(group.store, LocalStore) else None

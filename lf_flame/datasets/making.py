@@ -2,8 +2,7 @@
 
 Every sample is drawn from the seed and its index, and every shard is written by one task as a
 whole. So no two tasks write one file, a run that was cut goes on with the shards that are not
-complete, and the bytes do not depend on who works. The group is built as ``NAME.part`` and renamed
-when it is whole.
+complete, and the bytes do not depend on who works. `lf_flame.datasets.places` says where.
 """
 
 import json
@@ -23,9 +22,6 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import atomic_folder
-from lf_flame._common.input_files import readable
-from lf_flame._common.locks import exclusive
 from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.hashes import (
@@ -35,13 +31,8 @@ from lf_flame.datasets.hashes import (
     open_array,
     set_attributes,
 )
-from lf_flame.datasets.metadata import (
-    METADATA,
-    SIMULATED,
-    ZARR_ERRORS,
-    check_arrays,
-    read_attributes,
-)
+from lf_flame.datasets.metadata import SIMULATED
+from lf_flame.datasets.places import Place, find_place, open_group
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
@@ -71,8 +62,8 @@ class Task:
         The configuration as JSON.
     slopes : tuple of float
     through_light_field : bool
-    part : str
-        Folder of the group that is being built.
+    address : str
+        Of the group that is being built, see `lf_flame.datasets.places`.
     samples : range
         A whole shard.
     """
@@ -80,12 +71,12 @@ class Task:
     config: str
     slopes: tuple[float, ...]
     through_light_field: bool
-    part: str
+    address: str
     samples: range
 
     def __call__(self) -> range:
         """Simulate the samples, and write them all at once."""
-        config, group = _open(self.config, self.part)
+        config, group = _open(self.config, self.address)
         made = [
             simulate_sample(config, list(self.slopes), index, self.through_light_field)
             for index in self.samples
@@ -100,8 +91,8 @@ class Task:
 
 
 @lru_cache(maxsize=4)
-def _open(config: str, part: str) -> tuple[DatasetConfig, zarr.Group]:
-    return config_from_json(json.loads(config), part), zarr.open_group(part, mode="r+")
+def _open(config: str, address: str) -> tuple[DatasetConfig, zarr.Group]:
+    return config_from_json(json.loads(config), address), open_group(address)
 
 
 @contextmanager
@@ -130,7 +121,8 @@ def make_dataset(
     config : DatasetConfig
     samples : int
     path : str or Path
-        Folder of the finished group, which must not exist yet.
+        Folder of the finished group, which must not exist yet; or a place in an object store that
+        fsspec reaches, as ``s3://BUCKET/NAME``, with the credentials of the environment.
     workers : int, optional
         Processes; 1 works in this one.
     progress : callable, optional
@@ -139,25 +131,24 @@ def make_dataset(
         Form every light field, even where the effect plan needs none for the images.
     executor : concurrent.futures.Executor, optional
         Who works instead of `workers`, on other machines perhaps; all of them must see the folder
-        under the same name.
+        under the same name, or reach the object store.
 
     Raises
     ------
     InputError
-        If `path` exists, something else lies where it is built, or another process builds it.
+        If `path` exists, something else lies where it is built, another process builds it, or the
+        object store cannot be reached.
     OSError
         If a file cannot be written; finished samples are kept.
     """
-    path = Path(path)
-    with exclusive(path):
-        if path.exists() or path.is_symlink():  # no folder takes the place of a link
-            raise InputError(f"{path} exists; remove it or choose another folder.")
-        started, part = time.perf_counter(), path.with_name(path.name + ".part")
-        group = _begin(part, config, samples, through_light_field)
-        asked = json.dumps(config_to_json(config)), tuple(_slopes(part))
+    place = find_place(path)
+    with place.reserved():
+        started = time.perf_counter()
+        slopes = _begin(place, config, samples, through_light_field)
+        asked, group = json.dumps(config_to_json(config)), place.open()
         tasks = [
-            Task(*asked, through_light_field, str(part.resolve()), range(first, last))
-            for first, last in _open_shards(group, part)
+            Task(asked, slopes, through_light_field, place.address, range(first, last))
+            for first, last in _open_shards(place, group)
         ]
         missing = sum(len(task.samples) for task in tasks)
         finished = _carry_out(tasks, workers, executor)
@@ -168,35 +159,22 @@ def make_dataset(
             "wall_s": round(time.perf_counter() - started, 2),
             "samples_this_run": missing,
         }
-        _finish(group, part, made)
-        for left in part.rglob("*.partial"):  # by Zarr's store, of writes that were cut off
-            left.unlink(missing_ok=True)
-        part.rename(path)
+        _finish(place, group, made)
+        place.finish()
 
 
 def _begin(
-    part: Path, config: DatasetConfig, samples: int, through_light_field: bool
-) -> zarr.Group:
-    """Open what was begun, or lay out a new group."""
-    if not part.exists():
+    place: Place, config: DatasetConfig, samples: int, through_light_field: bool
+) -> tuple[float, ...]:
+    """See to it that a data set is laid out, this one; returns the slopes of its targets."""
+    begun = place.attributes()
+    if begun is None:
         searches = search_slopes(config)  # first: it also shows that the scene can be rendered
-        with atomic_folder(part) as aside:  # what bears the name of a part is one
-            group = zarr.open_group(aside, mode="w", zarr_format=3)
+        with place.laid_out() as group:
             _lay_out(group, config, samples, searches, through_light_field)
-    elif not (part / METADATA).exists() or read_attributes(part) is None:
-        raise InputError(
-            f"{part} is in the way: a data set is built under that name, but this is none; move it "
-            f"or choose another folder."
-        )
-    group = zarr.open_group(part, mode="r+")
-    _check_same(group, config, samples, through_light_field, part)
-    return group
-
-
-def _slopes(part: Path) -> list[float]:
-    attributes = read_attributes(part)
-    assert attributes is not None  # `_begin` has seen to it
-    return attributes.slopes
+        return tuple(search.slope for search in searches)
+    _check_same(place, config, samples, through_light_field)
+    return tuple(begun.slopes)
 
 
 def _lay_out(
@@ -241,27 +219,28 @@ def _lay_out(
 
 
 def _check_same(
-    group: zarr.Group, config: DatasetConfig, samples: int, through_light_field: bool, part: Path
+    place: Place, config: DatasetConfig, samples: int, through_light_field: bool
 ) -> None:
+    group = place.open()
     same = group.attrs.get("config") == config_to_json(config)
-    if not same or check_arrays(part, config) != samples:
+    if not same or place.count_samples(config) != samples:
         raise InputError(
-            f"{part} was begun with another configuration or number of samples; "
+            f"{place.name} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
         )
     # Older ones were always made so.
     if group.attrs.get(THROUGH_LIGHT_FIELD, True) != through_light_field:
         begun = "without forming" if through_light_field else "by forming"
         raise InputError(
-            f"{part} was begun {begun} light fields: their last digits differ; remove it or choose "
-            f"another folder."
+            f"{place.name} was begun {begun} light fields: their last digits differ; remove it or "
+            f"choose another folder."
         )
-    check_attributes(group, part)
+    check_attributes(group, place.name)
 
 
-def _open_shards(group: zarr.Group, part: Path) -> Iterator[tuple[int, int]]:
+def _open_shards(place: Place, group: zarr.Group) -> Iterator[tuple[int, int]]:
     """First sample of each shard that is not complete, and one past the last."""
-    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
+    with place.reading():
         complete = open_array(group, "complete")
         done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
     for first in range(0, done.size, count):
@@ -323,10 +302,10 @@ def _count_simulated(group: zarr.Group) -> dict[str, Any]:
     }
 
 
-def _finish(group: zarr.Group, part: Path, made: dict[str, Any]) -> None:
+def _finish(place: Place, group: zarr.Group, made: dict[str, Any]) -> None:
     """Write the hashes and what made the data set."""
     attributes = dict(group.attrs)
-    with readable(part / METADATA, ZARR_ERRORS, "a sample is"):
+    with place.reading():
         attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}
         if SIMULATED in group:
             attributes[SIMULATED] = _count_simulated(group)

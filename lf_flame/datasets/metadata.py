@@ -4,13 +4,13 @@ Zarr raises many kinds of errors at metadata that it does not expect. Ours are o
 `lf_flame.datasets.making` writes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from lf_flame._common.config import build_record, load_record
-from lf_flame._common.input_files import check_regular
+from lf_flame._common.input_files import check_regular, read_record
 from lf_flame._common.memory import check_memory
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig
 from lf_flame.errors import InputError
@@ -20,6 +20,9 @@ ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, Runt
 """What Zarr and its codecs raise at damaged metadata and chunks."""
 
 METADATA = "zarr.json"
+
+IMAGES = ("complete", "input", "target")
+"""Arrays that every data set has."""
 
 SIMULATED = "simulated"
 """Array, and attribute, of what was simulated where that is decided for each sample."""
@@ -117,15 +120,16 @@ def read_attributes(path: Path) -> Attributes | None:
     return build_record(Attributes, found, path / METADATA)
 
 
-def check_array(path: Path, shapes: Sequence[tuple[int, ...]]) -> int:
+def check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], source: str) -> int:
     """Look at the metadata of an array of a data set.
 
     Parameters
     ----------
-    path : Path
-        The array's folder.
+    record : dict
     shapes : sequence of tuple of int
         That a sample may have.
+    source : str
+        Where they stand, for messages.
 
     Returns
     -------
@@ -135,17 +139,18 @@ def check_array(path: Path, shapes: Sequence[tuple[int, ...]]) -> int:
     Raises
     ------
     InputError
-        If it is missing, or not an array as data sets have them.
+        If it is not an array as data sets have them.
     """
-    samples, *shape = load_record(ArrayFile, path / METADATA).shape
+    samples, *shape = build_record(ArrayFile, record, source).shape
     if tuple(shape) not in shapes:
         raise InputError(
-            f"{path} is damaged: a sample must have the shape {shapes[0]}, got {tuple(shape[:6])}."
+            f"{source} is damaged: a sample must have the shape {shapes[0]}, got "
+            f"{tuple(shape[:6])}."
         )
     return samples
 
 
-def check_arrays(path: Path, config: DatasetConfig) -> int:
+def check_array_files(path: Path, config: DatasetConfig) -> int:
     """Look at what the arrays of a data set say of themselves, and at what lies in their files.
 
     Returns
@@ -162,6 +167,33 @@ def check_arrays(path: Path, config: DatasetConfig) -> int:
     for file in path.rglob("*"):
         if not file.is_dir():
             check_memory(check_regular(file), file)
+    records = {name: read_record(path / name / METADATA) for name in IMAGES}
+    return check_array_records(path, records, config)
+
+
+def check_array_records(
+    source: str | Path, records: Mapping[str, dict[str, Any]], config: DatasetConfig
+) -> int:
+    """Look at what the arrays of a data set say of themselves.
+
+    Parameters
+    ----------
+    source : str or Path
+        The data set, for messages.
+    records : mapping of str to dict
+        By the name of the array.
+    config : DatasetConfig
+
+    Returns
+    -------
+    int
+        Its samples.
+
+    Raises
+    ------
+    InputError
+        If one is missing, damaged, or not as the configuration has it.
+    """
     shown = config.input.shape(config.image)
     shapes = {
         "complete": [()],
@@ -169,10 +201,15 @@ def check_arrays(path: Path, config: DatasetConfig) -> int:
         "input": [shown, shown[:2]] if shown[2] == 1 else [shown],
         "target": [(len(config.depths_mm), *config.image)],
     }
-    counts = {check_array(path / name, some) for name, some in shapes.items()}
+    for name in IMAGES:
+        if name not in records:
+            raise InputError(f"{source} is damaged: it has no {name}.")
+    counts = {
+        check_array(records[name], shapes[name], f"{source}/{name}/{METADATA}") for name in IMAGES
+    }
     if len(counts) > 1 or max(counts) > MOST_SAMPLES:
         raise InputError(
-            f"{path} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "
+            f"{source} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "
             f"{', '.join(map(str, sorted(counts)))}."
         )
     return counts.pop()

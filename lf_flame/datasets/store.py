@@ -30,7 +30,7 @@ from lf_flame.datasets.hashes import (
     open_array,
     samples_together,
 )
-from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, check_arrays, read_attributes
+from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, check_array_files, read_attributes
 from lf_flame.errors import InputError
 
 
@@ -60,7 +60,7 @@ class Dataset:
         if found is None or found.sha256 is None:
             raise InputError(f"{path} is not a data set, or is damaged: it does not say what of.")
         self.config = config_from_json(found.config, self.path)
-        check_arrays(self.path, self.config)
+        check_array_files(self.path, self.config)
         if not len(found.slopes) == len(found.objects) == len(self.config.depths_mm):
             raise InputError(f"{path} is damaged: its slopes or objects are not as many as depths.")
         with readable(self.path / METADATA, ZARR_ERRORS):

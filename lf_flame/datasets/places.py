@@ -1,0 +1,242 @@
+"""Where data sets are built: folders, and object stores such as S3.
+
+In a folder a data set is built as ``NAME.part`` and renamed when it is whole. An object store
+renames nothing: there it is built under its own name, and is whole when its attributes know the
+hash of its images.
+"""
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zarr
+
+from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.config import build_record
+from lf_flame._common.input_files import readable
+from lf_flame._common.locks import exclusive
+from lf_flame.datasets.config import DatasetConfig
+from lf_flame.datasets.hashes import describe_arrays
+from lf_flame.datasets.metadata import (
+    METADATA,
+    ZARR_ERRORS,
+    Attributes,
+    check_array_files,
+    check_array_records,
+    read_attributes,
+)
+from lf_flame.errors import InputError
+
+Group = zarr.Group
+
+
+class Place(ABC):
+    """Where a data set is built.
+
+    Attributes
+    ----------
+    name : str
+        Of what is being built, in messages.
+    address : str
+        By which `open_group` finds it, here and on other machines.
+    """
+
+    name: str
+    address: str
+
+    @abstractmethod
+    def reserved(self):
+        """Context in which nobody else builds there, as far as the place can see to it.
+
+        Raises
+        ------
+        InputError
+            If a data set is there, or another process builds one.
+        """
+
+    @abstractmethod
+    def attributes(self) -> Attributes | None:
+        """Tell what is said of a data set that was begun; nothing where none was.
+
+        Raises
+        ------
+        InputError
+            If something else is in the way.
+        """
+
+    @abstractmethod
+    def laid_out(self):
+        """Context with an empty group, which is there when the block ends well."""
+
+    @abstractmethod
+    def count_samples(self, config: DatasetConfig) -> int:
+        """Look at what was begun, and count its samples; see `check_array_records`."""
+
+    @abstractmethod
+    def reading(self):
+        """Context that says in a sentence why samples cannot be read."""
+
+    @abstractmethod
+    def finish(self) -> None:
+        """Put a whole data set where it belongs."""
+
+    def open(self) -> Group:
+        """Open what is being built."""
+        return open_group(self.address)
+
+
+def find_place(target: str | Path) -> Place:
+    """Tell a folder from the URL of an object store.
+
+    Raises
+    ------
+    InputError
+        If no such store can be reached from here.
+    """
+    return ObjectStore(str(target)) if is_url(target) else Folder(Path(target))
+
+
+def is_url(target: str | Path) -> bool:
+    """Whether a place is one of an object store: SCHEME://BUCKET/NAME."""
+    return isinstance(target, str) and "://" in target
+
+
+def open_group(address: str) -> Group:
+    """Open a data set that is being built, by its place's address."""
+    with _reaching(address):
+        return zarr.open_group(address, mode="r+")
+
+
+class Folder(Place):
+    """A folder of this machine, or one that it shares with others."""
+
+    def __init__(self, path: Path):
+        self.path, self.part = path, path.with_name(path.name + ".part")
+        self.name, self.address = str(self.part), str(self.part.resolve())
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Lock it."""
+        with exclusive(self.path):
+            if self.path.exists() or self.path.is_symlink():  # no folder takes a link's place
+                raise InputError(f"{self.path} exists; remove it or choose another folder.")
+            yield
+
+    def attributes(self) -> Attributes | None:
+        """Read them from the folder."""
+        if not self.part.exists():
+            return None
+        found = read_attributes(self.part) if (self.part / METADATA).exists() else None
+        if found is None:
+            raise InputError(
+                f"{self.part} is in the way: a data set is built under that name, but this is "
+                f"none; move it or choose another folder."
+            )
+        return found
+
+    @contextmanager
+    def laid_out(self) -> Iterator[Group]:
+        """Lay it out aside."""
+        with atomic_folder(self.part) as aside:  # what bears the name of a part is one
+            yield zarr.open_group(aside, mode="w", zarr_format=3)
+
+    def count_samples(self, config: DatasetConfig) -> int:
+        """Count them in the files' metadata."""
+        return check_array_files(self.part, config)
+
+    def reading(self):
+        """Name the folder where Zarr gives up."""
+        return readable(self.part / METADATA, ZARR_ERRORS, "a sample is")
+
+    def finish(self) -> None:
+        """Remove what is left of writes that were cut off, and rename it."""
+        for left in self.part.rglob("*.partial"):  # by Zarr's store
+            left.unlink(missing_ok=True)
+        self.part.rename(self.path)
+
+
+class ObjectStore(Place):
+    """A place in an object store that fsspec reaches; credentials are those of the environment.
+
+    Such a store knows no locks: whoever builds there sees to it that nobody else does.
+    """
+
+    def __init__(self, url: str):
+        self.name = self.address = url.rstrip("/")
+        with _reaching(url):
+            import fsspec
+
+            self._files, self._root = fsspec.core.url_to_fs(self.address)
+            if "file" in self._files.protocol or "local" in self._files.protocol:
+                raise InputError(f"{url} is a folder of this machine: give its path without ://.")
+            # Whoever asks for a data set again must not see what was there a while ago.
+            self._files.invalidate_cache()
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Refuse to build a data set again."""
+        with _reaching(self.name):
+            there = self.attributes()
+            if there is not None and there.sha256 is not None:
+                raise InputError(f"{self.name} exists; remove it or choose another place.")
+            yield
+
+    def attributes(self) -> Attributes | None:
+        """Read them from the store."""
+        with _reaching(self.name):
+            if not self._files.exists(self._root):
+                return None
+            begun = self._files.exists(f"{self._root}/{METADATA}")
+            found = dict(zarr.open_group(self.address, mode="r").attrs) if begun else {}
+        if "config" not in found:  # comes last; what is there instead is not ours to remove
+            raise InputError(
+                f"{self.name} is in the way: something is there that is no data set, or one that "
+                f"was cut off at once; remove it or choose another place."
+            )
+        return build_record(Attributes, found, self.name)
+
+    @contextmanager
+    def laid_out(self) -> Iterator[Group]:
+        """Lay it out in place; attributes come last."""
+        with _reaching(self.name):
+            yield zarr.open_group(self.address, mode="w-", zarr_format=3)
+
+    def count_samples(self, config: DatasetConfig) -> int:
+        """Count them in the arrays' metadata."""
+        with _reaching(self.name):
+            return check_array_records(self.name, describe_arrays(self.open()), config)
+
+    def reading(self):
+        """Name the place."""
+        return _reaching(self.name)
+
+    def finish(self) -> None:
+        """Leave it: it is where it belongs."""
+
+
+@contextmanager
+def _reaching(address: str) -> Iterator[None]:
+    """Say in a sentence what keeps a store from being reached."""
+    if not is_url(address):
+        yield
+        return
+    try:
+        yield
+    except InputError:
+        raise
+    except ImportError as error:
+        raise InputError(
+            f"{address} cannot be reached: {error}; S3 needs pip install 'lf_flame[s3]'."
+        ) from None
+    except _store_errors() as error:
+        reason = str(error).strip().partition("\n")[0] or type(error).__name__
+        raise InputError(f"{address} cannot be reached: {reason[:200]}.") from error
+
+
+def _store_errors() -> tuple[type[Exception], ...]:
+    """List what stores raise; S3's client, if it is loaded, has its own for missing credentials."""
+    loaded = sys.modules.get("botocore.exceptions")
+    own = () if loaded is None else (loaded.BotoCoreError, loaded.ClientError)
+    return (OSError, ValueError, *own)
