@@ -129,7 +129,7 @@ def check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], sourc
     shapes : sequence of tuple of int
         That a sample may have.
     source : str
-        Where they stand, for messages.
+        The array, for messages.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], sourc
     InputError
         If it is not an array as data sets have them.
     """
-    samples, *shape = build_record(ArrayFile, record, source).shape
+    samples, *shape = build_record(ArrayFile, record, f"{source}/{METADATA}").shape
     if tuple(shape) not in shapes:
         raise InputError(
             f"{source} is damaged: a sample must have the shape {shapes[0]}, got "
@@ -204,9 +204,7 @@ def check_array_records(
     for name in IMAGES:
         if name not in records:
             raise InputError(f"{source} is damaged: it has no {name}.")
-    counts = {
-        check_array(records[name], shapes[name], f"{source}/{name}/{METADATA}") for name in IMAGES
-    }
+    counts = {check_array(records[name], shapes[name], f"{source}/{name}") for name in IMAGES}
     if len(counts) > 1 or max(counts) > MOST_SAMPLES:
         raise InputError(
             f"{source} is damaged: its arrays must have as many samples, up to {MOST_SAMPLES}, got "
