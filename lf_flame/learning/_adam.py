@@ -6,13 +6,15 @@ Every element is updated by one thread, so the bits do not depend on the number 
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 BLOCK = 1 << 14
 """Elements that a thread updates at a time; four arrays of them fit its cache."""
 
 SMALL = 1 << 17
-"""Up to here one thread is done before the others are awake."""
+"""Elements up to which one thread is done before the others are awake."""
 
 
 def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
@@ -24,13 +26,10 @@ def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
         parameter[k] -= rate * mean[k] / (np.sqrt(square[k]) + epsilon)
 
 
-def _update_all(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
+def _update_all(queue, parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
     """Update a flat parameter from its gradient."""
     size = parameter.size
-    if size <= SMALL:
-        update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon)
-        return
-    for block in prange((size + BLOCK - 1) // BLOCK):
+    for block in pieces(queue, (size + BLOCK - 1) // BLOCK):
         part = slice(block * BLOCK, min(size, (block + 1) * BLOCK))
         update(
             parameter[part], mean[part], square[part], gradient[part],
@@ -38,7 +37,7 @@ def _update_all(parameter, mean, square, gradient, rate, weight1, weight2, epsil
         )  # fmt: skip
 
 
-def _update_product(parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
+def _update_product(queue, parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
     """Update a matrix whose gradient is left.T @ right, without writing that gradient down.
 
     The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and what
@@ -47,7 +46,7 @@ def _update_product(parameter, mean, square, left, right, rate, weight1, weight2
     """
     rows, columns = parameter.shape
     blocks = (columns + BLOCK - 1) // BLOCK
-    for job in prange(rows * blocks):
+    for job in pieces(queue, rows * blocks):
         row, block = job // blocks, job % blocks
         part = slice(block * BLOCK, min(columns, (block + 1) * BLOCK))
         gradient = np.zeros(part.stop - part.start, np.float32)
@@ -67,5 +66,5 @@ def _add(total, factor, values):
 # Python's error for a division by zero would keep the loops from being vectorised.
 update = njit(error_model="numpy")(_update)
 add = njit(error_model="numpy")(_add)
-update_all = njit(parallel=True, cache=True, error_model="numpy")(_update_all)
-update_product = njit(parallel=True, cache=True, error_model="numpy")(_update_product)
+update_all = shared(_update_all, error_model="numpy")
+update_product = shared(_update_product, error_model="numpy")

@@ -5,7 +5,9 @@ All sums run in float64.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 
 def _find_seen(weight, low, high):
@@ -86,7 +88,7 @@ def _add_product(cells, down, down_reach, across, across_reach, out):
         weigh_rows(lines, down[t], down_reach[t, 0], down_reach[t, 1], out[t, left:right])
 
 
-def _add_images(cells, rows, columns, down, across, out):
+def _add_images(queue, cells, rows, columns, down, across, out):
     """Add a plane's light to images, out[n, t, s].
 
     cells[j, i]: the plane's light, column by row.
@@ -94,7 +96,7 @@ def _add_images(cells, rows, columns, down, across, out):
     down, across: the sums of lines along y and x, see `LineSums`.
     """
     count, height, width = out.shape
-    for n in prange(count):
+    for n in pieces(queue, count):
         tall, wide = np.empty((height, cells.shape[1])), np.empty((width, cells.shape[0]))
         tall_reach, wide_reach = np.empty((height, 2), np.int64), np.empty((width, 2), np.int64)
         for p in range(down.weights.shape[1]):
@@ -111,4 +113,4 @@ span = njit(_span)
 add_product = njit(_add_product)
 
 find_seen = njit(cache=True)(_find_seen)
-add_images = njit(parallel=True, cache=True)(_add_images)
+add_images = shared(_add_images)

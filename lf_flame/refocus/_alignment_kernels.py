@@ -4,7 +4,9 @@ It gathers in a fixed order: the bits do not depend on the number of threads.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 
 def _combine_rows(view, rows, weights, line):
@@ -17,7 +19,7 @@ def _combine_rows(view, rows, weights, line):
                 line[x] += weight * row[x]
 
 
-def _align_views(images, at, rows, row_weights, columns, column_weights, channels, out):
+def _align_views(queue, images, at, rows, row_weights, columns, column_weights, channels, out):
     """Shift images[at[k], t, x], average them over blocks: out[n, k, i, j * channels + c].
 
     images: the channels of a lenslet are neighbours along x.
@@ -25,7 +27,7 @@ def _align_views(images, at, rows, row_weights, columns, column_weights, channel
     columns[k, n, j, b], column_weights[k, n, b]: the same along x, for channel 0.
     """
     slopes, count, height = out.shape[:3]
-    for m in prange(slopes * count * height):
+    for m in pieces(queue, slopes * count * height):
         n, k, i = m // (count * height), m // height % count, m % height
         line = np.empty(images.shape[2], np.float32)
         combine_rows(images[at[k]], rows[k, n, i], row_weights[k, n], line)
@@ -38,4 +40,4 @@ def _align_views(images, at, rows, row_weights, columns, column_weights, channel
 
 
 combine_rows = njit(_combine_rows)
-align_views = njit(parallel=True, cache=True)(_align_views)
+align_views = shared(_align_views)

@@ -8,8 +8,10 @@ Indices are unsigned where a loop is to be vectorised: Python's negative ones co
 """
 
 import numpy as np
-from numba import config, njit, prange
+from numba import config, njit
 from numba.extending import intrinsic
+
+from lf_flame._common.threads import pieces, shared
 
 CHAIN = 8
 """Views that are summed in one go; lists of views are padded to a multiple with weights of 0."""
@@ -116,7 +118,7 @@ def _add_row(total, row, offset, weight, sums, n):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
-def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights, sums, bad):
+def _shift_and_sum(queue, views, reach, channels, used, at, weights, down, down_weights, sums, bad):
     """Weighted sums of shifted views, for several slopes and groups of rows: sums[g, n, t, s].
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
@@ -133,7 +135,7 @@ def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights
     taps = len(weights)
     wide = -(-(breadth + (taps - 1) * channels) // LANES) * LANES
     padded = wide + 2 * reach
-    for k in prange(bad.size):
+    for k in pieces(queue, bad.size):
         group, start = k % groups, k // groups * breadth
         size = min(breadth, width - start)
         block = np.zeros((slopes, height, size))
@@ -156,10 +158,10 @@ def _shift_and_sum(views, reach, channels, used, at, weights, down, down_weights
         bad[k] = np.any(np.isnan(probe))
 
 
-def _merge(sums, out):
+def _merge(queue, sums, out):
     """Sum over the groups: out[n, t, s]."""
     groups, slopes, height, width = sums.shape
-    for k in prange(slopes * height):
+    for k in pieces(queue, slopes * height):
         n, t = k // height, k % height
         for s in range(width):
             total = sums[0, n, t, s]
@@ -168,13 +170,13 @@ def _merge(sums, out):
             out[n, t, s] = total
 
 
-def _slice_spectrum(spectrum, rows, row_weights, columns, column_weights, out):
+def _slice_spectrum(queue, spectrum, rows, row_weights, columns, column_weights, out):
     """Interpolate slices of an angular spectrum [t, s, v, u]: out[n, t, s].
 
     rows[n, t, i], columns[n, s, j]: samples around the slice along v and u, with their weights.
     """
     slopes, height, waves = out.shape
-    for k in prange(slopes * height):
+    for k in pieces(queue, slopes * height):
         n, t = k // height, k % height
         for s in range(waves):
             total = np.complex128(0)
@@ -187,13 +189,13 @@ def _slice_spectrum(spectrum, rows, row_weights, columns, column_weights, out):
 
 
 fill = njit(_fill)
-cut_line = njit(_cut_line)
+cut_line = njit(forceinline=True)(_cut_line)
 link = njit(_link)
 sum_views = njit(_sum_views)
 sum_views_twice = njit(_sum_views_twice)
-sum_row = njit(_sum_row)
-add_row = njit(_add_row)
+sum_row = njit(forceinline=True)(_sum_row)
+add_row = njit(forceinline=True)(_add_row)
 
-shift_and_sum = njit(parallel=True, cache=True)(_shift_and_sum)
-merge = njit(parallel=True, cache=True)(_merge)
-slice_spectrum = njit(parallel=True, cache=True)(_slice_spectrum)
+shift_and_sum = shared(_shift_and_sum)
+merge = shared(_merge)
+slice_spectrum = shared(_slice_spectrum)

@@ -5,16 +5,17 @@ sums in one order, in float64, and the bits stay the same.
 """
 
 import numpy as np
-from numba import njit, prange
+
+from lf_flame._common.threads import pieces, shared
 
 BLOCK = 512
 """Columns that are worked on together."""
 
 
-def _multiply(left, right, out):
+def _multiply(queue, left, right, out):
     """Matrix product left[i, k] @ right[k, x]: out[i, x]."""
     rows, columns = out.shape
-    for block in prange(-(-columns // BLOCK)):
+    for block in pieces(queue, -(-columns // BLOCK)):
         start = block * BLOCK
         size = min(BLOCK, columns - start)
         total = np.zeros((rows, size))
@@ -27,4 +28,4 @@ def _multiply(left, right, out):
         out[:, start : start + size] = total
 
 
-multiply = njit(parallel=True, cache=True)(_multiply)
+multiply = shared(_multiply)

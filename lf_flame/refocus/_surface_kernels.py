@@ -7,7 +7,9 @@ order: the bits do not depend on the number of threads.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 
 def _refocus_row(views, line, t, weights, taps, out):
@@ -79,13 +81,13 @@ def _add_view(view, down, right, tap_weight, weight, part):
                 part[c, s] += weight * tap_weight[b, s] * view[at]
 
 
-def _refocus_surface(views, slopes, weights, taps, out):
+def _refocus_surface(queue, views, slopes, weights, taps, out):
     """Weighted mean of views[v, u, t, s, c], shifted by slopes[n, t, s]: out[n, t, s, c].
 
     weights[v, u]: of the views, with sum 1; those of weight 0 are not read.
     """
     height = slopes.shape[1]
-    for k in prange(slopes.shape[0] * height):
+    for k in pieces(queue, slopes.shape[0] * height):
         n, t = k // height, k % height
         refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])
 
@@ -93,4 +95,4 @@ def _refocus_surface(views, slopes, weights, taps, out):
 place_taps = njit(cache=True)(_place_taps)
 add_view = njit(cache=True)(_add_view)
 refocus_row = njit(cache=True)(_refocus_row)
-refocus_surface = njit(parallel=True, cache=True)(_refocus_surface)
+refocus_surface = shared(_refocus_surface)

@@ -5,7 +5,9 @@ Every pixel is worked out by one thread in a fixed order: the bits do not depend
 
 import math
 
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 COLUMNS = (
     "y", "x", "slope", "half_height", "half_width", "cosine", "sine", "squareness",
@@ -33,10 +35,10 @@ def _shade(leaf, y, x):
     return cover, min(max(leaf[8] + leaf[9] * wave, 0.0), 1.0)
 
 
-def _render_leaves(leaves, background, out):
+def _render_leaves(queue, leaves, background, out):
     """Look at leaves, the nearest first, from every view: out[v, u, t, s]."""
     rows, columns, height, width = out.shape
-    for m in prange(rows * columns * height):
+    for m in pieces(queue, rows * columns * height):
         k, t = m // height, m % height
         v, u = k // columns - (rows - 1) / 2.0, k % columns - (columns - 1) / 2.0
         for s in range(width):
@@ -57,4 +59,4 @@ def _render_leaves(leaves, background, out):
 
 
 shade = njit(_shade)
-render_leaves = njit(parallel=True, cache=True)(_render_leaves)
+render_leaves = shared(_render_leaves)

@@ -8,7 +8,9 @@ Light fields are ``[v, u, t, s]``.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 TINY = np.finfo(float).tiny
 """Divides where a width may be 0."""
@@ -254,7 +256,7 @@ def _through_lenslets(
     return light
 
 
-def _trace_planes(planes, rays, weights, stop, second, falloff, seen, share, out):
+def _trace_planes(queue, planes, rays, weights, stop, second, falloff, seen, share, out):
     """Add the mean over a grid of backward rays to each pixel, out[a, b, c, d].
 
     The pixel's place along y is (a, c), along x (b, d): (v, u, t, s) for views, and for the raw
@@ -268,7 +270,7 @@ def _trace_planes(planes, rays, weights, stop, second, falloff, seen, share, out
     """
     rays_y, rays_x = rays.rows.shape[3], rays.columns.shape[3]
     lines = seen.lines
-    for k in prange(lines.size):
+    for k in pieces(queue, lines.size):
         a, c = k // lines.shape[1], k % lines.shape[1]
         if not lines[a, c]:
             continue
@@ -286,11 +288,23 @@ def _trace_planes(planes, rays, weights, stop, second, falloff, seen, share, out
 
 
 def _trace_lenslets(
-    planes, rays, shifts, stop, second, micro_images, squares, falloff, tilt, seen, share, out
+    queue,
+    planes,
+    rays,
+    shifts,
+    stop,
+    second,
+    micro_images,
+    squares,
+    falloff,
+    tilt,
+    seen,
+    share,
+    out,
 ):
     """Do the same for light through every lenslet that can send a pixel any."""
     lines = seen.lines
-    for k in prange(lines.size):
+    for k in pieces(queue, lines.size):
         a, c = k // lines.shape[1], k % lines.shape[1]
         if not lines[a, c]:
             continue
@@ -303,14 +317,14 @@ def _trace_lenslets(
                 out[a, b, c, d] += light * share
 
 
-def _add_polygons(planes, rows, columns, falloff, out):
+def _add_polygons(queue, planes, rows, columns, falloff, out):
     """Add the sum over pairs of polygons to each pixel, out[a, b, c, d].
 
     The planes are those of `lf_flame.simulation.ray_tables`; rows and columns those of
     `lf_flame.simulation.polygons`, for (a, c) and (b, d).
     """
     count = planes.first.size
-    for k in prange(rows.first.size - 1):
+    for k in pieces(queue, rows.first.size - 1):
         a, c = k // out.shape[2], k % out.shape[2]
         if rows.first[k] == rows.first[k + 1]:
             continue
@@ -367,12 +381,12 @@ def _weigh_bands(edges, centres, lenslet, pixels, start, weights):
             near = far
 
 
-def _integrate_columns(texture, start, weight, first, last, out):
+def _integrate_columns(queue, texture, start, weight, first, last, out):
     """``texture @ Kx.T``, K banded: out[row, b, d].
 
     start[b, d], weight[b, d, j]: first cell and weights of the band.
     """
-    for row in prange(texture.shape[0]):
+    for row in pieces(queue, texture.shape[0]):
         cells = texture[row]
         for b in range(start.shape[0]):
             for d in range(first[b], last[b]):
@@ -382,7 +396,7 @@ def _integrate_columns(texture, start, weight, first, last, out):
                 out[row, b, d] = light
 
 
-def _integrate_rows(columns, start, weight, falloff, seen, first, last, shaded, out):
+def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, shaded, out):
     """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
 
     columns[row, b, d]: the planes' textures, integrated along x, one below the other.
@@ -391,7 +405,7 @@ def _integrate_rows(columns, start, weight, falloff, seen, first, last, shaded, 
     shaded: None, or [a, c] and [b, d]; pixels for which both are true are left as they are.
     """
     planes, groups, lines, band = weight.shape
-    for k in prange(groups * lines):
+    for k in pieces(queue, groups * lines):
         a, c = k // lines, k % lines
         total = np.empty(columns.shape[2])
         for b in range(columns.shape[1]):
@@ -441,9 +455,9 @@ radiance = njit(_radiance)
 bundle = njit(_bundle)
 through_lenslets = njit(_through_lenslets)
 
-trace_planes = njit(parallel=True, cache=True)(_trace_planes)
-trace_lenslets = njit(parallel=True, cache=True)(_trace_lenslets)
-add_polygons = njit(parallel=True, cache=True)(_add_polygons)
+trace_planes = shared(_trace_planes)
+trace_lenslets = shared(_trace_lenslets)
+add_polygons = shared(_add_polygons)
 weigh_bands = njit(cache=True)(_weigh_bands)
-integrate_columns = njit(parallel=True, cache=True)(_integrate_columns)
-integrate_rows = njit(parallel=True, cache=True)(_integrate_rows)
+integrate_columns = shared(_integrate_columns)
+integrate_rows = shared(_integrate_rows)

@@ -6,7 +6,9 @@ Each bundle is cut by one thread in a fixed order, so the bits do not depend on 
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
 
 SLIVER = 1e-14
 """Area of the unit square below which a polygon is rounding and is dropped."""
@@ -126,16 +128,16 @@ def _keep(polygon, size, strip, counts, cells, areas):
     return 1 if meets else 0
 
 
-def _count_polygons(offsets, lenslet, pixel, lit, counts, wanted, found):
+def _count_polygons(queue, offsets, lenslet, pixel, lit, counts, wanted, found):
     """Count the polygons of each bundle, found[n]; the other arguments as below."""
     no_cells, no_areas = np.empty((0, counts.size), np.int32), np.empty(0)
-    for n in prange(found.size):
+    for n in pieces(queue, found.size):
         found[n] = 0
         if wanted[n] and lit[n] > 0.0:
             found[n] = cut(offsets[n], lenslet, pixel * lit[n], counts, no_cells, no_areas)
 
 
-def _cut_bundles(offsets, lenslet, pixel, lit, counts, first, cells, areas):
+def _cut_bundles(queue, offsets, lenslet, pixel, lit, counts, first, cells, areas):
     """Cut all bundles into polygons.
 
     offsets[n, p], lenslet[p], pixel[p]: of bundle n on plane p, in cells of the plane.
@@ -144,7 +146,7 @@ def _cut_bundles(offsets, lenslet, pixel, lit, counts, first, cells, areas):
     first[n]: place of a bundle's first polygon in cells[:, p] and areas[:]; its last is before
     that of the next bundle.
     """
-    for n in prange(offsets.shape[0]):
+    for n in pieces(queue, offsets.shape[0]):
         mine = slice(first[n], first[n + 1])
         if first[n + 1] > first[n]:
             cut(offsets[n], lenslet, pixel * lit[n], counts, cells[mine], areas[mine])
@@ -157,5 +159,5 @@ area = njit(_area)
 keep = njit(_keep)
 cut = njit(_cut)
 
-count_polygons = njit(parallel=True, cache=True)(_count_polygons)
-cut_bundles = njit(parallel=True, cache=True)(_cut_bundles)
+count_polygons = shared(_count_polygons)
+cut_bundles = shared(_cut_bundles)
