@@ -134,7 +134,7 @@ test-all: | $(INSTALLED)  ## run all tests, as CI does
 	$(BIN)/python -m pytest $(TEST_JOBS)
 
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/refocus/test_shift.py -m 'not jit'
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/_common/test_threads.py tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/projection tests/refocus/test_shift.py -m 'not jit'
 
 # Where it was cut off it goes on; MUTANTS='optics/camera.py --per-file 50' for some files alone.
 mutants: | $(INSTALLED)  ## plant small errors in the numerical core and list those that no test notices (an hour)

@@ -1,16 +1,16 @@
 """A compiled loop to measure by: arrays in, output array filled, nothing returned."""
 
 import numpy as np
-from numba import njit, prange
+
+from lf_flame._common.threads import pieces, shared
 
 LANES = 64
 """Sums side by side: enough that memory, not the latency of an addition, sets the speed."""
 
 
-@njit(parallel=True, cache=True)
-def sum_rows(rows, sums):
+def _sum_rows(queue, rows, sums):
     """Sum each of the rows [row, element] in float32: what reading them once costs."""
-    for k in prange(rows.shape[0]):
+    for k in pieces(queue, rows.shape[0]):
         lanes = np.zeros(LANES, np.float32)
         row = rows[k]
         whole = row.size // LANES * LANES
@@ -18,3 +18,6 @@ def sum_rows(rows, sums):
             for j in range(LANES):
                 lanes[j] += row[i + j]
         sums[k] = lanes.sum() + row[whole:].sum()
+
+
+sum_rows = shared(_sum_rows)

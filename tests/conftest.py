@@ -19,9 +19,6 @@ settings.register_profile(
 )
 settings.load_profile("fixed")
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # tests side by side: idle threads must not hold a core
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
 
 @pytest.fixture
 def rng(request):

@@ -16,12 +16,13 @@ from pathlib import Path
 import numba
 import numpy as np
 import pandas as pd
-from numba import njit, prange
+from numba import njit
 
 from experiments.benchmarks.report import write_table
 from experiments.timing import best_of
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
 from lf_flame._common.provenance import environment
+from lf_flame._common.threads import pieces, shared
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
@@ -113,10 +114,10 @@ def baseline_loop(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarra
     return out
 
 
-@njit(parallel=True, cache=True)
-def bare_integrate_rows(columns, start, weight, first, last, out):
+@shared
+def bare_integrate_rows(queue, columns, start, weight, first, last, out):
     """Do what `integrate_rows` does, for one plane, with no code for any effect."""
-    for k in prange(weight.shape[1] * weight.shape[2]):
+    for k in pieces(queue, weight.shape[1] * weight.shape[2]):
         a, c = k // weight.shape[2], k % weight.shape[2]
         if not weight[0, a, c].any():
             continue
@@ -133,10 +134,10 @@ def bare_integrate_rows(columns, start, weight, first, last, out):
                 out[a, b, c, d] += np.float32(total[d])
 
 
-@njit(parallel=True, cache=True)
-def bare_trace(emission, rows, columns, down, right, stride, seen, first, last, share, out):
+@shared
+def bare_trace(queue, emission, rows, columns, down, right, stride, seen, first, last, share, out):
     """Do what `trace_planes` does, for one plane, with no code for any effect."""
-    for k in prange(seen.size):
+    for k in pieces(queue, seen.size):
         a, c = k // seen.shape[1], k % seen.shape[1]
         if not seen[a, c]:
             continue

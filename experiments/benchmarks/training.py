@@ -26,11 +26,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import keras
 import numpy as np
 import pandas as pd
-from numba import njit, prange
 
 from experiments.benchmarks.report import write_table
 from experiments.timing import best_times, seconds
 from lf_flame._common.provenance import cpu_count, environment
+from lf_flame._common.threads import pieces, shared
 from lf_flame.learning import _adam
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.trainers import ArrayTrainer
@@ -42,6 +42,9 @@ ALIKE = 1e-4
 """Largest relative difference of losses that should be the same."""
 
 ROUNDS = 3
+
+BLOCK = 1 << 14
+"""Elements that a thread takes at a time."""
 
 TURN_S = 0.1
 """A call that takes less, of the floor, is repeated for so long in its turn."""
@@ -166,11 +169,12 @@ def run(step: Callable, batches: np.ndarray) -> None:
         step(batch)
 
 
-@njit(parallel=True, cache=True)
-def touch(values):
+@shared
+def touch(queue, values):
     """Read and write every element once, in place as Adam does."""
-    for k in prange(values.size):
-        values[k] += np.float32(1)
+    for block in pieces(queue, -(-values.size // BLOCK)):
+        for k in range(block * BLOCK, min((block + 1) * BLOCK, values.size)):
+            values[k] += np.float32(1)
 
 
 class Floor:

@@ -80,7 +80,8 @@ class SharedKernel:
     """A compiled loop that threads share; called as its function, but for the queue."""
 
     def __init__(self, function: Callable[..., None], **options):
-        self.compiled = njit(nogil=True, cache=True, pipeline_class=_NoOverlap, **options)(function)
+        ours = {"nogil": True, "cache": True, "pipeline_class": _NoOverlap}
+        self.compiled = njit(**ours | options)(function)
         self.__doc__, self.__name__ = function.__doc__, function.__name__
 
     def alone(self, *arguments: Any) -> None:
@@ -88,6 +89,9 @@ class SharedKernel:
         self.compiled(np.zeros(1, np.int64), *arguments)
 
     def __call__(self, *arguments: Any) -> None:
+        if numba.config.DISABLE_JIT:  # Python counts in more than one step
+            self.alone(*arguments)
+            return
         queue = np.zeros(1, np.int64)
         helpers = [
             _helpers(os.getpid()).submit(self.compiled, queue, *arguments)

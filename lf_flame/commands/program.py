@@ -48,11 +48,6 @@ def run(commands: click.Group, name: str) -> None:
 def prepare_process() -> None:
     """Set what holds for the whole process: a program may, a library must not.
 
-    Views are aligned by Numba's threads, then a network runs in its backend's. Those of Numba would
-    stay awake for some milliseconds, as is OpenMP's default, and hold the cores that the network
-    needs; unless the environment says otherwise they sleep at once. OpenMP reads the variable as it
-    starts, so this must come before Numba's first loop.
-
     Figures go to files, so no backend for screens is needed, and none that does not exist. Whether
     an image is too large `lf_flame._common.memory` decides, whose limit can be raised, and not
     Pillow. What tifffile remarks on damaged files says less than the error does.
@@ -62,7 +57,6 @@ def prepare_process() -> None:
     InputError
         If Numba is told to start no threads, or so many that its start would crash.
     """
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ["MPLBACKEND"] = "agg"
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)

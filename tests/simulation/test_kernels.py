@@ -5,9 +5,9 @@ from unittest.mock import patch
 import numba
 import numpy as np
 import pytest
-from numba import njit
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame._common.threads import shared
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
 from lf_flame.simulation import _kernels
@@ -61,7 +61,7 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
         shift_and_sum(render(scene, small_camera), 1.0)
         render(scene, small_camera, layout=layout)
         render(scene, small_camera, integrator="rays", rays=rays, layout=layout)
-        return [len(kernel.signatures) for kernel in kernels]
+        return [len(kernel.compiled.signatures) for kernel in kernels]
 
     assert use((3, 3), "views", 2) == use((1, 7), "raw", 3)
 
@@ -70,8 +70,8 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
     kernels = {
-        "trace_planes": njit(parallel=True)(_kernels._trace_planes),
-        "trace_lenslets": njit(parallel=True)(_kernels._trace_lenslets),
+        "trace_planes": shared(_kernels._trace_planes, cache=False),
+        "trace_lenslets": shared(_kernels._trace_lenslets, cache=False),
     }
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
@@ -83,11 +83,11 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
         "skew": OpticalPass(small_camera, lenslet_skew=1e-3, every_lenslet=True),
     }.items():
         kernel = kernels["trace_lenslets" if name == "skew" else "trace_planes"]
-        known = set(kernel.signatures)
+        known = set(kernel.compiled.signatures)
         with patch.multiple(_kernels, **kernels):
             trace(planes, optics, "views", 2, image)
-        (new,) = set(kernel.signatures) - known
-        machine_code[name] = kernel.inspect_llvm(new)
+        (new,) = set(kernel.compiled.signatures) - known
+        machine_code[name] = kernel.compiled.inspect_llvm(new)
     assert "llvm.sqrt" not in machine_code["bare"]
     assert "llvm.sqrt" in machine_code["stop"]
     assert "llvm.floor" not in machine_code["bare"]
