@@ -66,6 +66,6 @@ def tables(results: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     Several folders are set side by side; runs of one recipe that differ in their seed alone are
     pooled into mean and standard deviation over the seeds.
     """
-    from experiments.paper.comparison import compare_runs
+    from experiments.paper.comparison import report_tables
 
-    click.echo(compare_runs(results, paper, out))
+    click.echo(report_tables(results, paper, out))

@@ -188,7 +188,8 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     folders : sequence of Path
     paper_values : Path
     out : Path, optional
-        Markdown file to keep the text in; the numbers go into a CSV file beside it.
+        Markdown file NAME.md to keep the text in; beside it go the numbers, NAME.csv, and a picture
+        of validation PSNR against seconds, NAME.png.
 
     Raises
     ------
@@ -215,10 +216,21 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
     if out is not None:
         numbers = pd.concat(tables).set_index("table").round(6)
-        with together(out.parent) as aside:
-            write_text(aside / out.name, text)
+        picture = _picture_learning(folders, paper_values)
+        with together(out.parent, last=out.name) as aside:
             write_text(aside / f"{out.stem}.csv", numbers.to_csv())
+            figures.save(picture, aside / f"{out.stem}.png")
+            write_text(aside / out.name, text)
     return text
+
+
+def _picture_learning(folders: Sequence[Path], paper_values: Path):
+    panels, printed = {}, {}
+    for name in TABLES:
+        paper = read_paper_values(paper_values, name)
+        panels[paper["title"]] = read_histories(folders, name)
+        printed[paper["title"]] = paper["psnr_db"]
+    return learning_figure(panels, printed)
 
 
 def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame]:
@@ -271,23 +283,3 @@ def _short_names(folders: Sequence[Path]) -> list[str]:
         for folder in folders
     ]
     return names if len(set(names)) == len(names) else [str(folder) for folder in folders]
-
-
-def compare_runs(folders: Sequence[Path], paper_values: Path, out: Path | None) -> str:
-    """Set the tables of results folders side by side; with `out`, keep them and draw the learning.
-
-    Parameters
-    ----------
-    folders, paper_values, out
-        See `report_tables`. Beside `out`, NAME.md, goes NAME.png: validation
-        PSNR against seconds.
-    """
-    text = report_tables(folders, paper_values, out)
-    if out is not None:
-        panels, printed = {}, {}
-        for name in TABLES:
-            paper = read_paper_values(paper_values, name)
-            panels[paper["title"]] = read_histories(folders, name)
-            printed[paper["title"]] = paper["psnr_db"]
-        figures.save(learning_figure(panels, printed), out.with_suffix(".png"))
-    return text

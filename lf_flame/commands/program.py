@@ -3,6 +3,7 @@
 import logging
 import os
 import sys
+import warnings
 
 import click
 from PIL import Image
@@ -25,9 +26,7 @@ def run(commands: click.Group, name: str) -> None:
     except click.exceptions.Abort as error:
         if isinstance(error.__cause__, EOFError):  # click takes it for the end of what is typed
             raise error.__cause__ from None
-        _fail(
-            name, "Stopped. Files that were finished are kept; long work goes on from there.", 130
-        )
+        _fail(name, STOPPED, 130)
     except click.ClickException as error:
         error.show()
         sys.exit(2)
@@ -42,7 +41,21 @@ def run(commands: click.Group, name: str) -> None:
     except OSError as error:
         place = f" ({error.filename})" if error.filename else ""
         _fail(name, f"{error.strerror or error}{place}. Nothing that was there before is lost.", 2)
+    except Exception as error:
+        if not _was_interrupted(error):
+            raise
+        _fail(name, STOPPED, 130)
     sys.exit(status or 0)
+
+
+STOPPED = "Stopped. Files that were finished are kept; long work goes on from there."
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: NumPy makes a TypeError of it where it compares dtypes."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def prepare_process() -> None:
@@ -50,7 +63,8 @@ def prepare_process() -> None:
 
     Figures go to files, so no backend for screens is needed, and none that does not exist. Whether
     an image is too large `lf_flame._common.memory` decides, whose limit can be raised, and not
-    Pillow. What tifffile remarks on damaged files says less than the error does.
+    Pillow. What tifffile remarks on damaged files says less than the error does; and that a
+    coroutine of Zarr's was never awaited is no news to who has pressed Ctrl-C.
 
     Raises
     ------
@@ -60,6 +74,7 @@ def prepare_process() -> None:
     os.environ["MPLBACKEND"] = "agg"
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (threads.isascii() and threads.isdigit() and 1 <= int(threads) <= MOST_THREADS):
         raise InputError(

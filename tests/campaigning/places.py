@@ -111,7 +111,10 @@ class Place:
         after = contents(home, workplace.home.known)
         if wrong := fault(outcome):
             return wrong
-        mine = (command.out, "elsewhere", "nowhere") if outcome.status == 0 else ()
+        mine: tuple[str, ...] = ()
+        if outcome.status == 0:  # what it writes beside its output is its own too
+            beside = workplace.reference(self.command).contents
+            mine = (command.out, "elsewhere", "nowhere", *beside)
         return differences(
             {name: what for name, what in after.items() if not _is_of(name, mine)},
             {name: what for name, what in before.items() if not _is_of(name, mine)},

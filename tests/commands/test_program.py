@@ -34,6 +34,30 @@ def test_an_end_of_file_in_our_own_work_is_no_interruption():
     assert "EOFError: ours" in result.stderr
 
 
+def test_an_interruption_that_a_library_made_an_error_of_is_one_still():
+    """As NumPy does where Ctrl-C meets it while it compares dtypes."""
+    result = ended("""
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise TypeError("Cannot compare structured arrays") from error
+""")
+    assert result.returncode == 130
+    assert result.stderr.startswith("show: Stopped.")
+
+
+def test_a_mistake_of_ours_is_shown():
+    result = ended("raise TypeError('ours')")
+    assert result.returncode == 1
+    assert "TypeError: ours" in result.stderr
+
+
+def test_coroutines_that_an_interruption_left_are_no_news():
+    code = "import click\n    async def never(): pass\n    never()\n    raise click.Abort"
+    result = ended(code)
+    assert (result.returncode, result.stderr.count("\n")) == (130, 1)
+
+
 def test_a_message_is_one_line_of_bounded_length():
     told = as_sentence("a\nb\x1b[31m\u202e " + "c" * 200_000 + " 1 to 5.")
     assert told.startswith("a b?[31m? ccc")

@@ -51,6 +51,23 @@ def names(pools):
     return [[result.run for result in pool] for pool in pools]
 
 
+def test_tables_and_their_picture_appear_together(tmp_path, monkeypatch):
+    make_results(tmp_path / "a", 1, 0.1)
+    out = tmp_path / "new" / "tables.md"
+    with monkeypatch.context() as patch:
+
+        def full(_figure, path):
+            path.write_bytes(b"half")
+            raise OSError(28, "No space left on device")
+
+        patch.setattr("lf_flame._common.figures.save", full)
+        with pytest.raises(OSError, match="No space"):
+            report_tables([tmp_path / "a"], PAPER, out)
+    assert not out.parent.exists()
+    report_tables([tmp_path / "a"], PAPER, out)
+    assert sorted(p.name for p in out.parent.iterdir()) == ["tables.csv", "tables.md", "tables.png"]
+
+
 def test_seeds_of_one_recipe_are_pooled(tmp_path):
     folders = [tmp_path / name for name in ("paper", "paper-seed2", "paper-seed3")]
     scores = [
