@@ -32,15 +32,21 @@ from numba.core import cgutils
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
+SHARES = 64
+"""Into which many pieces are divided, about: what is left for one thread at the end is a 64th."""
+
 
 @intrinsic
 def _take_next(_context, queue):
-    """Count queue[0] up in one indivisible step, and return what it was."""
+    """Count queue[0] up in one indivisible step, and return what it was.
+
+    Who sees a number sees all that was written before it was counted up to.
+    """
 
     def generate(context, builder, signature, arguments):
         array = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0])
         one = context.get_constant(types.int64, 1)
-        return builder.atomic_rmw("add", array.data, one, "monotonic")
+        return builder.atomic_rmw("add", array.data, one, "acq_rel")
 
     return types.int64(queue), generate
 
@@ -55,11 +61,16 @@ take_next = _count_up if numba.config.DISABLE_JIT else _take_next
 
 
 def _pieces(queue: np.ndarray, count: int) -> Iterator[int]:
-    """Give the numbers below a count that no other thread has been given."""
-    piece = take_next(queue)
-    while piece < count:
-        yield piece
-        piece = take_next(queue)
+    """Give the numbers below a count that no other thread has been given.
+
+    Of many some neighbours at a time, lest two threads write to one page of memory.
+    """
+    together = max(count // SHARES, 1)
+    first = take_next(queue) * together
+    while first < count:
+        for piece in range(first, min(first + together, count)):  # noqa: UP028 - Numba has none
+            yield piece
+        first = take_next(queue) * together
 
 
 pieces = njit(_pieces)

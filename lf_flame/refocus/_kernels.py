@@ -11,7 +11,7 @@ import numpy as np
 from numba import config, njit
 from numba.extending import intrinsic
 
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import pieces, shared, take_next
 
 CHAIN = 8
 """Views that are summed in one go; lists of views are padded to a multiple with weights of 0."""
@@ -118,8 +118,10 @@ def _add_row(total, row, offset, weight, sums, n):
             sums[n, t, s] = fma(weight, total[s], sums[n, t, s])
 
 
-def _shift_and_sum(queue, views, reach, channels, used, at, weights, down, down_weights, sums, bad):
-    """Weighted sums of shifted views, for several slopes and groups of rows: sums[g, n, t, s].
+def _shift_and_sum(
+    queue, views, reach, channels, used, at, weights, down, down_weights, sums, done, bad, out
+):
+    """Weighted sums of shifted views, for several slopes: out[n, t, s].
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
     reach: pixels that the taps bring in from beyond a block of columns.
@@ -127,6 +129,8 @@ def _shift_and_sum(queue, views, reach, channels, used, at, weights, down, down_
     at[v, n, i, k], weights[j][v, n, i, k]: where tap 0 of view (i, k) reads in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
+    sums[g, n, t, s]: room for the sums of each group of rows of views.
+    done[k]: how many groups are done with a block of columns: the last one adds them up.
     bad[k]: whether a pixel is not finite, for each of the blocks and groups.
     """
     rows, columns, height, width = views.shape
@@ -154,20 +158,26 @@ def _shift_and_sum(queue, views, reach, channels, used, at, weights, down, down_
                     sum_row(lines, at, weights, v, n, channels, parts, total)
                     for j in range(down_weights.shape[2]):
                         add_row(total, t, down[v, n] + j, down_weights[v, n, j], block, n)
-        sums[group, :, :, start : start + size] = block
         bad[k] = np.any(np.isnan(probe))
+        mine = slice(start, start + size)
+        sums[group, :, :, mine] = block
+        if take_next(done[k // groups : k // groups + 1]) == groups - 1:  # the last of its columns
+            merge(sums[:, :, :, mine], out[:, :, mine])
 
 
-def _merge(queue, sums, out):
+def _merge(sums, out):
     """Sum over the groups: out[n, t, s]."""
     groups, slopes, height, width = sums.shape
-    for k in pieces(queue, slopes * height):
-        n, t = k // height, k % height
-        for s in range(width):
-            total = sums[0, n, t, s]
+    for n in range(slopes):
+        for t in range(height):
+            line = out[n, t]
+            total = sums[0, n, t].copy()
             for g in range(1, groups):
-                total += sums[g, n, t, s]
-            out[n, t, s] = total
+                row = sums[g, n, t]
+                for s in range(np.uint64(width)):
+                    total[s] += row[s]
+            for s in range(np.uint64(width)):
+                line[s] = total[s]
 
 
 def _slice_spectrum(queue, spectrum, rows, row_weights, columns, column_weights, out):
@@ -195,7 +205,7 @@ sum_views = njit(_sum_views)
 sum_views_twice = njit(_sum_views_twice)
 sum_row = njit(forceinline=True)(_sum_row)
 add_row = njit(forceinline=True)(_add_row)
+merge = njit(_merge)
 
 shift_and_sum = shared(_shift_and_sum)
-merge = shared(_merge)
 slice_spectrum = shared(_slice_spectrum)

@@ -161,11 +161,10 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     bad = np.zeros(plan.groups * plan.blocks, bool)
     _kernels.shift_and_sum(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, sums, bad,
+        plan.down_weights, sums, np.zeros(plan.blocks, np.int64), bad, out,
     )  # fmt: skip
     if bad.any():
         refuse_not_finite(views)
-    _kernels.merge(sums, out)
 
 
 def view_shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:

@@ -53,7 +53,6 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
         _kernels.integrate_columns,
         _kernels.integrate_rows,
         refocus_kernels.shift_and_sum,
-        refocus_kernels.merge,
     ]
 
     def use(cells, layout, rays):

@@ -138,3 +138,12 @@ def test_the_floor_counts_what_the_layers_multiply(training):
     to_inputs = [(rows, outputs, inner) for rows, inner, outputs in (second, dense)]
     to_kernels = [(inner, rows, outputs) for rows, inner, outputs in (first, second)]
     assert sorted(found) == sorted(forward + to_inputs + to_kernels)
+
+
+@pytest.mark.jit
+def test_beside_busy_processes_both_ways_give_the_same_bits(tmp_path):
+    rows, record = run("busy", tmp_path)
+    assert [int(row["busy processes"]) for row in rows] == [0, 1] * 3
+    assert all(row["same bits"] == "True" for row in rows)
+    assert all(float(row["of idle"]) == 1 for row in rows[::2])
+    assert record["layer"]
