@@ -5,11 +5,13 @@
 Each operation runs beside 0, 1, 2 and 4 processes that count without end; medians and 90th
 percentiles of many calls. The baseline is the same code with its loops as Numba's own parallel
 ones, on the threading layer that Numba takes here; both run in turn beside the same load, and their
-images are compared bit by bit.
+images are compared bit by bit. With --passive OpenMP's threads sleep at once instead of spinning,
+as the programs of this package had them do before they went without.
 """
 
 import argparse
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -151,17 +153,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     parser.add_argument("--small", action="store_true", help="for a moment, to try the program")
+    parser.add_argument("--passive", action="store_true", help="OpenMP's threads sleep, not spin")
     asked = parser.parse_args()
+    if asked.passive:
+        os.environ["OMP_WAIT_POLICY"] = "PASSIVE"  # which OpenMP reads as it is loaded, below
     loads, seconds = (LOADS[:2], 0.1) if asked.small else (LOADS, SECONDS)
     table = pd.DataFrame(measure(loads, seconds), columns=COLUMNS)
     record = {**environment(), "threads": numba.get_num_threads(), "layer": numba.threading_layer()}
     notes = (
         f"Milliseconds on {record['threads']} threads. Numba's: the same code with Numba's own "
-        f"parallel loops, on its layer {record['layer']}. "
+        f"parallel loops, on its layer {record['layer']}{', passive' if asked.passive else ''}. "
     )
     formats = ("", "", ".3g", ".3g", ".2f", ".3g", ".3g", ".2f", "")
     title = "Speed beside busy processes"
-    write_table(asked.out / "busy", title, table, formats, record, notes=notes)
+    write_table(
+        asked.out / f"busy{'_passive' if asked.passive else ''}",
+        title,
+        table,
+        formats,
+        record,
+        notes=notes,
+    )
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,7 +31,7 @@ class Kill:
     at_sample : int
         Samples that were finished by then.
     hit : bool
-        Whether the worker was at work still, and the data set not finished.
+        Whether the worker was there still, and the data set not finished.
     same : bool
         Whether all files of samples hold the bytes of a data set that no one disturbed.
     seconds : float
@@ -111,7 +112,8 @@ def _make(
             time.sleep(after_s)
             victim = workers[worker].pid
             if victim is not None:
-                os.kill(victim, signal.SIGKILL)
+                with suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
             found = done, victim is not None and done < samples
 
         thread = Thread(target=strike, args=kill) if kill else None

@@ -12,8 +12,12 @@ from lf_flame.datasets.clusters import cluster_executor
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.making import make_dataset, shard_size
 from lf_flame.datasets.store import Dataset
+from lf_flame.errors import InputError
 
 CLUSTER = "Dask cluster"
+
+SHARDS_EACH = 3
+"""Shards for each process, at least."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Rate:
     seconds : float
         Whole, with what it takes to start processes and to search the slopes.
     per_second : float
-        Samples, from when the first shards were written to when the last one was.
+        Samples, from when as many shards were written as there are processes, to the end.
     sha256 : str
         Of the images.
     files, size : int
@@ -89,7 +93,18 @@ def measure_rates(
     -------
     list of Rate
         One for each way and round.
+
+    Raises
+    ------
+    InputError
+        If the samples are too few for every process to write some shards.
     """
+    least = SHARDS_EACH * processes * shard_size(samples)
+    if samples < least:
+        raise InputError(
+            f"{processes} processes need at least {least} samples, got {samples}: {SHARDS_EACH} "
+            f"shards for each."
+        )
     ways = [("one process", 1), ("process pool", processes), (CLUSTER, processes)]
     steps = (_measure(config, samples, way, count) for _ in range(rounds) for way, count in ways)
     return list(progress(steps, 0, rounds * len(ways)))

@@ -79,7 +79,8 @@ def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
         "# How fast data sets are made",
         f"{rows[0]['samples']} samples; medians of the rounds, which went through the ways in "
         "turn, and in brackets the slowest and the fastest. Whole: with the start of processes and "
-        "the search for the slopes. Samples/s: after the first shard of each process.",
+        "the search for the slopes. Samples/s: once as many shards are written as there are "
+        "processes.",
         _rate_table(rows),
         f"All rounds and ways {'gave the same images' if same else 'did NOT give the same images'} "
         "of each data set, by their SHA-256.",
@@ -89,14 +90,15 @@ def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
         _million_table(rows),
     ]
     if kills:
-        hit, spoiled = sum(kill.hit for kill in kills), sum(not kill.same for kill in kills)
+        hit = sum(kill.hit and kill.at_sample > 0 for kill in kills)
+        spoiled = sum(not kill.same for kill in kills)
         parts += [
             "## Killed workers",
             f"A local Dask cluster of {rows[-1]['processes']} processes made the last of these "
             f"data sets {len(kills)} times; each time one of its workers was killed (SIGKILL) at "
-            f"an instant drawn evenly from the time that it takes undisturbed. {hit} met a data "
-            f"set in the making; {spoiled} of {len(kills)} data sets differ from an undisturbed "
-            "one in any byte of their samples.",
+            f"an instant drawn evenly from the time that it takes undisturbed. {hit} came after "
+            f"the first shard and before the last; {spoiled} of {len(kills)} data sets differ from "
+            "an undisturbed one in any byte of their samples.",
             _kill_table(kills),
         ]
     return "\n\n".join(parts) + "\n"

@@ -4,7 +4,8 @@ Numba's parallel loops are dealt out to all threads beforehand, and end when the
 done its part; OpenMP's threads burn a core while they wait. On a machine that does something else
 too, one of them is often without a core for some milliseconds, and all wait for it. Here the caller
 works itself, from the first piece on; helpers take pieces as soon as they wake up, and who has not
-woken up by the end is not waited for. Nobody spins, and nothing in the environment is set.
+woken up by the end is not waited for. Nobody spins, and nothing in the environment is set; of
+Numba's threading layer only the number of threads is asked.
 
 A loop becomes a kernel that takes the number of its next piece from a queue:
 
@@ -19,58 +20,74 @@ What a piece works out must not depend on who does it: then the bits do not depe
 threads, which is Numba's, ``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
 """
 
+import hashlib
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba import njit, types
-from numba.core import cgutils
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 SHARES = 64
 """Into which many pieces are divided, about: what is left for one thread at the end is a 64th."""
 
+CLOSED = 1 << 40
+"""More than any loop has pieces; so a queue is closed, and its number has room to rise."""
+
+VERSION = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
+"""Of this file, whose code becomes part of every compiled loop: those that Numba has kept on disk
+are known by it."""
+
 
 @intrinsic
-def _take_next(_context, queue):
-    """Count queue[0] up in one indivisible step, and return what it was.
+def _take_next(_context, address, index):
+    """Count up one of the int64 at an address in one indivisible step, and return what it was.
 
-    Who sees a number sees all that was written before it was counted up to.
+    Who sees a number sees all that was written before it was counted up to. An address and no
+    array: other threads change it, and of arrays the compiler is told that nobody does.
     """
 
-    def generate(context, builder, signature, arguments):
-        array = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0])
-        one = context.get_constant(types.int64, 1)
-        return builder.atomic_rmw("add", array.data, one, "acq_rel")
+    def generate(context, builder, _signature, arguments):
+        first = builder.inttoptr(arguments[0], ir.PointerType(ir.IntType(64)))
+        place = builder.gep(first, [arguments[1]])
+        return builder.atomic_rmw("add", place, context.get_constant(types.int64, 1), "acq_rel")
 
-    return types.int64(queue), generate
+    return types.int64(types.int64, types.int64), generate
 
 
-def _count_up(queue: np.ndarray) -> int:
+def _count_up(counters: np.ndarray, index: int) -> int:
     """Do the same in Python, for one thread."""
-    queue[0] += 1
-    return queue[0] - 1
+    counters[index] += 1
+    return counters[index] - 1
 
 
 take_next = _count_up if numba.config.DISABLE_JIT else _take_next
 
 
-def _pieces(queue: np.ndarray, count: int) -> Iterator[int]:
+def as_counters(counters: np.ndarray) -> Any:
+    """Give what `take_next` takes for some int64; the array must be kept meanwhile."""
+    return counters if numba.config.DISABLE_JIT else counters.ctypes.data
+
+
+def _pieces(queue: Any, count: int) -> Iterator[int]:
     """Give the numbers below a count that no other thread has been given.
 
     Of many some neighbours at a time, lest two threads write to one page of memory.
     """
     together = max(count // SHARES, 1)
-    first = take_next(queue) * together
+    first = take_next(queue, 0) * together
     while first < count:
         for piece in range(first, min(first + together, count)):  # noqa: UP028 - Numba has none
             yield piece
-        first = take_next(queue) * together
+        first = take_next(queue, 0) * together
 
 
 pieces = njit(_pieces)
@@ -90,39 +107,65 @@ class _NoOverlap(Compiler):
 class SharedKernel:
     """A compiled loop that threads share; called as its function, but for the queue."""
 
-    def __init__(self, function: Callable[..., None], **options):
-        ours = {"nogil": True, "cache": True, "pipeline_class": _NoOverlap}
+    def __init__(self, function: Callable[..., None], exchange: bool, **options):
+        function.__qualname__ = f"{function.__qualname__}-{VERSION}"
+        ours: dict[str, Any] = {"nogil": True, "cache": True}
+        if not exchange:
+            ours["pipeline_class"] = _NoOverlap
         self.compiled = njit(**ours | options)(function)
         self.__doc__, self.__name__ = function.__doc__, function.__name__
 
     def alone(self, *arguments: Any) -> None:
         """Let the caller do all of it: for so little work that helpers would come too late."""
-        self.compiled(np.zeros(1, np.int64), *arguments)
+        self._work(np.zeros(1, np.int64), *arguments)
+
+    def _work(self, counter: np.ndarray, *arguments: Any) -> None:
+        """Take pieces until there are none; the counter lives as long as whoever counts by it."""
+        self.compiled(as_counters(counter), *arguments)
 
     def __call__(self, *arguments: Any) -> None:
         if numba.config.DISABLE_JIT:  # Python counts in more than one step
             self.alone(*arguments)
             return
-        queue = np.zeros(1, np.int64)
-        helpers = [
-            _helpers(os.getpid()).submit(self.compiled, queue, *arguments)
-            for _ in range(numba.get_num_threads() - 1)
-        ]
+        counter = np.zeros(1, np.int64)
+        helpers: list[Future] = []
         try:
-            self.compiled(queue, *arguments)
+            self._ask_for_help(helpers, counter, arguments)
+            self._work(counter, *arguments)
+        except BaseException:
+            counter[0] = CLOSED
+            raise
         finally:
-            for helper in helpers:
-                if not helper.cancel():  # it has begun
-                    helper.result()
+            _wait_for(helpers)
+
+    def _ask_for_help(self, helpers: list[Future], counter: np.ndarray, arguments: tuple) -> None:
+        with suppress(RuntimeError):  # no more threads, or none as the program ends: do without
+            for _ in range(numba.get_num_threads() - 1):
+                helpers.append(_helpers(os.getpid()).submit(self._work, counter, *arguments))
 
 
-def shared(function: Callable[..., None], **options: Any) -> SharedKernel:
+def _wait_for(helpers: list[Future]) -> None:
+    """Wait for those that have begun, all of them, whatever happens meanwhile."""
+    begun = [helper for helper in helpers if not helper.cancel()]
+    try:
+        for helper in begun:
+            helper.result()
+    finally:
+        for helper in begun:
+            while not helper.done():
+                helper.exception()
+
+
+def shared(function: Callable[..., None], exchange: bool = False, **options: Any) -> SharedKernel:
     """Compile a loop over `pieces` for all threads.
 
     Parameters
     ----------
     function : callable
         Of a queue, which it hands on to `pieces`, and of its arguments; it returns nothing.
+    exchange : bool, optional
+        Whether a thread reads what another one has written during the call. If not, the compiler
+        is told that no two arguments share memory, and that nobody else writes there.
     **options
         Of ``numba.njit``.
 
@@ -130,7 +173,7 @@ def shared(function: Callable[..., None], **options: Any) -> SharedKernel:
     -------
     SharedKernel
     """
-    return SharedKernel(function, **options)
+    return SharedKernel(function, exchange, **options)
 
 
 @lru_cache(maxsize=1)

@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 import warnings
+from typing import NoReturn
 
 import click
 from PIL import Image
@@ -23,39 +24,47 @@ def run(commands: click.Group, name: str) -> None:
     try:
         prepare_process()
         status = commands.main(prog_name=name, standalone_mode=False)
-    except click.exceptions.Abort as error:
-        if isinstance(error.__cause__, EOFError):  # click takes it for the end of what is typed
-            raise error.__cause__ from None
-        _fail(name, STOPPED, 130)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(2)
-    except InputError as error:
-        _fail(name, str(error), 2)
-    except MemoryError as error:
-        _fail(name, f"There is not enough memory for this camera or scene: {error}.", 2)
-    except ModuleNotFoundError as error:
-        if error.name not in OPTIONAL:
-            raise
-        _fail(name, f"{OPTIONAL[error.name]} (there is no module {error.name}).", 2)
-    except OSError as error:
-        place = f" ({error.filename})" if error.filename else ""
-        _fail(name, f"{error.strerror or error}{place}. Nothing that was there before is lost.", 2)
     except Exception as error:
-        if not _was_interrupted(error):
-            raise
-        _fail(name, STOPPED, 130)
+        _end(name, error)
     sys.exit(status or 0)
 
 
 STOPPED = "Stopped. Files that were finished are kept; long work goes on from there."
 
 
-def _was_interrupted(error: BaseException | None) -> bool:
+def _end(name: str, error: Exception) -> NoReturn:
+    """End a program by what went wrong; a mistake of ours shows where it is."""
+    if isinstance(error, click.exceptions.Abort) and isinstance(error.__cause__, EOFError):
+        raise error.__cause__ from None  # click takes it for the end of what is typed
+    if isinstance(error, click.exceptions.Abort) or _was_interrupted(error):
+        _fail(name, STOPPED, 130)
+    if isinstance(error, click.ClickException):
+        error.show()
+        sys.exit(2)
+    if isinstance(error, InputError):
+        _fail(name, str(error), 2)
+    if isinstance(error, MemoryError):
+        _fail(name, f"There is not enough memory for this camera or scene: {error}.", 2)
+    if isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL:
+        _fail(name, f"{OPTIONAL[error.name]} (there is no module {error.name}).", 2)
+    if isinstance(error, OSError):
+        place = f" ({error.filename})" if error.filename else ""
+        _fail(name, f"{error.strerror or error}{place}. Nothing that was there before is lost.", 2)
+    raise error
+
+
+def _was_interrupted(error: BaseException) -> bool:
     """Whether Ctrl-C is behind an error: NumPy makes a TypeError of it where it compares dtypes."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
+    seen: set[int] = set()
+    behind: list[BaseException | None] = [error]
+    while behind:
+        one = behind.pop()
+        if isinstance(one, KeyboardInterrupt):
+            return True
+        if one is not None and id(one) not in seen:
+            seen.add(id(one))
+            behind += [one.__cause__, one.__context__]
+    return False
 
 
 def prepare_process() -> None:
@@ -100,7 +109,7 @@ LONGEST = 900
 """Letters of a message at most: a file may hold names of any length."""
 
 
-def _fail(name: str, message: str, status: int) -> None:
+def _fail(name: str, message: str, status: int) -> NoReturn:
     click.echo(f"{name}: {as_sentence(message)}", err=True)
     sys.exit(status)
 

@@ -112,11 +112,17 @@ def _describe_in_store(group: zarr.Group) -> Iterator[tuple[str, dict[str, Any]]
 
     store = group.store
     assert isinstance(store, FsspecStore)
-    protocol = store.fs.protocol
-    files = fsspec.filesystem(protocol if isinstance(protocol, str) else protocol[0])
+    protocol, options = store.fs.protocol, dict(store.fs.storage_options)
+    # Zarr's own file system works in an event loop; this is the same one outside of it.
+    options = {key: value for key, value in options.items() if key not in ("asynchronous", "loop")}
+    files = fsspec.filesystem(protocol if isinstance(protocol, str) else protocol[0], **options)
+    store.fs.invalidate_cache()  # of what was there a while ago
     for name, _ in group.members(max_depth=None):
         file = f"{store.path}/{name}/{METADATA}"
-        yield name, parse_json(files.cat_file(file).decode(), file)
+        record = parse_json(files.cat_file(file).decode(), file)
+        if not isinstance(record, dict):
+            raise InputError(f"{file} is no record: it must hold names and values.")
+        yield name, record
 
 
 def _folder(group: zarr.Group) -> Path | None:

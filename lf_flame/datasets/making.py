@@ -32,7 +32,7 @@ from lf_flame.datasets.hashes import (
     set_attributes,
 )
 from lf_flame.datasets.metadata import SIMULATED
-from lf_flame.datasets.places import Place, find_place, open_group
+from lf_flame.datasets.places import Place, find_place, open_group, writing
 from lf_flame.datasets.sampling import search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
@@ -81,7 +81,8 @@ class Task:
             simulate_sample(config, list(self.slopes), index, self.through_light_field)
             for index in self.samples
         ]
-        _store(group, slice(self.samples.start, self.samples.stop), made)
+        with writing(self.address):
+            _store(group, slice(self.samples.start, self.samples.stop), made)
         return self.samples
 
     def alone(self) -> range:
@@ -170,7 +171,7 @@ def _begin(
     begun = place.attributes()
     if begun is None:
         searches = search_slopes(config)  # first: it also shows that the scene can be rendered
-        with place.laid_out() as group:
+        with place.laid_out() as group, writing(place.address):
             _lay_out(group, config, samples, searches, through_light_field)
         return tuple(search.slope for search in searches)
     _check_same(place, config, samples, through_light_field)
@@ -310,4 +311,5 @@ def _finish(place: Place, group: zarr.Group, made: dict[str, Any]) -> None:
         if SIMULATED in group:
             attributes[SIMULATED] = _count_simulated(group)
     attributes["provenance"] = {**provenance.environment(), **made}
-    set_attributes(group, attributes)
+    with writing(place.address):
+        set_attributes(group, attributes)

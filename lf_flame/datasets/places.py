@@ -15,7 +15,7 @@ import zarr
 
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.config import build_record
-from lf_flame._common.input_files import readable
+from lf_flame._common.input_files import parse_json, readable
 from lf_flame._common.locks import exclusive
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.hashes import describe_arrays
@@ -30,6 +30,9 @@ from lf_flame.datasets.metadata import (
 from lf_flame.errors import InputError
 
 Group = zarr.Group
+
+CLIENTS = {"botocore.exceptions": ("BotoCoreError", "ClientError"), "aiohttp": ("ClientError",)}
+"""Errors of the clients of stores that are of no built-in kind, by their module."""
 
 
 class Place(ABC):
@@ -177,23 +180,24 @@ class ObjectStore(Place):
     @contextmanager
     def reserved(self) -> Iterator[None]:
         """Refuse to build a data set again."""
-        with _reaching(self.name):
-            there = self.attributes()
-            if there is not None and there.sha256 is not None:
-                raise InputError(f"{self.name} exists; remove it or choose another place.")
-            yield
+        there = self.attributes()
+        if there is not None and there.sha256 is not None:
+            raise InputError(f"{self.name} exists; remove it or choose another place.")
+        yield
 
     def attributes(self) -> Attributes | None:
         """Read them from the store."""
+        file = f"{self._root}/{METADATA}"
         with _reaching(self.name):
             if not self._files.exists(self._root):
                 return None
-            begun = self._files.exists(f"{self._root}/{METADATA}")
-            found = dict(zarr.open_group(self.address, mode="r").attrs) if begun else {}
-        if "config" not in found:  # comes last; what is there instead is not ours to remove
+            text = self._files.cat_file(file).decode() if self._files.exists(file) else "{}"
+        values = parse_json(text, f"{self.name}/{METADATA}")
+        found = values.get("attributes") if isinstance(values, dict) else None
+        if not isinstance(found, dict) or "config" not in found:  # which comes last
             raise InputError(
                 f"{self.name} is in the way: something is there that is no data set, or one that "
-                f"was cut off at once; remove it or choose another place."
+                f"was cut off at once; what is there is never removed, so choose another place."
             )
         return build_record(Attributes, found, self.name)
 
@@ -201,24 +205,37 @@ class ObjectStore(Place):
     def laid_out(self) -> Iterator[Group]:
         """Lay it out in place; attributes come last."""
         with _reaching(self.name):
-            yield zarr.open_group(self.address, mode="w-", zarr_format=3)
+            group = zarr.open_group(self.address, mode="w-", zarr_format=3)
+        yield group
 
     def count_samples(self, config: DatasetConfig) -> int:
         """Count them in the arrays' metadata."""
-        with _reaching(self.name):
-            return check_array_records(self.name, describe_arrays(self.open()), config)
+        group = self.open()
+        with _reaching(self.name, damaged=True):
+            described = describe_arrays(group)
+        return check_array_records(self.name, described, config)
 
     def reading(self):
         """Name the place."""
-        return _reaching(self.name)
+        return _reaching(self.name, damaged=True)
 
     def finish(self) -> None:
         """Leave it: it is where it belongs."""
 
 
 @contextmanager
-def _reaching(address: str) -> Iterator[None]:
-    """Say in a sentence what keeps a store from being reached."""
+def writing(address: str) -> Iterator[None]:
+    """Say in a sentence what keeps samples from a store; errors of folders say it themselves."""
+    with _reaching(address):
+        yield
+
+
+@contextmanager
+def _reaching(address: str, damaged: bool = False) -> Iterator[None]:
+    """Say in a sentence what keeps a store from being reached, or what is there from being read.
+
+    Nothing but the store's and Zarr's own calls should stand inside.
+    """
     if not is_url(address):
         yield
         return
@@ -230,13 +247,16 @@ def _reaching(address: str) -> Iterator[None]:
         raise InputError(
             f"{address} cannot be reached: {error}; S3 needs pip install 'lf_flame[s3]'."
         ) from None
-    except _store_errors() as error:
+    except _store_errors(damaged) as error:
         reason = str(error).strip().partition("\n")[0] or type(error).__name__
-        raise InputError(f"{address} cannot be reached: {reason[:200]}.") from error
+        what = "reached, or is damaged" if damaged else "reached"
+        raise InputError(f"{address} cannot be {what}: {reason[:200]}.") from error
 
 
-def _store_errors() -> tuple[type[Exception], ...]:
-    """List what stores raise; S3's client, if it is loaded, has its own for missing credentials."""
-    loaded = sys.modules.get("botocore.exceptions")
-    own = () if loaded is None else (loaded.BotoCoreError, loaded.ClientError)
-    return (OSError, ValueError, *own)
+def _store_errors(damaged: bool) -> tuple[type[Exception], ...]:
+    """List what stores raise; clients that are loaded have errors of their own."""
+    found: list[type[Exception]] = [OSError, ValueError, NotImplementedError]
+    for module, names in CLIENTS.items():
+        loaded = sys.modules.get(module)
+        found += [getattr(loaded, name) for name in names if loaded]
+    return (*found, *(ZARR_ERRORS if damaged else ()))

@@ -130,7 +130,7 @@ def _shift_and_sum(
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
     sums[g, n, t, s]: room for the sums of each group of rows of views.
-    done[k]: how many groups are done with a block of columns: the last one adds them up.
+    done[k]: counts the groups that are done with a block of columns: the last one adds them up.
     bad[k]: whether a pixel is not finite, for each of the blocks and groups.
     """
     rows, columns, height, width = views.shape
@@ -161,7 +161,7 @@ def _shift_and_sum(
         bad[k] = np.any(np.isnan(probe))
         mine = slice(start, start + size)
         sums[group, :, :, mine] = block
-        if take_next(done[k // groups : k // groups + 1]) == groups - 1:  # the last of its columns
+        if take_next(done, k // groups) == groups - 1:  # the last of its columns
             merge(sums[:, :, :, mine], out[:, :, mine])
 
 
@@ -207,5 +207,5 @@ sum_row = njit(forceinline=True)(_sum_row)
 add_row = njit(forceinline=True)(_add_row)
 merge = njit(_merge)
 
-shift_and_sum = shared(_shift_and_sum)
+shift_and_sum = shared(_shift_and_sum, exchange=True)
 slice_spectrum = shared(_slice_spectrum)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import as_counters
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
     Views,
@@ -159,9 +160,10 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
     plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
     sums = np.empty((plan.groups, len(slopes), *views.shape[2:]))
     bad = np.zeros(plan.groups * plan.blocks, bool)
+    done = np.zeros(plan.blocks, np.int64)
     _kernels.shift_and_sum(
         views, plan.reach, channels, plan.used, plan.at, plan.weights, plan.down,
-        plan.down_weights, sums, np.zeros(plan.blocks, np.int64), bad, out,
+        plan.down_weights, sums, as_counters(done), bad, out,
     )  # fmt: skip
     if bad.any():
         refuse_not_finite(views)

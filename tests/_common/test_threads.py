@@ -1,6 +1,8 @@
 """Pieces of a compiled loop: each done once, whoever is there to do it."""
 
 import multiprocessing
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -115,6 +117,50 @@ def test_a_forked_process_has_helpers_of_its_own(two_threads):
     assert here.recv() == [1] * 1000
     child.join(10)
     assert child.exitcode == 0
+
+
+def test_nobody_works_on_behind_a_call_that_was_interrupted(two_threads):
+    """As Ctrl-C between handing work to a helper and beginning oneself."""
+    done = np.zeros(200_000, np.int64)
+    count(np.zeros(1, np.int64), np.zeros(1))  # compiles
+    submit = ThreadPoolExecutor.submit
+
+    def interrupted(*arguments):
+        submit(*arguments)
+        time.sleep(0.001)
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ThreadPoolExecutor, "submit", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            count(done, np.zeros(done.size))
+    time.sleep(0.5)  # a helper finishes what it has in hand
+    left = done.copy()
+    time.sleep(0.5)
+    np.testing.assert_array_equal(done, left)
+    assert done.sum() < done.size
+
+
+def test_a_thread_that_outlives_the_program_does_without_helpers(tmp_path):
+    """The pool takes no work then."""
+    (tmp_path / "late.py").write_text(
+        "import threading, time, numpy as np\n"
+        "from lf_flame.refocus import shift_and_sum\n"
+        "def late():\n"
+        "    time.sleep(0.5)\n"
+        "    print(shift_and_sum(np.ones((3, 3, 8, 8), np.float32), 0.5).mean())\n"
+        "threading.Thread(target=late).start()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, tmp_path / "late.py"], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout.strip(), done.stderr) == ("1.0", "")
+
+
+@pytest.mark.jit
+def test_loops_kept_on_disk_are_those_of_this_file():
+    """Their names hold its hash: Numba itself looks at the kernel's own file alone."""
+    assert count.compiled.py_func.__qualname__ == f"_count-{threads.VERSION}"
 
 
 def test_an_error_in_a_helper_is_not_lost(two_threads):

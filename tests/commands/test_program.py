@@ -46,6 +46,28 @@ def test_an_interruption_that_a_library_made_an_error_of_is_one_still():
     assert result.stderr.startswith("show: Stopped.")
 
 
+def test_an_interruption_is_no_damage():
+    """A reader takes what NumPy made of Ctrl-C for a damaged file, and says to remove it."""
+    result = ended("""
+    from lf_flame._common.input_files import readable
+    with readable(__import__("sys").executable, (TypeError,)):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise TypeError("Cannot compare structured arrays") from error
+""")
+    assert (result.returncode, result.stderr[:13]) == (130, "show: Stopped")
+
+
+def test_errors_that_are_each_others_cause_end():
+    result = ended("""
+    one, other = ValueError("one"), ValueError("other")
+    one.__cause__, other.__cause__ = other, one
+    raise one
+""")
+    assert result.returncode == 1
+
+
 def test_a_mistake_of_ours_is_shown():
     result = ended("raise TypeError('ours')")
     assert result.returncode == 1

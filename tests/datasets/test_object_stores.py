@@ -130,6 +130,26 @@ def test_a_changed_attribute_is_noticed_before_work_goes_on(config, store):
         make_dataset(config, SAMPLES, "s3://flames/changed.zarr")
 
 
+@pytest.mark.parametrize("text", ["[]", '{"more": 1}', '{"attributes": []}', "{", '{"zarr": 5}'])
+def test_damaged_metadata_are_one_sentence(config, store, text):
+    store.pipe("flames/damaged/zarr.json", text.encode())
+    with pytest.raises(InputError, match=r"flames/damaged"):
+        make_dataset(config, 1, "s3://flames/damaged")
+    store.rm("flames/damaged", recursive=True)
+
+
+def test_what_is_no_fault_of_the_store_is_not_laid_to_it(config, store):
+    def killed(_finished, _done, _total):
+        raise ChildProcessError("A worker process was killed")
+
+    def mistaken(_finished, _done, _total):
+        raise ValueError("ours")
+
+    for number, (fault, kind) in enumerate([(killed, ChildProcessError), (mistaken, ValueError)]):
+        with pytest.raises(kind):
+            make_dataset(config, 1, f"s3://flames/fault-{number}.zarr", progress=fault)
+
+
 @pytest.mark.parametrize(
     ("url", "said"),
     [

@@ -13,6 +13,7 @@ from skimage.io import imread
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import as_counters
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import (
     _semblance_kernels,
@@ -239,10 +240,11 @@ def test_the_compiled_product_is_that_of_matrices(compiled, columns, rng):
     """And its Python, which minds the ends of arrays."""
     left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
     out = np.full((2, columns), np.nan)
+    queue = np.zeros(1, np.int64)
     if compiled:
         _semblance_kernels.multiply(left, right, out)
     else:
-        _semblance_kernels._multiply(np.zeros(1, np.int64), left, right, out)
+        _semblance_kernels._multiply(as_counters(queue), left, right, out)
     np.testing.assert_allclose(out, left @ right, rtol=1e-12, atol=1e-12)
 
 
