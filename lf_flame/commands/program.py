@@ -1,9 +1,11 @@
 """Running a click program so that whatever goes wrong is one sentence and an exit status."""
 
+import _thread
 import logging
 import os
 import sys
 import warnings
+from threading import Timer
 from typing import NoReturn
 
 import click
@@ -73,7 +75,8 @@ def prepare_process() -> None:
     Figures go to files, so no backend for screens is needed, and none that does not exist. Whether
     an image is too large `lf_flame._common.memory` decides, whose limit can be raised, and not
     Pillow. What tifffile remarks on damaged files says less than the error does; and that a
-    coroutine of Zarr's was never awaited is no news to who has pressed Ctrl-C.
+    coroutine of Zarr's was never awaited, or its task was pending, is no news to who has pressed
+    Ctrl-C. Where that cannot be raised, as in the middle of a destructor, it comes again.
 
     Raises
     ------
@@ -83,12 +86,23 @@ def prepare_process() -> None:
     os.environ["MPLBACKEND"] = "agg"
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")
     if not (threads.isascii() and threads.isdigit() and 1 <= int(threads) <= MOST_THREADS):
         raise InputError(
             f"NUMBA_NUM_THREADS must be a whole number from 1 to {MOST_THREADS}, got {threads!r}."
         )
+
+
+def _interrupt_again(unraisable) -> None:
+    if unraisable.exc_value is not None and _was_interrupted(unraisable.exc_value):
+        again = Timer(0.01, _thread.interrupt_main)  # when this hook is done, or it is lost here
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 MOST_THREADS = 1024

@@ -59,6 +59,40 @@ def test_an_interruption_is_no_damage():
     assert (result.returncode, result.stderr[:13]) == (130, "show: Stopped")
 
 
+def test_an_interruption_in_a_destructor_is_not_lost():
+    result = ended("""
+    import signal, time
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may run in the background
+
+    class Ended:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    Ended()
+    time.sleep(5)
+    print("went on")
+""")
+    assert (result.returncode, result.stdout) == (130, "")
+    assert result.stderr.startswith("show: Stopped.")
+    assert result.stderr.count("\n") == 1
+
+
+def test_tasks_that_an_interruption_left_pending_are_no_news():
+    result = ended("""
+    import asyncio
+
+    loop = asyncio.new_event_loop()
+    task = loop.create_task(asyncio.sleep(60))
+    loop.call_later(0.1, loop.stop)
+    loop.run_forever()
+    loop.close()
+    del task, loop
+    raise click.Abort
+""")
+    assert (result.returncode, result.stderr.count("\n")) == (130, 1)
+
+
 def test_errors_that_are_each_others_cause_end():
     result = ended("""
     one, other = ValueError("one"), ValueError("other")
