@@ -26,7 +26,7 @@ def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
         parameter[k] -= rate * mean[k] / (np.sqrt(square[k]) + epsilon)
 
 
-def _update_all(queue, parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
+def _update_large(queue, parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
     """Update a flat parameter from its gradient."""
     size = parameter.size
     for block in pieces(queue, (size + BLOCK - 1) // BLOCK):
@@ -66,5 +66,11 @@ def _add(total, factor, values):
 # Python's error for a division by zero would keep the loops from being vectorised.
 update = njit(error_model="numpy")(_update)
 add = njit(error_model="numpy")(_add)
-update_all = shared(_update_all, error_model="numpy")
+update_large = shared(_update_large, error_model="numpy")
 update_product = shared(_update_product, error_model="numpy")
+
+
+def update_all(parameter, *others):
+    """Update a flat parameter from its gradient, see `_update_large`, on as many threads as pay."""
+    work = update_large.alone if parameter.size <= SMALL else update_large
+    work(parameter, *others)

@@ -182,8 +182,7 @@ class ArrayAdam:
                 _adam.update_product(parameter, *moments, *gradient, *constants)
             else:
                 flat = (x.reshape(-1) for x in (parameter, *moments, gradient))
-                few = parameter.size <= _adam.SMALL
-                (_adam.update_all.alone if few else _adam.update_all)(*flat, *constants)
+                _adam.update_all(*flat, *constants)
 
     def _next_constants(self) -> list[np.float32]:
         """Rate of the next step with its bias corrections, 1 - beta twice, and epsilon."""
