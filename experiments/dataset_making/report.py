@@ -80,7 +80,7 @@ def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
         f"{rows[0]['samples']} samples; medians of the rounds, which went through the ways in "
         "turn, and in brackets the slowest and the fastest. Whole: with the start of processes and "
         "the search for the slopes. Samples/s: once as many shards are written as there are "
-        "processes.",
+        "processes. One process works on all cores by its threads; each of several on one thread.",
         _rate_table(rows),
         f"All rounds and ways {'gave the same images' if same else 'did NOT give the same images'} "
         "of each data set, by their SHA-256.",
