@@ -13,6 +13,9 @@ RETRIES = 10
 """Times that a task is done again whose worker died under it: Dask's own default takes a task for
 the culprit after three."""
 
+ANY_PORT = "127.0.0.1:0"
+"""Where a local cluster shows its state: a port of its own, so that two clusters get along."""
+
 
 @contextmanager
 def cluster_executor(scheduler: str | None = None, local: int | None = None) -> Iterator[Executor]:
@@ -45,7 +48,7 @@ def cluster_executor(scheduler: str | None = None, local: int | None = None) -> 
                 yield client.get_executor()
             return
         with (
-            LocalCluster(local, threads_per_worker=1, dashboard_address=None) as cluster,
+            LocalCluster(local, threads_per_worker=1, dashboard_address=ANY_PORT) as cluster,
             Client(cluster) as client,
         ):
             yield client.get_executor()

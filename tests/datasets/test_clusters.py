@@ -55,6 +55,11 @@ def test_a_local_cluster_makes_the_same_bytes(config, alone, tmp_path):
     assert hashes(tmp_path / "a.zarr") == alone
 
 
+def test_two_local_clusters_get_along():
+    with cluster_executor(local=1) as one, cluster_executor(local=1) as other:
+        assert one.submit(abs, -1).result() == other.submit(abs, -1).result() == 1
+
+
 def test_a_cluster_that_loses_workers_makes_the_same_bytes(config, alone, tmp_path):
     with cluster_executor(local=2) as executor:
         nannies, killed = list(executor._client.cluster.workers.values()), []
