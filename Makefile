@@ -25,7 +25,7 @@ RUNS := runs/$(RUN)
 # A user's results are his own: git ignores data/, runs/ and results/.
 RESULTS := results/$(RUN)
 # Reference results are committed, and set beside a user's; no target here writes them.
-REFERENCE := $(wildcard $(addprefix experiments/results/,quick paper paper-seed*))
+REFERENCE := $(wildcard $(addprefix experiments/results/,quick quick-seed* paper paper-seed*))
 TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
             $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))

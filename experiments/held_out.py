@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiments.histories import epochs_in_words
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
@@ -58,7 +59,7 @@ def find_scenes(config: DatasetConfig, run: Path, samples: int = SAMPLES) -> Hel
         return HeldOut(config.kind, config, slopes, indices, None, f"missing. {error}")
     record = found.record
     origin = (
-        f"preset {record['preset']}, {record['epochs']} epochs, backbone "
+        f"preset {record['preset']}, {epochs_in_words(record)}, backbone "
         f"{record['backbone_weights']}"
     )
     indices = tuple(record["test_indices"][:samples])

@@ -11,6 +11,14 @@ from lf_flame.errors import InputError
 COLUMNS = ["epoch", "seconds", "val_psnr_db"]
 
 
+def epochs_in_words(record: dict) -> str:
+    """Say how long a run learnt, from its record: "7 epochs (best: 6), batch 2"."""
+    if record["epochs"] == 0:
+        return "the regression at the start alone, no epochs"
+    best = f" (best: {record['best_epoch']})" if "best_epoch" in record else ""
+    return f"{record['epochs']} epochs{best}, batch {record['recipe']['batch_size']}"
+
+
 def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
     """Read a run's history; the seconds are counted since its start.
 

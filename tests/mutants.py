@@ -139,6 +139,7 @@ CORE = {
     "learning/_adam.py": ("learning/test_trainers.py",),
     "learning/fast_decoder.py": ("learning/test_decoder.py", "learning/test_trainers.py"),
     "learning/ridge.py": RIDGE,
+    "learning/sigmoid_regression.py": (),
     "learning/scoring.py": SCORES,
     "learning/warm_start.py": (),
     "systems/aperturenet.py": SYSTEMS,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from experiments.beside_reference import is_reference
-from experiments.histories import read_history
+from experiments.histories import epochs_in_words, read_history
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import read_result_record
@@ -174,8 +174,7 @@ def _describe(pool: list[Result]) -> str:
         seeds = f"mean ± standard deviation over the seeds {listed}"
     data = ", ".join(dict.fromkeys(result.request["data_sha256"][:8] for result in pool))
     return (
-        f"{seeds}; preset {request['preset']}, {request['epochs']} epochs, batch "
-        f"{request['recipe']['batch_size']}; data set {data}; "
+        f"{seeds}; preset {request['preset']}, {epochs_in_words(request)}; data set {data}; "
         f"backbone weights: {pool[0].weights}"
     )
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from experiments.histories import epochs_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import hashes_of, read_result_record, text_sha256
@@ -141,12 +142,18 @@ def table_markdown(table: pd.DataFrame | None, paper: dict, run: dict | None) ->
         note = (
             f"Mean ± standard deviation over {table.n_test[0]} test samples; foreground: over the "
             f"pixels brighter than {FOREGROUND:.0%} of the peak in the truth. "
-            f"Preset {run['preset']}: {run['epochs']} epochs (best: {run['best_epoch']}), batch "
-            f"{run['recipe']['batch_size']}; backbone weights: {run['backbone_weights']}; "
-            f"trained in {run['train_s']:.0f} s on {run['machine']}."
+            f"Preset {run['preset']}: {epochs_in_words(run)}; backbone weights: "
+            f"{run['backbone_weights']}; {_seconds_in_words(run)} on {run['machine']}."
         )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
     return f"### {paper['title']}\n\n{lines}\n\n{note}\n"
+
+
+def _seconds_in_words(run: dict) -> str:
+    """Say how long features, start and epochs took; old records do not know of the start."""
+    start = run.get("start_s")
+    features = "" if start is None else f"features and start in {start:.0f} s, "
+    return f"{features}epochs in {run['train_s']:.0f} s"
 
 
 def _with_spread(mean: pd.Series, spread: pd.Series, digits: int) -> list[str]:

@@ -108,7 +108,11 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
 @click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
 @click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
-@click.option("--backbone-depth", type=click.Choice(["conv4", "conv5"]), help="Where to cut it.")
+@click.option(
+    "--backbone-depth",
+    type=click.Choice(["conv3", "conv4", "conv5"]),
+    help="Stage of ResNet-50 behind which it is cut.",
+)
 @click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs) -> None:

@@ -1,4 +1,4 @@
-"""The frozen encoder: ResNet-50, cut behind its fourth or fifth stage, in inference mode.
+"""The frozen encoder: ResNet-50, cut behind its third, fourth or fifth stage, in inference mode.
 
 Its weights come from ImageNet (`lf_flame.learning.imagenet_weights`), from a file, or from a seed.
 Frozen means that the batch normalisations use their stored statistics too (deviation 8).
@@ -17,7 +17,11 @@ from lf_flame._common.keras_loading import KERAS_ERRORS
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
 
-STAGES = {"conv4": "conv4_block6_out", "conv5": "conv5_block3_out"}
+STAGES = {
+    "conv3": "conv3_block4_out",
+    "conv4": "conv4_block6_out",
+    "conv5": "conv5_block3_out",
+}
 """Where the backbone can be cut, and the layer that is its output then."""
 
 IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
@@ -45,7 +49,7 @@ def build_backbone(
         weights file (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or
         an ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
         NumPy, the same on every Keras backend.
-    depth : {"conv5", "conv4"}
+    depth : {"conv5", "conv4", "conv3"}
         Stage whose output is the feature map.
     seed : int
         Seed of random weights.

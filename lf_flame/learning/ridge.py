@@ -1,9 +1,11 @@
 """Ridge regression of images on features, its strength chosen on samples that were held out.
 
-The regression is done on the samples' inner products (Saunders et al. 1998), so the number of
-features costs next to nothing. Images are regressed as logits, which a sigmoid turns back.
+The regression is done on inner products with some of the samples (Saunders et al. 1998; Smola &
+Schölkopf 2000 for a part of them), so the number of features costs little and the time grows with
+the number of samples and no faster. Images are regressed as logits, which a sigmoid turns back.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,34 +18,57 @@ FLOOR = 1e-3
 STRENGTHS = 10.0 ** np.arange(-4.0, 0.1, 0.5)
 """Strengths that are tried, relative to the mean square of the features about their mean."""
 
-PRECISION = 1e-10
-"""Components whose mean square is a smaller share of the largest one are rounding errors."""
+LANDMARKS = 2048
+"""Samples whose features span the weights; with no more samples than this, the ridge is whole."""
+
+PRECISION = 1e-8
+"""Directions whose mean square is a smaller share of the largest one are rounding errors."""
+
+BLOCK = 1024
+"""Samples that are looked at together."""
+
+VISIBILITY_SAMPLES = 512
+"""Samples that say how visible a pixel is: a mean square is known from them to some per cent."""
 
 
 @dataclass(frozen=True)
 class Regression:
-    """What ridge regression found: logits = (features - mean) @ centred.T @ dual + offset.
+    """What ridge regression found.
+
+    That is, logits = (features - mean) @ landmarks.T @ turn @ images + offset.
 
     Parameters
     ----------
-    centred : ndarray of float32, shape (n, features)
-        Training features about their mean.
+    landmarks : ndarray of float32, shape (m, features)
+        Features about their mean, of the first samples.
     mean : ndarray of float32, shape (features,)
-    dual : ndarray of float32, shape (n, pixels)
+    turn : ndarray of float32, shape (m, directions)
+        From inner products with the landmarks to scores, which are orthogonal over the samples.
+    squares : ndarray, shape (directions,)
+        Sum of each score's squares over the samples.
+    images : ndarray of float32, shape (directions, pixels)
+        Logits that one unit of each score adds.
     offset : ndarray of float32, shape (pixels,)
+    visibility : ndarray, shape (pixels,)
+        Root-mean-square, over the first samples, of the derivative of a pixel's value by its logit.
+    samples : int
     strength : float
         The one of `STRENGTHS` with the lowest error on the held-out samples.
     """
 
-    centred: np.ndarray
+    landmarks: np.ndarray
     mean: np.ndarray
-    dual: np.ndarray
+    turn: np.ndarray
+    squares: np.ndarray
+    images: np.ndarray
     offset: np.ndarray
+    visibility: np.ndarray
+    samples: int
     strength: float
 
     def weights(self) -> np.ndarray:
         """Weights of the features, shape (features, pixels)."""
-        return self.centred.T @ self.dual
+        return self.landmarks.T @ (self.turn @ self.images)
 
     def components(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Best approximation by few numbers: the principal components of what was fitted.
@@ -58,20 +83,17 @@ class Regression:
         ndarray of float32, shape (count, pixels)
             Logits that one unit of each number adds. What the samples do not determine is zero.
         """
-        samples, pixels = self.dual.shape
-        fitted = (self.centred @ self.centred.T) @ self.dual
-        value = expit(fitted + self.offset)
-        weighted = fitted * np.mean((value * (1 - value)) ** 2, axis=0)
-        gram = weighted.astype(float) @ fitted.T.astype(float)
-        most = (max(samples - count, 0), samples - 1)
-        squares, scores = eigh(gram, subset_by_index=most)
-        real = np.flatnonzero(squares > PRECISION * squares[-1])[::-1]
-        scores = scores[:, real].astype(np.float32) * np.sqrt(samples, dtype=np.float32)
-        weights = np.zeros((self.centred.shape[1], count), np.float32)
-        images = np.zeros((count, pixels), np.float32)
-        duals = self.dual @ (weighted.T @ scores / squares[real].astype(np.float32))
-        weights[:, : len(real)] = self.centred.T @ duals
-        images[: len(real)] = scores.T @ fitted / samples
+        length = np.sqrt(self.squares)[:, None]
+        seen = (length * self.images * self.visibility).astype(np.float32)
+        least = max(len(seen) - count, 0)
+        sizes, axes = eigh((seen @ seen.T).astype(float), subset_by_index=(least, len(seen) - 1))
+        real = np.flatnonzero(sizes > PRECISION**2 * sizes[-1])[::-1]
+        axes = axes[:, real]
+        weights = np.zeros((self.landmarks.shape[1], count), np.float32)
+        images = np.zeros((count, self.images.shape[1]), np.float32)
+        to_numbers = self.turn @ (axes / length * np.sqrt(self.samples)).astype(np.float32)
+        weights[:, : len(real)] = self.landmarks.T @ to_numbers
+        images[: len(real)] = (axes * length / np.sqrt(self.samples)).T @ self.images
         return weights, images
 
 
@@ -87,21 +109,21 @@ def ridge_regression(training: tuple, held_out: tuple) -> Regression:
     -------
     Regression
     """
-    features, images = (np.asarray(x, np.float32) for x in training)
-    logits = logit(np.clip(images, FLOOR, 1 - FLOOR))
-    mean, offset = features.mean(axis=0, dtype=float), logits.mean(axis=0, dtype=float)
-    mean, offset = mean.astype(np.float32), offset.astype(np.float32)
-    centred = features - mean
-    squares, directions = eigh((centred @ centred.T).astype(float))
-    squares = np.maximum(squares, 0)
-    across = (held_out[0] - mean) @ centred.T
-    turned = directions.T.astype(np.float32) @ (logits - offset)
+    features, images = training
+    mean = features.mean(axis=0, dtype=float).astype(np.float32)
+    offset = _mean_logits(images)
+    landmarks = features[:LANDMARKS] - mean
+    scores, turn, squares = _scores(features, mean, landmarks)
+    sides = np.zeros((scores.shape[1], images.shape[1]))
+    for part in _blocks(images):
+        sides += scores[part].T @ (_logits(images[part]) - offset)
+    mean_square = squares.sum() / len(features)
+    held_out_scores = _products(held_out[0], mean, landmarks) @ turn
 
     def attempt(strength: float) -> tuple[float, float, np.ndarray]:
-        gain = 1 / (squares + max(strength * squares.mean(), np.finfo(float).tiny))
-        dual = (directions * gain).astype(np.float32) @ turned
-        error = np.mean((expit(across @ dual + offset) - held_out[1]) ** 2, dtype=float)
-        return float(error), strength, dual
+        found = (sides / (squares + strength * mean_square)[:, None]).astype(np.float32)
+        error = np.mean((expit(held_out_scores @ found + offset) - held_out[1]) ** 2, dtype=float)
+        return float(error), strength, found
 
     best = attempt(STRENGTHS[0])
     for strength in STRENGTHS[1:]:
@@ -109,4 +131,50 @@ def ridge_regression(training: tuple, held_out: tuple) -> Regression:
         if found[0] >= best[0]:
             break  # the error has one minimum: too little noise taken out before, too much after
         best = found
-    return Regression(centred, mean, best[2], offset, float(best[1]))
+    value = expit(scores[:VISIBILITY_SAMPLES] @ best[2] + offset)
+    visibility = np.sqrt(np.mean((value * (1 - value)) ** 2, axis=0, dtype=float))
+    return Regression(
+        landmarks, mean, turn, squares, best[2], offset, visibility, len(features), float(best[1])
+    )
+
+
+def _scores(features, mean, landmarks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Orthogonal scores of the samples, the turn to them, and the sums of their squares."""
+    products = _products(features, mean, landmarks)
+    squares, axes = _principal_axes(products[: len(landmarks)])
+    turn = axes / np.sqrt(squares)
+    if len(features) == len(landmarks):
+        scores = axes * np.sqrt(squares)  # that is products @ turn, without its rounding
+    else:
+        scores = products @ turn.astype(np.float32)
+        squares, axes = _principal_axes(scores.T @ scores)
+        scores, turn = scores @ axes.astype(np.float32), turn @ axes
+    return scores.astype(np.float32), turn.astype(np.float32), squares
+
+
+def _principal_axes(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the sums of squares along the principal axes, and the axes, shape (m, axes)."""
+    squares, axes = eigh(gram.astype(float))
+    real = squares > PRECISION * max(squares[-1], np.finfo(float).tiny)
+    return squares[real], axes[:, real]
+
+
+def _products(features, mean, landmarks) -> np.ndarray:
+    """Inner products of features about their mean with the landmarks', shape (n, m)."""
+    found = np.empty((len(features), len(landmarks)), np.float32)
+    for part in _blocks(features):
+        found[part] = (features[part] - mean) @ landmarks.T
+    return found
+
+
+def _mean_logits(images) -> np.ndarray:
+    total = sum(_logits(images[part]).sum(axis=0, dtype=float) for part in _blocks(images))
+    return (total / len(images)).astype(np.float32)
+
+
+def _logits(images) -> np.ndarray:
+    return logit(np.clip(images, FLOOR, 1 - FLOOR, dtype=np.float32))
+
+
+def _blocks(samples) -> Iterator[slice]:
+    return (slice(first, first + BLOCK) for first in range(0, len(samples), BLOCK))

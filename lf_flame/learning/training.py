@@ -35,7 +35,7 @@ class ModelConfig:
     """Arguments of `lf_flame.learning.decoder.build_refocus_resnet50`; see there."""
 
     backbone_weights: str = "imagenet"
-    backbone_depth: Literal["conv4", "conv5"] = "conv5"
+    backbone_depth: Literal["conv3", "conv4", "conv5"] = "conv5"
     dropout: float = 0.3
 
 
@@ -47,6 +47,7 @@ class Recipe:
     Parameters
     ----------
     epochs, batch_size : int
+        0 epochs leave the decoder as the warm start set it.
     learning_rate : float
         Of Adam; with "cosine" its first value.
     schedule : {"constant", "cosine"}
@@ -61,9 +62,12 @@ class Recipe:
     bands : int
         Of the warm start with neck "positions": vertical bands of the picture, each drawn from
         what the features say in the same band alone.
+    refinements : int
+        Of the warm start with neck "positions": steps behind the sigmoid, see
+        `lf_flame.learning.sigmoid_regression`.
     dropout_place, neck
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
-    backbone_depth : {"conv4", "conv5"}, optional
+    backbone_depth : {"conv3", "conv4", "conv5"}, optional
         Where this recipe cuts the backbone, instead of where the model's configuration says.
     """
 
@@ -75,18 +79,22 @@ class Recipe:
     without_imagenet: Literal["random", "stop"] = "stop"
     warm_start: bool = False
     bands: int = 1
+    refinements: int = 0
     dropout_place: Literal["image", "vector", "none"] = "image"
     neck: Literal["pooled", "positions"] = "pooled"
-    backbone_depth: Literal["conv4", "conv5"] | None = None
+    backbone_depth: Literal["conv3", "conv4", "conv5"] | None = None
 
     def __post_init__(self):
-        counts = self.epochs, self.batch_size, self.bands
-        if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
-            raise InputError(
-                f"epochs, batch_size and bands must be from 1 to {MOST_EPOCHS} and learning_rate "
-                f"above 0, got "
-                f"{self.epochs}, {self.batch_size}, {self.bands}, {self.learning_rate}."
-            )
+        if self.epochs == 0 and self.schedule == "cosine":
+            raise InputError("A cosine schedule needs epochs over which it falls, got 0 epochs.")
+        least = {"epochs": not self.warm_start, "batch_size": 1, "bands": 1, "refinements": 0}
+        for name, bound in least.items():
+            if not bound <= getattr(self, name) <= MOST_EPOCHS:
+                raise InputError(
+                    f"{name} must be from {bound:d} to {MOST_EPOCHS}, got {getattr(self, name)}."
+                )
+        if not self.learning_rate > 0:
+            raise InputError(f"learning_rate must be above 0, got {self.learning_rate}.")
 
 
 @strict
@@ -246,10 +254,12 @@ def train(
     decoder = model.get_layer("decoder")
 
     def start(new: bool):
-        features = compute_features(model, dataset.inputs)
         arrays = {
-            name: (features[indices], dataset.targets[indices][..., None])
-            for name, indices in parts.items()
+            name: (
+                compute_features(model, dataset.inputs[parts[name]]),
+                dataset.targets[parts[name]][..., None],
+            )
+            for name in ("train", "validation")
         }
         return _start(decoder, recipe, arrays, new)
 
@@ -278,7 +288,8 @@ def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, new: bool):
     if recipe.warm_start:
         freeze_normalisations(decoder)
         if new:
-            warm_start(decoder, arrays["train"], arrays["validation"], recipe.bands)
+            samples = arrays["train"], arrays["validation"]
+            warm_start(decoder, *samples, recipe.bands, recipe.refinements)
     steps = -(-len(arrays["train"][0]) // recipe.batch_size)
     return make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
 

@@ -10,15 +10,19 @@ off in the recipes that follow it.
 
 import keras
 import numpy as np
+from tqdm import tqdm
 
 from lf_flame.errors import InputError
 from lf_flame.learning.ridge import Regression, ridge_regression
+from lf_flame.learning.sigmoid_regression import refine
 
 STATISTICS_SAMPLES = 512
 """Samples that set the batch normalisations; more change nothing and need much memory."""
 
 
-def warm_start(decoder: keras.Model, training: tuple, held_out: tuple, bands: int = 1) -> None:
+def warm_start(
+    decoder: keras.Model, training: tuple, held_out: tuple, bands: int = 1, refinements: int = 0
+) -> None:
     """Set all weights of the decoder from training samples.
 
     Parameters
@@ -33,16 +37,19 @@ def warm_start(decoder: keras.Model, training: tuple, held_out: tuple, bands: in
         For the neck "positions": vertical bands of the image, each drawn from the features in the
         same band alone. Refocusing is local, and what the regression need not find out from the
         samples it gets right.
+    refinements : int, optional
+        For the neck "positions": steps that lower the images' own error behind the sigmoid, see
+        `lf_flame.learning.sigmoid_regression`. Two do nearly all there is.
     """
     if "neck" in [layer.name for layer in decoder.layers]:
-        _regress_by_bands(decoder, training, held_out, bands)
+        _regress_by_bands(decoder, training, held_out, bands, refinements)
     else:
         _regress_on_averages(decoder, training, held_out)
     last = decoder.get_layer("planes")
     _set_pointwise(last, np.eye(last.filters))
 
 
-def _regress_by_bands(decoder, training, held_out, bands: int) -> None:
+def _regress_by_bands(decoder, training, held_out, bands: int, refinements: int) -> None:
     """Set neck and basis: a part of the 256 numbers for each band."""
     neck, basis = decoder.get_layer("neck"), decoder.get_layer("basis")
     _, height, width, planes = decoder.get_layer("planes").output.shape
@@ -52,19 +59,21 @@ def _regress_by_bands(decoder, training, held_out, bands: int) -> None:
     inward = np.zeros((*shape, neck.units), np.float32)
     images = np.zeros((neck.units, height, width, planes), np.float32)
     centre, offset = np.zeros(neck.units), np.zeros((height, width, planes))
-    for band in range(bands):
+    for band in tqdm(range(bands), "start from the training images", unit="band"):
         units, drawn = (_part(band, bands, whole) for whole in (neck.units, width))
         seen = _overlapped(band, bands, shape[1])
-        parts = (
+        parts = [
             (_flat(x[:, :, seen]), _flat(_as_drawn(y)[:, :, drawn]))
             for x, y in (training, held_out)
-        )
+        ]
         found = ridge_regression(*parts)
         weights, drawings = found.components(units.stop - units.start)
+        centre[units] = -(found.mean @ weights)
+        numbers = parts[0][0] @ weights + centre[units].astype(np.float32)
+        drawings, dark = refine(numbers, parts[0][1], drawings, found.offset, refinements)
         inward[:, seen, :, units] = weights.reshape(inward[:, seen, :, units].shape)
         images[units, :, drawn] = drawings.reshape(images[units, :, drawn].shape)
-        offset[:, drawn] = found.offset.reshape(offset[:, drawn].shape)
-        centre[units] = -(found.mean @ weights)
+        offset[:, drawn] = dark.reshape(offset[:, drawn].shape)
     neck.set_weights([inward.reshape(-1, neck.units), centre])
     basis.set_weights([images.reshape(neck.units, -1), offset.reshape(-1)])
 

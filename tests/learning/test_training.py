@@ -163,6 +163,22 @@ def test_one_epoch_on_every_presets_code_path(config, data, tmp_path, changes):
 
 
 @pytest.mark.slow
+def test_without_epochs_the_start_is_the_network(config, data, tmp_path):
+    """A run of none may go on for some, from where it stands."""
+    start = {"warm_start": True, "neck": "positions", "refinements": 1, "learning_rate": 1e-7}
+    for epochs in (0, 1):
+        asked = change_recipe(config, epochs=epochs, dropout_place="none", **start)
+        train(asked, "smoke", data, tmp_path, show=False)
+        history = pd.read_csv(tmp_path / "history.csv")
+        assert list(history.epoch) == list(range(epochs + 1))
+    record = json.loads((tmp_path / "run.json").read_text())
+    best = history.val_loss.min()
+    assert record["best_validation_loss"] == pytest.approx(best, rel=1e-6)
+    losses = history.val_loss
+    assert losses[1] == pytest.approx(losses[0], rel=0.01)  # no second beginning
+
+
+@pytest.mark.slow
 def test_a_changed_configuration_is_refused(config, data, tmp_path):
     train(change_recipe(config, epochs=1), "smoke", data, tmp_path, show=False)
     before = (tmp_path / "model.keras").read_bytes()
@@ -320,9 +336,12 @@ def test_split_is_whole_disjoint_and_seeded():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"epochs": 0}, "epochs, batch_size and bands must be from 1 to"),
-        ({"epochs": 1, "learning_rate": -1.0}, "learning_rate above 0"),
-        ({"epochs": 1, "bands": 0}, "batch_size and bands must be from 1 to"),
+        ({"epochs": 0}, "epochs must be from 1 to 999999, got 0"),
+        ({"epochs": -1, "warm_start": True}, "epochs must be from 0 to 999999, got -1"),
+        ({"epochs": 0, "warm_start": True, "schedule": "cosine"}, "schedule needs epochs"),
+        ({"epochs": 1, "learning_rate": -1.0}, "learning_rate must be above 0"),
+        ({"epochs": 1, "bands": 0}, "bands must be from 1 to"),
+        ({"epochs": 1, "refinements": -1}, "refinements must be from 0 to"),
         ({"epochs": 1, "speed": 2}, "speed is not a known key"),
         ({"epochs": 1, "schedule": "steps"}, "schedule: input should be 'constant' or 'cosine'"),
     ],

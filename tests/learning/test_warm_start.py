@@ -1,9 +1,11 @@
 import keras
 import numpy as np
 import pytest
+from scipy.linalg import orth
 from scipy.special import expit, logit
 
 from lf_flame import InputError
+from lf_flame.learning import ridge
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.ridge import STRENGTHS, ridge_regression
 from lf_flame.learning.warm_start import freeze_normalisations, warm_start
@@ -60,6 +62,21 @@ def test_normalisations_hold_the_statistics_of_the_samples_alone(rng, frozen):
         np.testing.assert_allclose(stored, mean, atol=1e-4 * scale)
         stored = keras.ops.convert_to_numpy(norm.moving_variance)
         np.testing.assert_allclose(stored, spread, rtol=1e-3, atol=1e-5 * scale**2)
+
+
+def test_refinements_lower_the_error_of_images(rng):
+    """Few numbers, of features far off zero: the regression of logits leaves something."""
+    training, held_out = (
+        (5 + features, images)
+        for features, images in (smooth_scene(rng, 120, 0.05), smooth_scene(rng, 30, 0.05))
+    )
+    errors = []
+    for refinements in (0, 1, 4):
+        decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
+        warm_start(decoder, training, held_out, 3, refinements)
+        errors.append(error(decoder, training))
+    assert errors[1] < 0.7 * errors[0]
+    assert errors[2] < errors[1]
 
 
 def test_bands_see_only_their_part_of_the_features(rng):
@@ -136,6 +153,26 @@ def test_the_regression_is_the_one_of_the_normal_equations(rng):
     np.testing.assert_allclose(found.weights(), weights(best), rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(found.mean, mean, rtol=1e-6)
     np.testing.assert_allclose(found.offset, logits.mean(axis=0), atol=1e-5)
+
+
+@pytest.mark.parametrize("landmarks", [5, 40])
+def test_with_many_samples_the_weights_lie_among_the_landmarks(rng, landmarks, monkeypatch):
+    """The ridge, solved for weights that are sums of the first samples' features."""
+    monkeypatch.setattr(ridge, "LANDMARKS", landmarks)
+    monkeypatch.setattr(ridge, "BLOCK", 16)
+    training, held_out = drawn_samples(rng, 90), drawn_samples(rng, 30)
+    found = ridge_regression(training, held_out)
+    features, logits = training[0], logit(np.clip(training[1], 1e-3, 1 - 1e-3))
+    x, y = features - features.mean(axis=0), logits - logits.mean(axis=0)
+    basis = orth(x[:landmarks].T)
+    assert basis.shape[1] == min(landmarks, 7)
+    seen = x @ basis
+    penalty = found.strength * (seen**2).sum() / len(x) * np.eye(basis.shape[1])
+    expected = basis @ np.linalg.solve(seen.T @ seen + penalty, seen.T @ y)
+    np.testing.assert_allclose(found.weights(), expected, rtol=2e-3, atol=5e-4)
+    weights, images = found.components(3)
+    numbers = (features - found.mean) @ weights
+    np.testing.assert_allclose(np.mean(numbers**2, axis=0), 1, rtol=1e-3)
 
 
 def test_components_are_the_best_of_their_number_where_pixels_are_seen(rng):

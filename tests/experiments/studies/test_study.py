@@ -233,7 +233,7 @@ def test_a_study_along_an_axis(folder):
         ('"data.toml"', '"none.toml"', "none.toml cannot be read"),
         ('preset = "smoke"', 'preset = "fast"', "preset must be one of smoke, other, got 'fast'"),
         ("{ batch_size = 1 }", "{ speed = 1 }", "train on': presets.other.speed is not a known"),
-        ("{ batch_size = 1 }", "{ batch_size = 0 }", "train on': presets.other: epochs, batch"),
+        ("{ batch_size = 1 }", "{ batch_size = 0 }", "train on': presets.other: batch_size must"),
         ("recipe = { batch_size = 1", "model = { depth = 1", "model.depth is not a known key"),
         ("recipe = { batch_size = 1", "data.template = { position = 1", "position is not a known"),
         ("recipe = { batch_size = 1", "data = { colour = 1", "colour is not a known key"),
