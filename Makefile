@@ -37,7 +37,7 @@ BASELINES := .venv-baselines
 .NOTPARALLEL:
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
-.PHONY: latency variation ablations pretraining encodings learning-costs test test-all test-jit-off
+.PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
 .PHONY: mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
@@ -102,6 +102,7 @@ latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trai
 STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
+scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (half an hour)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths

@@ -19,6 +19,9 @@ from scipy.linalg import eigh
 
 from lf_flame._common.metrics import psnr
 
+MOST_SAMPLES = 4096
+"""Training targets that the components are made from; the work grows with the cube of them."""
+
 
 def principal_component_bound(
     train_targets: np.ndarray, test_targets: np.ndarray, k: int, bands: int = 1
@@ -28,7 +31,7 @@ def principal_component_bound(
     Parameters
     ----------
     train_targets, test_targets : ndarray, shape (n, planes, h, w)
-        In [0, 1].
+        In [0, 1]; of the training targets the first `MOST_SAMPLES` count.
     k : int
         Pictures to draw from; fewer where the training targets span fewer.
     bands : int, optional
@@ -58,6 +61,7 @@ def project(
     ndarray of float32, shape (n, planes, h, w)
         Clipped to [0, 1].
     """
+    train_targets = train_targets[:MOST_SAMPLES]
     mean = train_targets.mean(axis=0, dtype=float).astype(np.float32)
     train, test = train_targets - mean, test_targets - mean
     width = train.shape[-1]

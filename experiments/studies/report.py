@@ -11,6 +11,7 @@ import pandas as pd
 from experiments.histories import read_history
 from experiments.paper.figures import draw_learning
 from experiments.paper.paper_values import read_paper_values
+from experiments.studies.pca_bound import MOST_SAMPLES
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
@@ -126,8 +127,8 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         f"planes at {', '.join(f'{z:g}' for z in paper['depth_mm'])} mm; foreground: over the "
         f"pixels that are foreground in the truth.",
         "Bound: the test images projected on the first 256 principal components of the training "
-        "images (`experiments.studies.pca_bound`), what a decoder of 256 pictures could reach if "
-        "it were told the best numbers.",
+        f"images, {MOST_SAMPLES:,} at most (`experiments.studies.pca_bound`), what a decoder of "
+        "256 pictures could reach if it were told the best numbers.",
         *["Seconds: reading the data set, backbone and start of the decoder + all epochs."]
         * study.timed,
         _origin(done, record),
@@ -198,21 +199,27 @@ def _origin(done: Sequence[dict], record: dict) -> str:
 
 
 def _findings(study, rows: pd.DataFrame, level: float) -> list[str]:
-    """Say of each curve where it falls through the paper's mean."""
+    """Say of each curve where it is above the paper's mean."""
     found = []
     for name, curve in _curves(rows):
         above, where = f"{name}: above the paper's mean of {level:.2f} dB", ""
-        x = find_crossing(curve["x"].to_numpy(), curve["psnr_db"].to_numpy(), level)
-        if not math.isnan(x):
-            where = f"up to {x:.2g} {study.x.unit}".rstrip()
+        along = curve["x"].to_numpy(), curve["psnr_db"].to_numpy()
+        falls = find_crossing(*along, level)
+        rises = find_crossing(*(values[::-1] for values in along), level)
+        if not math.isnan(falls):
+            where = f"up to {_two_digits(falls)} {study.x.unit}".rstrip()
+        elif not math.isnan(rises):
+            where = f"from {_two_digits(rises)} {study.x.unit}".rstrip() + " on"
         elif (curve["psnr_db"] >= level).all():
             where = "everywhere"
         elif (curve["psnr_db"] < level).all():
             where = "nowhere"
-        else:
-            where = "only behind where it is below"
         found.append(f"{above} {where}.")
     return found
+
+
+def _two_digits(x: float) -> str:
+    return f"{float(f'{x:.2g}'):,g}"
 
 
 def find_crossing(x: np.ndarray, y: np.ndarray, level: float) -> float:

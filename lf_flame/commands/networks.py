@@ -110,8 +110,8 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
 @click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
 @click.option(
     "--backbone-depth",
-    type=click.Choice(["conv3", "conv4", "conv5"]),
-    help="Stage of ResNet-50 behind which it is cut.",
+    type=click.Choice(["conv3", "conv4", "conv5", "none"]),
+    help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
 )
 @click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")

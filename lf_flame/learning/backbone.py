@@ -1,5 +1,7 @@
 """The frozen encoder: ResNet-50, cut behind its third, fourth or fifth stage, in inference mode.
 
+Or none at all, to see what it is worth.
+
 Its weights come from ImageNet (`lf_flame.learning.imagenet_weights`), from a file, or from a seed.
 Frozen means that the batch normalisations use their stored statistics too (deviation 8).
 """
@@ -23,6 +25,9 @@ STAGES = {
     "conv5": "conv5_block3_out",
 }
 """Where the backbone can be cut, and the layer that is its output then."""
+
+NO_BACKBONE = "none"
+"""The depth at which the picture itself is the feature map."""
 
 IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
 """Subtracted by `keras.applications.resnet.preprocess_input`, in the 0..255 range."""
@@ -49,8 +54,8 @@ def build_backbone(
         weights file (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or
         an ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
         NumPy, the same on every Keras backend.
-    depth : {"conv5", "conv4", "conv3"}
-        Stage whose output is the feature map.
+    depth : {"conv5", "conv4", "conv3", "none"}
+        Stage whose output is the feature map; "none" for the picture itself, without any weights.
     seed : int
         Seed of random weights.
 
@@ -66,8 +71,12 @@ def build_backbone(
     InputError
         If depth is unknown, or the file does not hold the weights of this network.
     """
+    if depth == NO_BACKBONE:
+        picture = keras.Input(shown, name="light_field_image")
+        return keras.Model(picture, keras.layers.Identity()(picture), name="backbone")
     if depth not in STAGES:
-        raise InputError(f"backbone_depth must be one of {', '.join(STAGES)}, got {depth!r}.")
+        known = ", ".join([*STAGES, NO_BACKBONE])
+        raise InputError(f"backbone_depth must be one of {known}, got {depth!r}.")
     if min(shown[:2]) < SMALLEST:
         raise InputError(
             f"ResNet-50 needs images of {SMALLEST} pixels or more along each side, got "
@@ -92,6 +101,8 @@ def _to_bgr(seen):
 
 def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
     """Name the weights for tables and records: a file by its name and the start of its SHA-256."""
+    if depth == NO_BACKBONE:
+        return "no backbone"
     if weights == "imagenet":
         return f"imagenet, {depth}"
     if weights == "random":

@@ -35,7 +35,7 @@ class ModelConfig:
     """Arguments of `lf_flame.learning.decoder.build_refocus_resnet50`; see there."""
 
     backbone_weights: str = "imagenet"
-    backbone_depth: Literal["conv3", "conv4", "conv5"] = "conv5"
+    backbone_depth: Literal["conv3", "conv4", "conv5", "none"] = "conv5"
     dropout: float = 0.3
 
 
@@ -67,7 +67,7 @@ class Recipe:
         `lf_flame.learning.sigmoid_regression`.
     dropout_place, neck
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
-    backbone_depth : {"conv3", "conv4", "conv5"}, optional
+    backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
         Where this recipe cuts the backbone, instead of where the model's configuration says.
     """
 
@@ -82,7 +82,7 @@ class Recipe:
     refinements: int = 0
     dropout_place: Literal["image", "vector", "none"] = "image"
     neck: Literal["pooled", "positions"] = "pooled"
-    backbone_depth: Literal["conv3", "conv4", "conv5"] | None = None
+    backbone_depth: Literal["conv3", "conv4", "conv5", "none"] | None = None
 
     def __post_init__(self):
         if self.epochs == 0 and self.schedule == "cosine":
@@ -200,9 +200,10 @@ def compute_features(model: keras.Model, inputs: np.ndarray, batch_size: int = 1
     ndarray of float32, shape (n, h', w', channels)
     """
     backbone = model.get_layer("backbone")
-    starts = tqdm(range(0, len(inputs), batch_size), "backbone features", unit="batch")
-    batches = [backbone.predict_on_batch(inputs[k : k + batch_size]) for k in starts]
-    return np.concatenate(batches)
+    features = np.empty((len(inputs), *backbone.output.shape[1:]), np.float32)
+    for k in tqdm(range(0, len(inputs), batch_size), "backbone features", unit="batch"):
+        features[k : k + batch_size] = backbone.predict_on_batch(inputs[k : k + batch_size])
+    return features
 
 
 def train(

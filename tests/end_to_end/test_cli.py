@@ -241,13 +241,14 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
         assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
     kept = "--out results/paper-seed2/tables.md"
     assert re.search(rf"tables results/paper-seed2 +{kept}$", alone)
-    for name in ("quick", "paper", "paper-seed2", "paper-seed3", "smoke"):
+    for name in ("quick", "quick-seed2", "paper", "paper-seed2", "paper-seed3", "smoke"):
         (results / name).mkdir(parents=True)
     together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
     at = together.index("tables")
     assert together[at + 1] == "results/paper-seed2"
     others = {
-        f"experiments/results/{name}" for name in ("quick", "paper", "paper-seed2", "paper-seed3")
+        f"experiments/results/{name}"
+        for name in ("quick", "quick-seed2", "paper", "paper-seed2", "paper-seed3")
     }
     assert set(together[at + 2 : -2]) == others
     assert "--seed" not in asked().stdout

@@ -6,7 +6,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.learning import imagenet_weights
-from lf_flame.learning.backbone import build_backbone
+from lf_flame.learning.backbone import build_backbone, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 
@@ -172,7 +172,7 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"backbone_depth": "conv6"}, "one of conv4, conv5, got 'conv6'"),
+        ({"backbone_depth": "conv6"}, "one of conv3, conv4, conv5, none, got 'conv6'"),
         ({"dropout": 1.0}, r"dropout must be in \[0, 1\)"),
         ({"dropout_place": "attic"}, "one of image, vector, none"),
         ({"neck": "long"}, "neck must be one of pooled, positions"),
@@ -181,3 +181,14 @@ def test_imagenet_gives_up_in_one_sentence(monkeypatch, tmp_path):
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         build_refocus_resnet50(IMAGE, backbone_weights="random", **options)
+
+
+def test_without_a_backbone_the_picture_is_the_feature_map(rng):
+    model = build_refocus_resnet50(
+        (32, 40), 2, backbone_weights="imagenet", backbone_depth="none", neck="positions"
+    )
+    picture = rng.uniform(size=(3, 32, 40, 1)).astype(np.float32)
+    backbone = model.get_layer("backbone")
+    np.testing.assert_array_equal(backbone.predict(picture, verbose=0), picture)
+    assert backbone.weights == []
+    assert describe_weights("imagenet", "none", 1) == "no backbone"

@@ -1,5 +1,6 @@
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -8,7 +9,7 @@ from click.testing import CliRunner
 
 from experiments.__main__ import commands
 from experiments.studies.pca_bound import principal_component_bound, project
-from experiments.studies.report import COLUMNS, find_crossing
+from experiments.studies.report import COLUMNS, MEAN, _findings, find_crossing
 from experiments.studies.study import read_study, run_study, run_trial
 from lf_flame import InputError
 from lf_flame.datasets.split import split_indices
@@ -364,3 +365,19 @@ def test_crossing_is_where_a_curve_falls_through_a_level():
     assert find_crossing(x, y, 48.0) == pytest.approx(1.0)
     assert np.isnan(find_crossing(x, y, 39.0))
     assert np.isnan(find_crossing(x, y, 51.0))
+
+
+@pytest.mark.parametrize(
+    ("psnr", "words"),
+    [
+        ([46, 41, 40], "up to 330"),
+        ([40, 41, 47], "from 1,900 on"),
+        ([46, 47, 50], "everywhere"),
+        ([40, 41, 42], "nowhere"),
+    ],
+)
+def test_the_text_says_where_a_curve_is_above_the_paper(psnr, words):
+    study = SimpleNamespace(x=SimpleNamespace(unit=""))
+    rows = pd.DataFrame({"series": "a", "object": MEAN, "x": [250.0, 640.0, 2560.0]})
+    (found,) = _findings(study, rows.assign(psnr_db=np.asarray(psnr, float)), 45.0)
+    assert found.endswith(f"{words}.")
