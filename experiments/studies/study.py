@@ -402,11 +402,11 @@ def run_trial(
 
 def _score_planes(trial: Trial, folder: Path, run: dict) -> list[dict]:
     """Score the test samples plane by plane, beside the bound."""
-    dataset, indices, predictions = predict_test_split(folder)
+    dataset, indices, predictions = predict_test_split(folder, trial.test)
     targets, train_targets = (
-        dataset.targets[chosen] for chosen in (trial.test, training_indices(len(dataset), run))
+        dataset.targets[chosen] for chosen in (indices, training_indices(len(dataset), run))
     )
-    scores = score(targets, predictions[np.isin(indices, trial.test)])
+    scores = score(targets, predictions)
     objects = trial.data.template.objects
     table = scores[["ssim", "psnr_db", "psnr_foreground_db"]].assign(
         # The objects stand side by side and vary independently: a band for each.

@@ -233,8 +233,17 @@ def open_run(folder: str | Path) -> TrainedRun:
     return TrainedRun(folder, record, config, known.slopes, known.objects)
 
 
-def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndarray]:
+def predict_test_split(
+    folder: str | Path, only: np.ndarray | None = None
+) -> tuple[Dataset, np.ndarray, np.ndarray]:
     """Run the whole trained network, backbone included, over the test split of its data set.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Run folder.
+    only : ndarray of int, optional
+        Samples to run it over, those of them that are in the test split. Default: all of it.
 
     Returns
     -------
@@ -245,6 +254,8 @@ def predict_test_split(folder: str | Path) -> tuple[Dataset, np.ndarray, np.ndar
     """
     run = open_run(folder)
     dataset, indices = run.open_dataset(), np.array(run.record["test_indices"])
+    if only is not None:
+        indices = indices[np.isin(indices, only)]
     stack = run.load_network().predict(dataset.inputs[indices], batch_size=8, verbose=0)
     return dataset, indices, stack[..., 0]
 

@@ -15,8 +15,8 @@ DAMPING = 1e-2
 LEAST_CURVATURE = 1e-6
 """Unknowns that hardly change a pixel are damped as if they had this share of the largest."""
 
-PIXELS = 2048
-"""Pixels that are refined at a time: their normal matrices take 69 MB with 64 numbers."""
+MATRIX_BYTES = 1 << 26
+"""Memory of the normal matrices; as many pixels are refined at a time as fit."""
 
 SAMPLES = 2048
 """Samples that enter the normal matrices at a time."""
@@ -52,8 +52,9 @@ def refine(
     """
     known = np.column_stack([numbers, np.ones(len(numbers))]).astype(np.float32)
     unknown = np.vstack([drawings, offset]).astype(np.float32)
-    for first in range(0, unknown.shape[1], PIXELS):
-        part = slice(first, first + PIXELS)
+    pixels = max(MATRIX_BYTES // (8 * len(unknown) ** 2), 1)
+    for first in range(0, unknown.shape[1], pixels):
+        part = slice(first, first + pixels)
         unknown[:, part] = _refine_pixels(known, images[:, part], unknown[:, part], steps)
     return unknown[:-1], unknown[-1]
 

@@ -75,7 +75,7 @@ def test_no_pixel_ever_gets_worse(rng):
 def test_pieces_change_nothing(drawn, monkeypatch):
     numbers, images, start = drawn
     whole = refine(numbers, images, *start, steps=3)
-    monkeypatch.setattr(sigmoid_regression, "PIXELS", 2)
+    monkeypatch.setattr(sigmoid_regression, "MATRIX_BYTES", 2 * 8 * (NUMBERS + 1) ** 2 + 5)
     monkeypatch.setattr(sigmoid_regression, "SAMPLES", 7)
     for got, expected in zip(refine(numbers, images, *start, steps=3), whole, strict=True):
         np.testing.assert_allclose(got, expected, atol=1e-5)
