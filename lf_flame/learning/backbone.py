@@ -73,7 +73,7 @@ def build_backbone(
     """
     if depth == NO_BACKBONE:
         picture = keras.Input(shown, name="light_field_image")
-        return keras.Model(picture, keras.layers.Identity()(picture), name="backbone")
+        return keras.Model(picture, keras.layers.Rescaling(1.0)(picture), name="backbone")
     if depth not in STAGES:
         known = ", ".join([*STAGES, NO_BACKBONE])
         raise InputError(f"backbone_depth must be one of {known}, got {depth!r}.")

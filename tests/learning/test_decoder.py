@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
+from lf_flame._common.keras_loading import load_model
 from lf_flame.learning import imagenet_weights
 from lf_flame.learning.backbone import build_backbone, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
@@ -183,7 +184,7 @@ def test_impossible_options_are_refused(options, message):
         build_refocus_resnet50(IMAGE, backbone_weights="random", **options)
 
 
-def test_without_a_backbone_the_picture_is_the_feature_map(rng):
+def test_without_a_backbone_the_picture_is_the_feature_map(rng, tmp_path):
     model = build_refocus_resnet50(
         (32, 40), 2, backbone_weights="imagenet", backbone_depth="none", neck="positions"
     )
@@ -191,4 +192,9 @@ def test_without_a_backbone_the_picture_is_the_feature_map(rng):
     backbone = model.get_layer("backbone")
     np.testing.assert_array_equal(backbone.predict(picture, verbose=0), picture)
     assert backbone.weights == []
+    model.save(tmp_path / "model.keras")
+    again = load_model(tmp_path / "model.keras")
+    np.testing.assert_array_equal(
+        again.predict(picture, verbose=0), model.predict(picture, verbose=0)
+    )
     assert describe_weights("imagenet", "none", 1) == "no backbone"
