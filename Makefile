@@ -2,7 +2,7 @@
 #
 #   PRESET            smoke (CI), quick (default, some minutes), paper (the paper's sizes); see README
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
-#   BACKBONE_DEPTH    conv5 (default, all of ResNet-50) or conv4
+#   BACKBONE_DEPTH    conv5 (all of ResNet-50), conv4, conv3 or none, instead of the preset's
 #   SEED              of training, instead of the configuration's (split, weights, batches, dropout)
 #   EPOCHS            instead of the preset's; a run at a constant rate goes on when asked for more
 #   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED).

@@ -85,12 +85,14 @@ class Regression:
         """
         length = np.sqrt(self.squares)[:, None]
         seen = (length * self.images * self.visibility).astype(np.float32)
+        weights = np.zeros((self.landmarks.shape[1], count), np.float32)
+        images = np.zeros((count, self.images.shape[1]), np.float32)
+        if not len(seen):  # all samples alike
+            return weights, images
         least = max(len(seen) - count, 0)
         sizes, axes = eigh((seen @ seen.T).astype(float), subset_by_index=(least, len(seen) - 1))
         real = np.flatnonzero(sizes > PRECISION**2 * sizes[-1])[::-1]
         axes = axes[:, real]
-        weights = np.zeros((self.landmarks.shape[1], count), np.float32)
-        images = np.zeros((count, self.images.shape[1]), np.float32)
         to_numbers = self.turn @ (axes / length * np.sqrt(self.samples)).astype(np.float32)
         weights[:, : len(real)] = self.landmarks.T @ to_numbers
         images[: len(real)] = (axes * length / np.sqrt(self.samples)).T @ self.images
@@ -154,6 +156,8 @@ def _scores(features, mean, landmarks) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def _principal_axes(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the sums of squares along the principal axes, and the axes, shape (m, axes)."""
+    if not len(gram):
+        return np.zeros(0), np.zeros((0, 0))
     squares, axes = eigh(gram.astype(float))
     real = squares > PRECISION * max(squares[-1], np.finfo(float).tiny)
     return squares[real], axes[:, real]

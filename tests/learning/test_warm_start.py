@@ -175,6 +175,18 @@ def test_with_many_samples_the_weights_lie_among_the_landmarks(rng, landmarks, m
     np.testing.assert_allclose(np.mean(numbers**2, axis=0), 1, rtol=1e-3)
 
 
+@pytest.mark.parametrize("landmarks", [2048, 5])
+def test_samples_that_are_all_alike_leave_their_mean(landmarks, monkeypatch):
+    monkeypatch.setattr(ridge, "LANDMARKS", landmarks)
+    alike = np.full((9, 7), 3.0, np.float32), np.full((9, 4), 0.25, np.float32)
+    found = ridge_regression(alike, alike)
+    assert not found.weights().any()
+    weights, images = found.components(3)
+    assert (weights.shape, images.shape) == ((7, 3), (3, 4))
+    assert not weights.any()
+    np.testing.assert_allclose(expit(found.offset), 0.25, rtol=1e-6)
+
+
 def test_components_are_the_best_of_their_number_where_pixels_are_seen(rng):
     """The truncated singular value decomposition of what was fitted.
 

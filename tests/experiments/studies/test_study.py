@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
+from experiments.studies import pca_bound
 from experiments.studies.pca_bound import principal_component_bound, project
 from experiments.studies.report import COLUMNS, MEAN, _findings, find_crossing
 from experiments.studies.study import read_study, run_study, run_trial
@@ -381,3 +382,11 @@ def test_the_text_says_where_a_curve_is_above_the_paper(psnr, words):
     rows = pd.DataFrame({"series": "a", "object": MEAN, "x": [250.0, 640.0, 2560.0]})
     (found,) = _findings(study, rows.assign(psnr_db=np.asarray(psnr, float)), 45.0)
     assert found.endswith(f"{words}.")
+
+
+def test_the_bound_comes_from_the_first_training_targets(rng, monkeypatch):
+    train, test = rng.uniform(size=(12, 1, 6, 8)), rng.uniform(size=(3, 1, 6, 8))
+    whole, of_some = project(train, test, 4), project(train[:7], test, 4)
+    assert np.abs(whole - of_some).max() > 0.01
+    monkeypatch.setattr(pca_bound, "MOST_SAMPLES", 7)
+    np.testing.assert_array_equal(project(train, test, 4), of_some)
