@@ -126,6 +126,7 @@ CORE = {
     "refocus/interpolation.py": SPACE,
     "refocus/methods.py": SPACE,
     "refocus/semblance.py": SHARPNESS,
+    "refocus/semblance_sums.py": SHARPNESS,
     "refocus/sharpness.py": ("stability/test_refocus.py",),
     "refocus/shift.py": ("stability/test_refocus.py",),
     "refocus/surface.py": (),

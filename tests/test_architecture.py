@@ -125,7 +125,8 @@ def test_kernels_import_only_numpy_and_numba(name):
 
 def loaded_by(code):
     """Heavy packages that some code loads in a process of its own."""
-    heavy = ("numba", "keras", "tensorflow", "matplotlib", "pandas", "zarr", "skimage", "scipy")
+    heavy = ("numba", "keras", "tensorflow", "matplotlib", "pandas", "zarr", "skimage", "scipy",
+             "scipy.fft", "scipy.ndimage")  # fmt: skip
     code = f"import sys; {code}; print([m for m in {heavy} if m in sys.modules])"
     command = [sys.executable, "-c", code]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
@@ -144,6 +145,12 @@ def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
         "shift_and_sum(lf, 1.0)"
     )
     assert not {"keras", "tensorflow", "pandas", "zarr"} & set(eval(loaded_by(code)))
+
+
+def test_shift_and_sum_loads_no_scipy():
+    """Whose parts take longer to import than Numba, which loads no more of it than its name."""
+    code = "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)"
+    assert loaded_by(code) == "['numba', 'scipy']"
 
 
 def test_every_public_name_loads():

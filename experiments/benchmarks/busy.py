@@ -51,7 +51,7 @@ VIEWS = (15, 15, 90, 180)
 
 LOOPS = {
     refocus_kernels: ("shift_and_sum",),
-    search_kernels: ("multiply",),
+    search_kernels: ("add_product",),
     render_kernels: ("integrate_columns", "integrate_rows"),
 }
 """The loops that the operations share out, by the module that holds them."""

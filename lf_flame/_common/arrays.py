@@ -1,7 +1,6 @@
 """Small operations on arrays that several parts of the package share."""
 
 import numpy as np
-from skimage.transform import downscale_local_mean
 
 
 def centred(n: int) -> np.ndarray:
@@ -18,6 +17,8 @@ def spread(count: int, chosen: int) -> list[int]:
 
 def area_average(images: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Area-average the last two axes to `size`, and clip to [0, 1], as a sensor saturates."""
+    from skimage.transform import downscale_local_mean  # takes a while to import
+
     factors = (1,) * (images.ndim - 2) + tuple(
         n // m for n, m in zip(images.shape[-2:], size, strict=True)
     )

@@ -12,8 +12,8 @@ BLOCK = 512
 """Columns that are worked on together."""
 
 
-def _multiply(queue, left, right, out):
-    """Matrix product left[i, k] @ right[k, x]: out[i, x]."""
+def _add_product(queue, left, right, out):
+    """Add the matrix product left[i, k] @ right[k, x] to out[i, x]."""
     rows, columns = out.shape
     for block in pieces(queue, -(-columns // BLOCK)):
         start = block * BLOCK
@@ -25,7 +25,7 @@ def _multiply(queue, left, right, out):
                 weight = left[i, k]
                 for x in range(np.uint64(size)):
                     total[i, x] += weight * line[x]
-        out[:, start : start + size] = total
+        out[:, start : start + size] += total
 
 
-multiply = shared(_multiply)
+add_product = shared(_add_product)

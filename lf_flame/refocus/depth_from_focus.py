@@ -139,16 +139,18 @@ def _peak(stack: np.ndarray, slopes: np.ndarray, window: float):
     if not 0 < window < np.inf:
         raise InputError(f"window must be a number of lenslets above 0, got {window}.")
     refuse_not_finite(stack)
-    sharpness = np.stack([_sharpness(image, window) for image in stack])
-    k = sharpness.argmax(axis=0)
+    sharpness = np.empty((*stack.shape[1:3], len(slopes)))  # so that argmax makes no copy
+    for i, image in enumerate(stack):
+        sharpness[..., i] = _sharpness(image, window)
+    k = sharpness.argmax(axis=2)
     middle = np.clip(k, 1, len(slopes) - 2)
     before, top, after = (
-        np.take_along_axis(sharpness, (middle + i)[None], axis=0)[0] for i in (-1, 0, 1)
+        np.take_along_axis(sharpness, (middle + i)[..., None], axis=2)[..., 0] for i in (-1, 0, 1)
     )
     bend = 2 * top - before - after
     inside = (k == middle) & (bend > 0)
     offset = np.where(inside, (after - before) / (2 * np.where(inside, bend, 1.0)), 0.0)
-    peak, mean = sharpness.max(axis=0), sharpness.mean(axis=0)
+    peak, mean = sharpness.max(axis=2), sharpness.mean(axis=2)
     floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
     confidence = np.where(inside, (peak - mean) / (peak + floor), 0.0)
     return slopes[k] + (slopes[1] - slopes[0]) * offset, peak, confidence

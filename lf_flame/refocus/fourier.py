@@ -1,5 +1,6 @@
 """Refocusing in the Fourier domain: exact phases per view, and Ng's slice."""
 
+from collections.abc import Iterable, Iterator
 from functools import partial
 
 import numpy as np
@@ -21,7 +22,7 @@ from lf_flame.refocus._arguments import (
 )
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
 
-SLOPES_AT_ONCE = 16
+SLOPES_AT_ONCE = 4
 """Slopes whose row sums are held in memory together."""
 
 EDGES = ("wrap", "clamp")
@@ -54,7 +55,7 @@ def fourier_refocus(
     slopes : float or sequence of float
     interpolation : {"sinc", "linear", "nearest", "cubic"}, optional
     edges : {"wrap", "clamp"}, optional
-        "clamp" pads every view with its edge as far as its shift reaches, which takes memory.
+        "clamp" pads every view with its edge as far as its shift reaches.
         "sinc" then no longer wraps around, but rings where the pad meets its other end.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above; divided by their sum. Default: all alike.
@@ -85,42 +86,47 @@ def _check_edges(edges: str) -> None:
 def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.ndarray:
     height, width = views.shape[2:]
     shifts = [centred(count) * slopes[:, None] for count in views.shape[:2]]
-    t, s = 0, 0
+    pads = [(0, 0), (0, 0)]
     if edges == "clamp":
         shifts = [np.clip(x, -n, n) for x, n in zip(shifts, (height, width), strict=True)]
-        views, (t, s) = _pad(views, shifts)
-    spectra = rfft2(views.astype(np.float64, copy=False), workers=get_num_threads())
+        pads = _pads(views.shape[2:], shifts)
+    padded = [n + sum(pad) for n, pad in zip((height, width), pads, strict=True)]
+    down, right = (
+        _phase_factors(waves, shift, interpolation)
+        for waves, shift in zip((np.fft.fftfreq(padded[0]), np.fft.rfftfreq(padded[1])), shifts,
+                                strict=True)
+    )  # fmt: skip
     with np.errstate(invalid="ignore"):  # infinite pixels are refused below
-        spectra *= (weights / weights.mean())[..., None, None]
-        down, right = shifts
-        stack = _shifted_means(spectra, down, right, views.shape[3], interpolation)
-    images = irfft2(stack, views.shape[2:], workers=get_num_threads())
-    images = images[:, t : t + height, s : s + width].astype(np.float32)
+        means = _mean_by_factors(_spectra(views, weights / weights.mean(), pads), down, right)
+    (t, _), (s, _) = pads
+    images = np.empty((len(slopes), height, width), np.float32)
+    for image, mean in zip(images, means, strict=True):
+        whole = irfft2(mean, padded, workers=get_num_threads())
+        image[...] = whole[t : t + height, s : s + width]
     if not np.all(np.isfinite(images)):
         refuse_not_finite(views)
     return images
 
 
-def _pad(views: np.ndarray, shifts):
-    """Repeat the edges as far as shifts reach; returns the views and the pads at their start."""
-    pads, starts = [(0, 0), (0, 0)], []
-    for length, some in zip(views.shape[2:], shifts, strict=True):
+def _spectra(views: np.ndarray, weights: np.ndarray, pads: list) -> Iterator[np.ndarray]:
+    """Weighted spectra of one row of views after the other, [u, t, s]: all take much memory."""
+    size = [n + sum(pad) for n, pad in zip(views.shape[2:], pads, strict=True)]
+    for row, row_weights in zip(views, weights, strict=True):
+        # As the sums over u read them.
+        spectra = np.empty((size[1] // 2 + 1, size[0], len(row)), np.complex128).transpose(2, 1, 0)
+        for view, weight, spectrum in zip(row, row_weights, spectra, strict=True):
+            view = np.pad(view.astype(np.float64, copy=False), pads, mode="edge")
+            np.multiply(rfft2(view, workers=get_num_threads()), weight, out=spectrum)
+        yield spectra
+
+
+def _pads(size: tuple[int, int], shifts: list[np.ndarray]) -> list[tuple[int, int]]:
+    """How far the edges are repeated before and behind each axis: as far as shifts reach."""
+    pads = []
+    for length, some in zip(size, shifts, strict=True):
         reach = int(np.abs(some).max()) + 2  # and as far as cubic interpolation does
         pads.append((reach, next_fast_len(length + 2 * reach, real=True) - length - reach))
-        starts.append(reach)
-    return np.pad(views, pads, mode="edge"), starts
-
-
-def _shifted_means(spectra, down, right, width: int, interpolation: str) -> np.ndarray:
-    """Mean spectra [n, t, s] of views that are shifted by down[n, v] and right[n, u]."""
-    height, by_wave = spectra.shape[2], _by_wave(spectra)
-    out = np.empty((len(down), *spectra.shape[2:]), spectra.dtype)
-    for first in range(0, len(down), SLOPES_AT_ONCE):
-        some = slice(first, first + SLOPES_AT_ONCE)
-        down_factors = _phase_factors(np.fft.fftfreq(height), down[some], interpolation)
-        right_factors = _phase_factors(np.fft.rfftfreq(width), right[some], interpolation)
-        out[some] = _mean_by_factors(by_wave, down_factors, right_factors)
-    return out
+    return pads
 
 
 def _phase_factors(frequencies: np.ndarray, shifts: np.ndarray, interpolation: str = "sinc"):
@@ -141,19 +147,20 @@ def _phase_factors(frequencies: np.ndarray, shifts: np.ndarray, interpolation: s
     return phases
 
 
-def _by_wave(spectra: np.ndarray) -> np.ndarray:
-    """Lay spectra out as [s, v t, u], so that the sum over u is one matrix product per wave."""
-    columns, waves = spectra.shape[1], spectra.shape[3]
-    return np.ascontiguousarray(spectra.transpose(3, 0, 2, 1)).reshape(waves, -1, columns)
-
-
-def _mean_by_factors(by_wave, down, right) -> np.ndarray:
-    """Mean of spectra [s, v t, u] times down[t, v, n] and right[s, u, n]: [n, t, s]."""
+def _mean_by_factors(spectra: Iterable[np.ndarray], down, right) -> np.ndarray:
+    """Mean over rows v of spectra [u, t, s], times down[t, v, n] and right[s, u, n]: [n, t, s]."""
     height, rows, slopes = down.shape
-    row_sums = by_wave @ right.astype(by_wave.dtype)
-    row_sums = row_sums.reshape(len(by_wave), rows, height, slopes)
-    total = np.einsum("svtn,tvn->nts", row_sums, down.astype(by_wave.dtype))
-    return total / (rows * by_wave.shape[2])
+    waves, columns = right.shape[:2]
+    total = np.zeros((waves, height, slopes), np.complex128)
+    for v, row in enumerate(spectra):
+        by_wave = np.ascontiguousarray(row.transpose(2, 1, 0))  # [s, t, u]: one product per wave
+        for first in range(0, slopes, SLOPES_AT_ONCE):
+            some = np.s_[..., first : first + SLOPES_AT_ONCE]
+            row_sums = by_wave @ right[some].astype(by_wave.dtype)
+            row_sums *= down[:, v][some]
+            total[some] += row_sums
+    total /= rows * columns
+    return total.transpose(2, 1, 0)
 
 
 def fourier_slice(
@@ -209,7 +216,9 @@ def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:
                 f"slopes must not shift a view by more than the image to be clamped at its edges, "
                 f"got slopes up to {np.abs(slopes).max():g} for {shape[0]} x {shape[1]} lenslets."
             )
-        views, (t, s) = _pad(views, shifts)
+        pads = _pads(shape, shifts)
+        (t, _), (s, _) = pads
+        views = np.pad(views, [(0, 0), (0, 0), *pads], mode="edge")
     rows, columns, height, breadth = views.shape
     spectra = rfft2(views.astype(np.float32, copy=False), workers=get_num_threads())
     spectra *= (weights / weights.mean()).astype(np.float32)[..., None, None]
@@ -259,9 +268,9 @@ def _mend_nyquist(spectra, slopes, width: int, out: np.ndarray) -> None:
     right = _phase_factors(np.fft.rfftfreq(width), centred(columns) * slopes[:, None])
     if height % 2 == 0:
         row = slice(height // 2, height // 2 + 1)
-        out[:, row] = _mean_by_factors(_by_wave(spectra[:, :, row]), down[row], right)
+        out[:, row] = _mean_by_factors(spectra[:, :, row], down[row], right)
     if width % 2 == 0:
-        out[..., -1:] = _mean_by_factors(_by_wave(spectra[..., -1:]), down, right[-1:])
+        out[..., -1:] = _mean_by_factors(spectra[..., -1:], down, right[-1:])
 
 
 def _window(x: np.ndarray, width: int) -> np.ndarray:

@@ -5,7 +5,6 @@ from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import Views
-from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.refocus.shift import shift_and_sum
 
@@ -60,6 +59,9 @@ def refocus(
         raise InputError(f"The method {method!r} does not know {interpolation!r} interpolation.")
     if method == "space":
         return shift_and_sum(views, slopes, interpolation, weights)
+    # SciPy takes longer to import than Numba; who shifts in space need not wait for it.
+    from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
+
     if method == "fourier":
         return fourier_refocus(views, slopes, interpolation, "clamp", weights)
     return fourier_slice(views, slopes, FINEST_SLICE, "clamp", weights)

@@ -130,7 +130,7 @@ def find_sharpest_slopes(
     regions : sequence of (int, int, int, int), optional
         ``(t_start, t_stop, s_start, s_stop)`` in lenslets, instead of tiles.
     progress : callable, optional
-        ``progress(finished, done, total)`` wraps the iterable of finished batches of slopes; it is
+        ``progress(finished, done, total)`` wraps the iterable of finished rows of views; it is
         called again where the range widens.
 
     Returns

@@ -1,3 +1,4 @@
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -156,3 +157,17 @@ def test_a_real_light_field_agrees_with_a_learned_disparity():
     slices = shift_and_sum(views, np.arange(-1.8, 0.61, 0.1)) / 255
     middle = views[4, 4] / 255
     assert psnr(found.all_in_focus / 255, middle) > 2 + max(psnr(i, middle) for i in slices)
+
+
+@pytest.mark.slow
+def test_a_slope_map_needs_no_more_memory_than_the_light_field(rng):
+    views = rng.random((15, 15, 270, 540), np.float32)
+    slopes = np.linspace(-2, 2, 41)
+    all_in_focus(views[:2, :2, :40, :40], slopes)  # whatever is kept
+    tracemalloc.start()
+    try:
+        all_in_focus(views, slopes)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < views.nbytes

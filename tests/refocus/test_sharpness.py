@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from lf_flame.refocus import (
     find_sharpest_slope,
     find_sharpest_slopes,
     fourier_refocus,
+    semblance_sums,
     shift_and_sum,
 )
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture
@@ -236,16 +238,17 @@ def test_confidence_is_low_without_parallax(rng):
 
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("columns", [3, 512, 1100])
-def test_the_compiled_product_is_that_of_matrices(compiled, columns, rng):
+def test_the_compiled_product_adds_that_of_matrices(compiled, columns, rng):
     """And its Python, which minds the ends of arrays."""
     left, right = rng.normal(size=(2, 3)), rng.normal(size=(3, columns)).astype(np.float32)
-    out = np.full((2, columns), np.nan)
+    before = rng.normal(size=(2, columns))
+    out = before.copy()
     queue = np.zeros(1, np.int64)
     if compiled:
-        _semblance_kernels.multiply(left, right, out)
+        _semblance_kernels.add_product(left, right, out)
     else:
-        _semblance_kernels._multiply(as_counters(queue), left, right, out)
-    np.testing.assert_allclose(out, left @ right, rtol=1e-12, atol=1e-12)
+        _semblance_kernels._add_product(as_counters(queue), left, right, out)
+    np.testing.assert_allclose(out - before, left @ right, rtol=1e-12, atol=1e-12)
 
 
 def side_by_side(rng):
@@ -399,3 +402,34 @@ def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_pat
         command = [sys.executable, "-c", code]
         found.add(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
     assert len(found) == 1
+
+
+def test_more_slopes_than_have_room_give_the_same_bits(rng, monkeypatch):
+    views, slopes = side_by_side(rng), np.linspace(-2, 2, 21)
+    at_once = find_sharpest_slopes(views, slopes, tiles=(2, 2))
+    monkeypatch.setattr(semblance_sums, "MEMORY", 0.0)
+    monkeypatch.setattr(semblance_sums, "SHARE", 0.0)
+    passes = []
+
+    def progress(rows, _, total):
+        passes.append(total / len(views))
+        return rows
+
+    in_passes = find_sharpest_slopes(views, slopes, tiles=(2, 2), progress=progress)
+    assert passes[0] >= 3
+    for one, other in zip(at_once, in_passes, strict=True):
+        np.testing.assert_array_equal(one.sharpness, other.sharpness)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tiles", [(1, 1), (9, 18)])
+def test_a_search_needs_no_more_memory_than_the_light_field(tiles, rng):
+    views = planted(rng.uniform(size=(270, 540)), 0.0, (15, 15)).astype(np.float32)
+    find_sharpest_slope(views[:2, :2, :40, :40], np.linspace(-1, 1, 5))  # whatever is kept
+    tracemalloc.start()
+    try:
+        find_sharpest_slopes(views, np.linspace(-1, 1, 41), tiles=tiles)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < views.nbytes

@@ -1,0 +1,190 @@
+"""Sums of shifted views over regions, from which the semblance follows.
+
+With x a lenslet, w the region, g_a the gradient of view a, h its weight before it is shifted (the
+same for all views), and d_a its shift at a slope:
+
+    numerator     sum_x w(x) |sum_a (h g_a)(x + d_a)|^2
+    denominator   sum_x w(x) S(x) sum_a (h |g_a|^2)(x + d_a),  S(x) = sum_a h(x + d_a)
+
+By the shift theorem ``f(x + d) = F^-1[exp(2 pi i k d) F[f](k)]`` the sum over the views in the
+numerator takes one inverse transform for each slope, of spectra that are computed once. In the
+denominator the shifts are moved to the other factor, ``sum_a sum_y (h |g_a|^2)(y) (w S)(y - d_a)``,
+where y - d_a is the conjugate phase: the views' energy stays as it is, and is summed by weights
+that are shifted back. As w, h and the shifts are separable along the two axes, so are those
+weights, and the sums are two matrix products.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import get_num_threads
+from scipy import fft
+from scipy.ndimage import gaussian_filter1d
+
+from lf_flame._common.arrays import centred
+from lf_flame.refocus import _semblance_kernels
+
+REACH = 8
+"""Lenslets that the low-pass reaches, and over which a view's weight falls to 0 at its edges."""
+
+SOFTNESS = 1.5
+"""Standard deviation of a region's edges in lenslets."""
+
+SLOPES_AT_ONCE = 8
+"""Slopes that are refocused together: more would take more memory and hardly less time."""
+
+MEMORY, SHARE = 48e6, 0.45
+"""Bytes that the sums at some slopes may take, and part of the views in float32 if that is more:
+where more slopes are asked for, the views are gone through again."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftAxis:
+    """How views are shifted along one axis, and the intervals of it that regions cover.
+
+    Attributes
+    ----------
+    views, length : int
+        Views along the angular axis, and lenslets along the spatial one.
+    period : int
+        Lenslets after which a transform repeats itself, `length` or more.
+    covered : ndarray of float64, shape (intervals, length), from 0 to 1
+    """
+
+    views: int
+    length: int
+    period: int
+    covered: np.ndarray
+
+    @classmethod
+    def of(cls, views: int, length: int, intervals: np.ndarray, farthest: float) -> "ShiftAxis":
+        """Lay out an axis for intervals (start, stop), one a row, and slopes up to `farthest`."""
+        # So long that nothing that leaves at one end can come around into a region.
+        span = max(length - intervals.min(), intervals.max()) + farthest * (views - 1) / 2
+        period = fft.next_fast_len(max(length, int(np.ceil(span))))
+        lenslets = np.arange(length)
+        covered = (intervals[:, :1] <= lenslets) & (lenslets < intervals[:, 1:])
+        # With hard edges, interpolation would ring into the dark from bright light beyond them.
+        covered = gaussian_filter1d(covered.astype(np.float64), SOFTNESS, mode="constant")
+        return cls(views, length, period, covered)
+
+    def phases(self, slopes: np.ndarray) -> np.ndarray:
+        """Phase factors that shift the views: complex64, shape (slopes, period, views)."""
+        return np.stack([self._phases(slope) for slope in slopes]).astype(np.complex64)
+
+    def _phases(self, slope: float) -> np.ndarray:
+        return np.exp(2j * np.pi * np.outer(fft.fftfreq(self.period), slope * centred(self.views)))
+
+    def weights(self, slope: float) -> tuple[np.ndarray, np.ndarray]:
+        """Weights by which the views' energy counts in each interval, and sums of their squares.
+
+        Returns
+        -------
+        ndarray of float64, shape (intervals, views, length)
+            ``(w S)(y - d_a)``.
+        ndarray of float64, shape (intervals,)
+            ``sum_x w(x) S(x)^2``.
+        """
+        phases = self._phases(slope)  # [k, a]
+        taper = fft.fft(_taper(self.length), self.period)  # [k]
+        seen = fft.ifft(taper * phases.sum(axis=1)).real[: self.length]  # [x]
+        spectra = fft.fft(self.covered * seen, self.period)  # [i, k]
+        weights = fft.ifft(spectra[:, None] * phases.conj().T).real  # [i, a, k]
+        return weights[..., : self.length], np.einsum("it,t->i", self.covered, seen**2)
+
+
+def slopes_in_memory(down: ShiftAxis, across: ShiftAxis) -> int:
+    """How many slopes' sums have room in memory."""
+    room = max(MEMORY, SHARE * 4 * down.views * down.length * across.views * across.length)
+    energy = len(down.covered) * (across.views * across.length + down.views * down.length)
+    return max(int(room / (8 * (down.period * across.period + energy))), SLOPES_AT_ONCE)
+
+
+class SemblanceSums:
+    """Numerator and denominator at some slopes, from one row of views after the other.
+
+    Parameters
+    ----------
+    slopes : ndarray of float64, shape (n,)
+    down, across : ShiftAxis
+        Along (v, t) and along (u, s).
+    """
+
+    def __init__(self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis):
+        self.slopes, self.down, self.across = slopes, down, across
+        self.mean_energy = 0.0
+        """Mean squared gradient of the views."""
+        self.found: tuple[np.ndarray, np.ndarray, np.ndarray]
+        """Numerator, denominator and ``sum_x w(x) S(x)^2``, float64 of shape (n, i, j), for
+        interval i down and interval j across; there once the last row has been added."""
+
+    def add(self, v: int, gradients: Iterable[np.ndarray]) -> None:
+        """Add row v of the views, by the gradients [t, s] of its views; rows come in order."""
+        if v == 0:
+            self._begin()
+        down, across = self.down, self.across
+        taper = np.outer(_taper(down.length), _taper(across.length)).astype(np.float32)
+        energies = np.empty((down.length, across.views, across.length), np.float32)
+        spectra = np.empty((across.period, across.views, down.period), np.complex64)
+        for u, gradient in enumerate(gradients):
+            energy = gradient.real**2 + gradient.imag**2
+            self.mean_energy += float(energy.mean(dtype=np.float64)) / (down.views * across.views)
+            energies[:, u] = taper * energy
+            light = (taper * gradient).T  # [s, t]
+            spectra[:, u] = fft.fft2(light, self._periods, workers=get_num_threads())
+        self._add_energies(v, energies.reshape(down.length, -1))
+        self._add_spectra(v, spectra)
+        if v == down.views - 1:
+            self._end()
+
+    @property
+    def _periods(self) -> tuple[int, int]:
+        return self.across.period, self.down.period
+
+    def _begin(self) -> None:
+        intervals, width = len(self.down.covered), self.across.views * self.across.length
+        weights, seen = zip(*(self.down.weights(slope) for slope in self.slopes), strict=True)
+        self._by_row, self._seen_down = np.stack(weights), np.stack(seen)  # [n, i, v, t], [n, i]
+        self._row_sums = np.zeros((len(self.slopes) * intervals, width))  # [n i, u s]
+        self._phases_down = self.down.phases(self.slopes)  # [n, k_t, v]
+        across = self.across.phases(self.slopes)
+        self._phases_across = np.ascontiguousarray(across.transpose(1, 0, 2))  # [k_s, n, u]
+        self._spectra = np.zeros((len(self.slopes), *self._periods), np.complex64)  # [n, k_s, k_t]
+
+    def _add_energies(self, v: int, energies: np.ndarray) -> None:
+        """Add those of row v, [t, u s]."""
+        by_row = self._by_row[:, :, v].reshape(len(self._row_sums), -1)  # [n i, t]
+        _semblance_kernels.add_product(by_row, energies, self._row_sums)
+
+    def _add_spectra(self, v: int, spectra: np.ndarray) -> None:
+        """Add those of row v, [k_s, u, k_t]."""
+        for first in range(0, len(self.slopes), SLOPES_AT_ONCE):
+            some = slice(first, first + SLOPES_AT_ONCE)
+            # Small matrix products, [n, u] @ [u, k_t]; for larger ones BLAS starts threads.
+            row_sums = self._phases_across[:, some] @ spectra  # [k_s, n, k_t]
+            row_sums *= self._phases_down[some, :, v]
+            self._spectra[some] += row_sums.transpose(1, 0, 2)
+
+    def _end(self) -> None:
+        """Sum over the regions, and forget what was needed for it."""
+        refocused, alike, seen = [], [], []
+        by_interval = self._row_sums.reshape(*self._seen_down.shape, -1)  # [n, i, u s]
+        for n, slope in enumerate(self.slopes):
+            image = fft.ifft2(self._spectra[n]).T[: self.down.length, : self.across.length]
+            light = image.real.astype(np.float64) ** 2 + image.imag.astype(np.float64) ** 2
+            # Not by BLAS, whose sums depend on the number of its threads.
+            lines = np.einsum("it,ts->is", self.down.covered, light)
+            refocused.append(np.einsum("is,js->ij", lines, self.across.covered))
+            by_column, seen_across = self.across.weights(slope)  # [j, u, s], [j]
+            by_column = by_column.reshape(len(by_column), -1)
+            alike.append(np.einsum("ix,jx->ij", by_interval[n], by_column))
+            seen.append(np.outer(self._seen_down[n], seen_across))
+        self.found = np.stack(refocused), np.stack(alike), np.stack(seen)
+        del self._by_row, self._row_sums, self._phases_down, self._phases_across, self._spectra
+
+
+def _taper(n: int) -> np.ndarray:
+    """Weight of a view along an axis: 1, and falling to 0 at its edges."""
+    inward = (np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5) / min(REACH, n / 4)
+    return np.sin(np.pi / 2 * np.minimum(inward, 1)) ** 2
