@@ -149,7 +149,9 @@ def test_simulating_and_refocusing_load_neither_keras_nor_pandas():
 
 def test_shift_and_sum_loads_no_scipy():
     """Whose parts take longer to import than Numba, which loads no more of it than its name."""
-    code = "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)"
+    code = (
+        "import numpy as np; from lf_flame.refocus import refocus; refocus(np.ones((2,) * 4), 0.5)"
+    )
     assert loaded_by(code) == "['numba', 'scipy']"
 
 
