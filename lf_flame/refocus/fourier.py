@@ -101,7 +101,7 @@ def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.nda
     (t, _), (s, _) = pads
     images = np.empty((len(slopes), height, width), np.float32)
     for image, mean in zip(images, means, strict=True):
-        whole = irfft2(mean, padded, workers=get_num_threads())
+        whole = irfft2(mean, padded)
         image[...] = whole[t : t + height, s : s + width]
     if not np.all(np.isfinite(images)):
         refuse_not_finite(views)
@@ -116,7 +116,7 @@ def _spectra(views: np.ndarray, weights: np.ndarray, pads: list) -> Iterator[np.
         spectra = np.empty((size[1] // 2 + 1, size[0], len(row)), np.complex128).transpose(2, 1, 0)
         for view, weight, spectrum in zip(row, row_weights, spectra, strict=True):
             view = np.pad(view.astype(np.float64, copy=False), pads, mode="edge")
-            np.multiply(rfft2(view, workers=get_num_threads()), weight, out=spectrum)
+            np.multiply(rfft2(view), weight, out=spectrum)  # threads gain nothing on one view
         yield spectra
 
 

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import get_num_threads
 from scipy import fft
 
 from lf_flame.refocus._arguments import refuse_not_finite
@@ -159,12 +158,12 @@ def _gradient(view: np.ndarray) -> np.ndarray:
     """Gradient ``d/dt + i d/ds`` of a low-passed view [t, s], its edges repeated: complex64."""
     padded = [fft.next_fast_len(n + 2 * REACH, real=True) for n in view.shape]
     pads = [(REACH, m - n - REACH) for n, m in zip(view.shape, padded, strict=True)]
-    spectrum = fft.rfft2(np.pad(view, pads, mode="edge"), workers=get_num_threads())
+    spectrum = fft.rfft2(np.pad(view, pads, mode="edge"))
     down, right = fft.fftfreq(padded[0])[:, None], fft.rfftfreq(padded[1])[None, :]
     low_pass = 2j * np.pi * np.exp(-(down**2 + right**2) / (2 * PASS_BAND**2))
     inside = tuple(slice(REACH, REACH + n) for n in view.shape)
     out = np.empty(view.shape, np.complex64)
     for part, frequencies in ((out.real, down), (out.imag, right)):
         derivative = (low_pass * frequencies).astype(np.complex64)
-        part[...] = fft.irfft2(spectrum * derivative, padded, workers=get_num_threads())[inside]
+        part[...] = fft.irfft2(spectrum * derivative, padded)[inside]
     return out

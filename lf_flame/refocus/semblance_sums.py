@@ -18,7 +18,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import get_num_threads
 from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
@@ -132,7 +131,7 @@ class SemblanceSums:
             self.mean_energy += float(energy.mean(dtype=np.float64)) / (down.views * across.views)
             energies[:, u] = taper * energy
             light = (taper * gradient).T  # [s, t]
-            spectra[:, u] = fft.fft2(light, self._periods, workers=get_num_threads())
+            spectra[:, u] = fft.fft2(light, self._periods)
         self._add_energies(v, energies.reshape(down.length, -1))
         self._add_spectra(v, spectra)
         if v == down.views - 1:
