@@ -115,6 +115,7 @@ STUDY_OUT = results/studies
 
 benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machine (see baselines)
 	$(BIN)/python -m experiments.benchmarks.speed --out results/benchmarks
+	$(BIN)/python -m experiments.benchmarks.starting --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.busy --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.busy --out results/benchmarks --passive
 	$(BIN)/python -m experiments.benchmarks.refocusing --out results/benchmarks \

@@ -39,7 +39,11 @@ from lf_flame.simulation.rendering import render_plan
 LOADS = (0, 1, 2, 4)
 """Processes beside."""
 
-COUNTING = "while True: pass"
+COUNTING = """
+import os, sys
+while os.getppid() == int(sys.argv[1]):  # not left over where this program was killed
+    for _ in range(10**6): pass
+"""
 
 SECONDS = 8.0
 """For each way of each row."""
@@ -73,7 +77,8 @@ def numbas_own(module, name: str) -> Callable:
 @contextmanager
 def beside(processes: int) -> Iterator[None]:
     """Let so many processes count."""
-    started = [subprocess.Popen([sys.executable, "-c", COUNTING]) for _ in range(processes)]
+    counting = [sys.executable, "-c", COUNTING, str(os.getpid())]
+    started = [subprocess.Popen(counting) for _ in range(processes)]
     try:
         yield
     finally:

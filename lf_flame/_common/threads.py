@@ -21,6 +21,7 @@ threads, which is Numba's, ``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
 """
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -33,6 +34,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
+from numba.core import event
 from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
@@ -42,9 +44,34 @@ SHARES = 64
 CLOSED = 1 << 40
 """More than any loop has pieces; so a queue is closed, and its number has room to rise."""
 
+COMPILING = "Compiling for this machine; it takes some seconds, once."
+
+LOGGER = logging.getLogger(__name__)
+
 VERSION = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
 """Of this file, whose code becomes part of every compiled loop: those that Numba has kept on disk
 are known by it."""
+
+
+class _Announcement(event.Listener):
+    """Says, once in a process, why nothing seems to happen while loops are compiled.
+
+    What Numba has kept on disk is loaded without this event.
+    """
+
+    def __init__(self):
+        self.said = False
+
+    def on_start(self, event):
+        if not self.said:
+            self.said = True
+            LOGGER.info(COMPILING)
+
+    def on_end(self, event):
+        """Nothing to say."""
+
+
+event.register("numba:compile", _Announcement())
 
 
 @intrinsic

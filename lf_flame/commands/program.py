@@ -87,6 +87,8 @@ def prepare_process() -> None:
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    logging.getLogger("lf_flame").setLevel(logging.INFO)
+    logging.getLogger("lf_flame").addHandler(_ToStandardError())
     sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")
@@ -94,6 +96,14 @@ def prepare_process() -> None:
         raise InputError(
             f"NUMBA_NUM_THREADS must be a whole number from 1 to {MOST_THREADS}, got {threads!r}."
         )
+
+
+class _ToStandardError(logging.Handler):
+    """Writes what the package has to say to where the process's errors go now."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record's message alone."""
+        click.echo(record.getMessage(), err=True)
 
 
 def _interrupt_again(unraisable) -> None:

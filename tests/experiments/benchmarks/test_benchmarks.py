@@ -147,3 +147,20 @@ def test_beside_busy_processes_both_ways_give_the_same_bits(tmp_path):
     assert all(row["same bits"] == "True" for row in rows)
     assert all(float(row["of idle"]) == 1 for row in rows[::2])
     assert record["layer"]
+
+
+def test_starting_tells_the_first_start_from_the_second(monkeypatch):
+    from experiments.benchmarks import starting
+
+    commands = {k: starting.COMMANDS[k] for k in ("lf-flame camera", "lf-flame refocus --slope")}
+    monkeypatch.setattr(starting, "COMMANDS", commands)
+    camera, refocus = starting.measure(repetitions=1)
+    assert refocus["first start"] > 1.5 * refocus["second start"] > camera["second start"]
+
+
+def test_a_busy_process_ends_with_the_program_that_started_it():
+    """It holds the pipe open for as long as it runs."""
+    code = (
+        "import os; from experiments.benchmarks.busy import *; beside(1).__enter__(); os._exit(0)"
+    )
+    subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, timeout=30, check=True)
