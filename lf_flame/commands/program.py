@@ -87,8 +87,9 @@ def prepare_process() -> None:
     Image.MAX_IMAGE_PIXELS = None
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
-    logging.getLogger("lf_flame").setLevel(logging.INFO)
-    logging.getLogger("lf_flame").addHandler(_ToStandardError())
+    ours = logging.getLogger("lf_flame")
+    ours.setLevel(logging.INFO)
+    ours.handlers = [_ToStandardError()]  # one, however often a process is prepared
     sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")

@@ -119,3 +119,11 @@ def test_a_message_is_one_line_of_bounded_length():
     assert told.startswith("a b?[31m? ccc")
     assert told.endswith("ccc 1 to 5.")
     assert len(told.encode()) < 1000
+
+
+def test_what_the_package_says_is_told_once_however_often_a_process_is_prepared():
+    result = ended(
+        "import logging; program.prepare_process(); program.prepare_process(); "
+        "logging.getLogger('lf_flame.anything').info('It takes a while.')"
+    )
+    assert (result.returncode, result.stderr) == (0, "It takes a while.\n")
