@@ -251,6 +251,16 @@ def test_the_compiled_product_adds_that_of_matrices(compiled, columns, rng):
     np.testing.assert_allclose(out - before, left @ right, rtol=1e-12, atol=1e-12)
 
 
+def test_the_sharpness_of_a_wave_is_its_mean_squared_gradient():
+    """Of ``a sin(2 pi k s)`` behind a Gaussian low-pass of 0.15 cycles, in closed form."""
+    a, k = 0.3, 0.1
+    wave = 0.5 + a * np.sin(2 * np.pi * k * np.arange(120))
+    views = np.broadcast_to(wave, (3, 3, 80, 120))
+    found = find_sharpest_slopes(views, np.linspace(-1, 1, 21), regions=[(20, 60, 40, 80)])[0]
+    expected = (a * 2 * np.pi * k) ** 2 / 2 * np.exp(-((k / 0.15) ** 2))
+    assert found.sharpness.max() == pytest.approx(expected, rel=1e-3)
+
+
 def side_by_side(rng):
     """Two layers, left and right, and nothing below them."""
     views = np.zeros((5, 5, 80, 80))

@@ -2,8 +2,10 @@
 
 import csv
 import json
+import resource
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -158,9 +160,23 @@ def test_starting_tells_the_first_start_from_the_second(monkeypatch):
     assert refocus["first start"] > 1.5 * refocus["second start"] > camera["second start"]
 
 
+def test_a_busy_process_keeps_a_core_busy():
+    from experiments.benchmarks.busy import beside
+
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    with beside(1):
+        time.sleep(1.0)
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before > 0.2
+
+
 def test_a_busy_process_ends_with_the_program_that_started_it():
     """It holds the pipe open for as long as it runs."""
     code = (
-        "import os; from experiments.benchmarks.busy import *; beside(1).__enter__(); os._exit(0)"
+        "import time; from experiments.benchmarks.busy import beside\n"
+        "with beside(1): print('begun', flush=True); time.sleep(600)"
     )
-    subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, timeout=30, check=True)
+    program = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert program.stdout.readline() == "begun\n"
+    program.kill()
+    rest, _ = program.communicate(timeout=30)
+    assert rest == ""
