@@ -75,7 +75,10 @@ CORE = {
     "scenes/scene.py": SCENES,
     "scenes/shapes.py": SCENES,
     "simulation/_polygon_kernels.py": ("simulation/test_polygons.py",),
-    "simulation/_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
+    "simulation/_exact_kernels.py": MATTER,
+    "simulation/_falloff_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
+    "simulation/_ray_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
+    "simulation/_stop_kernels.py": ("simulation/test_optical_pass.py", *MATTER),
     "simulation/absorbing_slabs.py": PLANS,
     "simulation/bundle_shifts.py": PLANS,
     "simulation/lenslet_blur.py": (

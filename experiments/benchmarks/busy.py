@@ -33,7 +33,7 @@ from lf_flame.datasets.config import read_config
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import _semblance_kernels as search_kernels
 from lf_flame.refocus import find_sharpest_slopes, shift_and_sum
-from lf_flame.simulation import _kernels as render_kernels
+from lf_flame.simulation import _exact_kernels as render_kernels
 from lf_flame.simulation.rendering import render_plan
 
 LOADS = (0, 1, 2, 4)

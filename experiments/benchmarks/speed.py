@@ -27,7 +27,7 @@ from lf_flame._common.provenance import environment
 from lf_flame._common.threads import pieces, shared
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import all_in_focus, find_sharpest_slopes, shift_and_sum
-from lf_flame.simulation import _kernels
+from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
@@ -157,14 +157,14 @@ def bare_trace(queue, emission, rows, columns, down, right, stride, seen, first,
                 out[a, b, c, d] += np.float32(light * share)
 
 
-def captured(kernel: str, call) -> tuple:
-    """Arguments with which the package calls a kernel."""
-    found, original = [], getattr(_kernels, kernel)
-    setattr(_kernels, kernel, lambda *args: found.append(args) or original(*args))
+def captured(kernels, kernel: str, call) -> tuple:
+    """Arguments with which the package calls a kernel of a module."""
+    found, original = [], getattr(kernels, kernel)
+    setattr(kernels, kernel, lambda *args: found.append(args) or original(*args))
     try:
         call()
     finally:
-        setattr(_kernels, kernel, original)
+        setattr(kernels, kernel, original)
     return found[0]
 
 
@@ -225,11 +225,13 @@ def bare_rows() -> list[tuple]:
         blank(camera),
     )
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
-    args = captured("integrate_rows", lambda: integrate(planes, optics, "views", image))
+    args = captured(
+        _exact_kernels, "integrate_rows", lambda: integrate(planes, optics, "views", image)
+    )
     lines, start, weight, _, _, first, last, _, _ = args
     pair = best_of(
         15,
-        lambda: _kernels.integrate_rows(*args),
+        lambda: _exact_kernels.integrate_rows(*args),
         lambda: bare_integrate_rows(lines, start, weight, first, last, other),
     )
     pixels = image.size / 1e6
@@ -243,17 +245,17 @@ def bare_rows() -> list[tuple]:
             "time ratio at most 1.05",
         )
     )
-    args = captured("trace_planes", lambda: trace(planes, optics, "views", 4, image))
+    args = captured(_ray_kernels, "trace_planes", lambda: trace(planes, optics, "views", 4, image))
     table, ray_table, weights, *_, seen, share, _ = args
     cells, stride = table.emission, int(table.stride[0])
     bare = (cells, ray_table.rows, ray_table.columns, *weights, stride, *seen, share, other)
-    pair_rays = best_of(9, lambda: _kernels.trace_planes(*args), lambda: bare_trace(*bare))
+    pair_rays = best_of(9, lambda: _ray_kernels.trace_planes(*args), lambda: bare_trace(*bare))
     rays = image.size * ray_table.rows.shape[3] * ray_table.columns.shape[3] / 1e6
     rows.append(("ray kernel, nothing kept, against a bare one", rays / pair_rays[0],
                  rays / pair_rays[1], "Mray/s", pair_rays[0] / pair_rays[1],
                  "time ratio at most 1.05"))  # fmt: skip
     image[:], other[:] = 0, 0
-    _kernels.trace_planes(*args)
+    _ray_kernels.trace_planes(*args)
     bare_trace(*bare)
     return [(*row, difference(image, other)) for row in rows]
 

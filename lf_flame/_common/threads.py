@@ -36,6 +36,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.core import event
 from numba.core.compiler import Compiler
+from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
 SHARES = 64
@@ -47,10 +48,6 @@ CLOSED = 1 << 40
 COMPILING = "Compiling for this machine; it takes some seconds, once."
 
 LOGGER = logging.getLogger(__name__)
-
-VERSION = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
-"""Of this file, whose code becomes part of every compiled loop: those that Numba has kept on disk
-are known by it."""
 
 
 class _Announcement(event.Listener):
@@ -120,6 +117,22 @@ def _pieces(queue: Any, count: int) -> Iterator[int]:
 pieces = njit(_pieces)
 
 
+def _version(function: Callable) -> str:
+    """Give a hash of the files whose code becomes part of a compiled loop.
+
+    What Numba has kept on disk is known by it: Numba itself looks at the loop's own file alone.
+    A compiled function of another file must not call one of a third.
+    """
+    parts = [part for part in function.__globals__.values() if isinstance(part, Dispatcher)]
+    files = {part.py_func.__code__.co_filename for part in parts}
+    return hashlib.sha256(b"".join(map(_read, sorted(files)))).hexdigest()[:8]
+
+
+@lru_cache
+def _read(file: str) -> bytes:
+    return Path(file).read_bytes()
+
+
 class _NoOverlap(Compiler):
     """Numba's compiler, told that no two arguments share memory, as it is told in its own loops.
 
@@ -135,7 +148,7 @@ class SharedKernel:
     """A compiled loop that threads share; called as its function, but for the queue."""
 
     def __init__(self, function: Callable[..., None], exchange: bool, **options):
-        function.__qualname__ = f"{function.__qualname__}-{VERSION}"
+        function.__qualname__ = f"{function.__qualname__}-{_version(function)}"
         ours: dict[str, Any] = {"nogil": True, "cache": True}
         if not exchange:
             ours["pipeline_class"] = _NoOverlap

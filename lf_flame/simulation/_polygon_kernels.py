@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from lf_flame._common.threads import pieces, shared
+from lf_flame.simulation._falloff_kernels import shade
 
 SLIVER = 1e-14
 """Area of the unit square below which a polygon is rounding and is dropped."""
@@ -153,6 +154,34 @@ def _cut_bundles(queue, offsets, lenslet, pixel, lit, counts, first, cells, area
             areas[mine] *= lit[n]
 
 
+def _add_polygons(queue, planes, rows, columns, falloff, out):
+    """Add the sum over pairs of polygons to each pixel, out[a, b, c, d].
+
+    The planes are those of `lf_flame.simulation.ray_tables`; rows and columns those of
+    `lf_flame.simulation.polygons`, for (a, c) and (b, d).
+    """
+    count = planes.first.size
+    for k in pieces(queue, rows.first.size - 1):
+        a, c = k // out.shape[2], k % out.shape[2]
+        if rows.first[k] == rows.first[k + 1]:
+            continue
+        for b in range(out.shape[1]):
+            for d in range(out.shape[3]):
+                m = b * out.shape[3] + d
+                light = 0.0
+                for i in range(rows.first[k], rows.first[k + 1]):
+                    line = 0.0
+                    for j in range(columns.first[m], columns.first[m + 1]):
+                        radiance, clear = 0.0, columns.areas[j]
+                        for p in range(count):
+                            at = rows.cells[i, p] + columns.cells[j, p]
+                            radiance += clear * planes.emission[at]
+                            clear *= planes.transmission[at]
+                        line += radiance
+                    light += rows.areas[i] * line
+                out[a, b, c, d] += light * shade(falloff, a, c, b, d)
+
+
 measure = njit(_measure)
 split = njit(_split)
 area = njit(_area)
@@ -161,3 +190,4 @@ cut = njit(_cut)
 
 count_polygons = shared(_count_polygons)
 cut_bundles = shared(_cut_bundles)
+add_polygons = shared(_add_polygons)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lf_flame.simulation import _kernels
+from lf_flame.simulation import _exact_kernels
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.polygons import find_shaded, integrate_polygons, split_planes
@@ -75,7 +75,7 @@ def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np
     for p, (plane, (start, weight)) in enumerate(zip(planes, bands[1], strict=True)):
         reach[:, p] = seen_range(np.any(weight, axis=2))
         part = lines[top : top + heights[p]]
-        _kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
+        _exact_kernels.integrate_columns(plane.emission, start, weight, *reach[:, p], part)
         bands[0][p] = [bands[0][p][0] + top, bands[0][p][1] * optics.share]
         top += heights[p]
     most = max(weight.shape[2] for _, weight in bands[0])
@@ -84,7 +84,7 @@ def _integrate_batch(planes, optics, layout: str, shaded: Shaded | None, out: np
         weights[p, ..., : weight.shape[2]] = weight
     starts = np.stack([start for start, _ in bands[0]])
     falloff, seen = optics.falloff_table(layout), weights.any(axis=3)
-    _kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, shaded, out)
+    _exact_kernels.integrate_rows(lines, starts, weights, falloff, seen, *reach, shaded, out)
 
 
 def bundle_bands(plane: Plane, optics: OpticalPass, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -134,7 +134,7 @@ def band_weights(
     widths = np.broadcast_to(np.asarray(pixel_mm, float), centres_mm.shape)
     start = np.empty(centres_mm.shape, np.int64)
     weights = np.empty((*centres_mm.shape, band))
-    _kernels.weigh_bands(
+    _exact_kernels.weigh_bands(
         edges_mm, centres_mm.ravel(), float(lenslet_mm), widths.ravel(), start.ravel(),
         weights.reshape(-1, band),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame.simulation import _kernels, _polygon_kernels
+from lf_flame.simulation import _polygon_kernels
 from lf_flame.simulation.layouts import arrange
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.ray_tables import PlaneTable
@@ -119,7 +119,7 @@ def integrate_polygons(
     )
     down = (rows.cells * table.stride + table.first).astype(np.int32)
     rows = rows._replace(cells=down, areas=rows.areas * optics.share)
-    _kernels.add_polygons(table, rows, columns, optics.falloff_table(layout), out)
+    _polygon_kernels.add_polygons(table, rows, columns, optics.falloff_table(layout), out)
 
 
 def bundles_on(planes: list[Plane], optics: OpticalPass, axis: int) -> Bundles:

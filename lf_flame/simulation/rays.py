@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from lf_flame.simulation import _kernels
+from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
@@ -81,13 +81,16 @@ def _trace_group(
     falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
     tables: tuple[tuple | None, ...]
     if optics.every_lenslet:
-        kernel, rays = _kernels.trace_lenslets, RayTable(y.positions, x.positions, y.boxes, x.boxes)
+        kernel, rays = (
+            _ray_kernels.trace_lenslets,
+            RayTable(y.positions, x.positions, y.boxes, x.boxes),
+        )
         shifts, micro_images = _shift_table(y, x, optics), _micro_image_table(optics, layout)
         squares = _square_table(y.tiling, x.tiling, optics, finite_width)
         tilt = optics.tilt_table(layout) if optics.falloff else None
         tables = rays, shifts, stop, second, micro_images, squares, falloff, tilt, seen
     else:  # positions become indices once, outside the ray loop
-        kernel = _kernels.trace_planes
+        kernel = _ray_kernels.trace_planes
         rows, down = _indices(y)
         columns, right = _indices(x)
         stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]

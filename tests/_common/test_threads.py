@@ -158,9 +158,27 @@ def test_a_thread_that_outlives_the_program_does_without_helpers(tmp_path):
 
 
 @pytest.mark.jit
-def test_loops_kept_on_disk_are_those_of_this_file():
-    """Their names hold its hash: Numba itself looks at the kernel's own file alone."""
-    assert count.compiled.py_func.__qualname__ == f"_count-{threads.VERSION}"
+def test_loops_kept_on_disk_are_those_of_all_files_they_are_compiled_from(tmp_path):
+    """Numba itself looks at the loop's own file alone."""
+    (tmp_path / "loop.py").write_text(
+        "import numpy as np\n"
+        "from factor import times\n"
+        "from lf_flame._common.threads import pieces, shared\n"
+        "def _fill(queue, values):\n"
+        "    for k in pieces(queue, values.size):\n"
+        "        values[k] = times(k)\n"
+        "fill = shared(_fill)\n"
+        "values = np.zeros(3)\n"
+        "fill(values)\n"
+        "print(values, sum(fill.compiled.stats.cache_hits.values()))\n"
+    )
+    for factor, kept in ((2, 0), (2, 1), (3, 0)):
+        (tmp_path / "factor.py").write_text(
+            f"from numba import njit\n@njit\ndef times(k):\n    return {factor} * k\n"
+        )
+        run = [sys.executable, "-B", "-c", "import loop"]  # -B: Python keeps nothing itself
+        done = subprocess.run(run, capture_output=True, text=True, check=True, cwd=tmp_path)
+        assert done.stdout.strip() == f"[0. {factor}. {2 * factor}.] {kept}"
 
 
 def test_an_error_in_a_helper_is_not_lost(two_threads):

@@ -10,7 +10,7 @@ from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame._common.threads import shared
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
-from lf_flame.simulation import _kernels
+from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
@@ -49,9 +49,9 @@ def test_sums_over_many_views_keep_their_digits():
 def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, rng):
     """However they are reached: another scene, layout or number of rays compiles nothing."""
     kernels = [
-        _kernels.trace_planes,
-        _kernels.integrate_columns,
-        _kernels.integrate_rows,
+        _ray_kernels.trace_planes,
+        _exact_kernels.integrate_columns,
+        _exact_kernels.integrate_rows,
         refocus_kernels.shift_and_sum,
     ]
 
@@ -69,8 +69,8 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
     kernels = {
-        "trace_planes": shared(_kernels._trace_planes, cache=False),
-        "trace_lenslets": shared(_kernels._trace_lenslets, cache=False),
+        "trace_planes": shared(_ray_kernels._trace_planes, cache=False),
+        "trace_lenslets": shared(_ray_kernels._trace_lenslets, cache=False),
     }
     scene = Scene([Layer(rng.uniform(size=(3, 3)), 5.0, (1.0, 1.0))])
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
@@ -83,7 +83,7 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
     }.items():
         kernel = kernels["trace_lenslets" if name == "skew" else "trace_planes"]
         known = set(kernel.compiled.signatures)
-        with patch.multiple(_kernels, **kernels):
+        with patch.multiple(_ray_kernels, **kernels):
             trace(planes, optics, "views", 2, image)
         (new,) = set(kernel.compiled.signatures) - known
         machine_code[name] = kernel.compiled.inspect_llvm(new)

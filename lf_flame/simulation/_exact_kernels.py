@@ -1,0 +1,116 @@
+"""The compiled loops of the exact integrator: bands of weights, along x and then along y.
+
+All loops gather: each output element is summed by one thread in a fixed order, so the bits do not
+depend on the number of threads. Sums run in float64. Images are ``[v, u, t, s]``.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
+from lf_flame.simulation._falloff_kernels import shade
+
+TINY = np.finfo(float).tiny
+"""Divides where a width may be 0."""
+
+
+def _trapezoid_cdf(x, wide, narrow):
+    """`lf_flame.optics.ray_bundle.trapezoid_cdf` of one number, for widths in order."""
+    distance, half = abs(x), 0.5
+    if wide > 0.0:
+        rest = (wide + narrow) / 2 - distance
+        if rest < narrow:
+            ramp = max(rest, 0.0)
+            half = 0.5 - ramp / wide * (ramp / max(narrow, TINY)) / 2
+        else:
+            half = min(distance / wide, 0.5)
+    return 0.5 + half if x > 0.0 else 0.5 - half if x < 0.0 else 0.5
+
+
+def _weigh_bands(edges, centres, lenslet, pixels, start, weights):
+    """Shares of trapezoids in cells: weights[k, i] of cell start[k] + i for centres[k].
+
+    edges[cell]: evenly spaced. lenslet, pixels[k]: widths of the boxes that make a trapezoid.
+    """
+    cells, cell_width = edges.size - 1, edges[1] - edges[0]
+    band, border = weights.shape[1], edges[cells]
+    for k in range(centres.size):
+        centre, wide, narrow = centres[k], max(lenslet, pixels[k]), min(lenslet, pixels[k])
+        reach = (lenslet + pixels[k]) / 2
+        if centre + reach < edges[0] or centre - reach > border:  # as most do: in short
+            start[k] = 0 if centre < border else cells - band
+            weights[k] = 0.0
+            continue
+        first = math.floor((centre - reach - edges[0]) / cell_width)
+        start[k] = min(max(first, 0), cells - band)
+        near = trapezoid_cdf(edges[start[k]] - centre, wide, narrow)
+        for i in range(band):
+            far = trapezoid_cdf(edges[start[k] + i + 1] - centre, wide, narrow)
+            weights[k, i] = far - near
+            near = far
+
+
+def _integrate_columns(queue, texture, start, weight, first, last, out):
+    """``texture @ Kx.T``, K banded: out[row, b, d].
+
+    start[b, d], weight[b, d, j]: first cell and weights of the band.
+    """
+    for row in pieces(queue, texture.shape[0]):
+        cells = texture[row]
+        for b in range(start.shape[0]):
+            for d in range(first[b], last[b]):
+                light, near, band = 0.0, start[b, d], weight[b, d]
+                for j in range(band.size):
+                    light += band[j] * cells[near + j]
+                out[row, b, d] = light
+
+
+def _both(shaded, a, c, b, d):
+    """Whether a pixel is marked along y and along x; without marks, none is."""
+    if shaded is None:
+        return False
+    rows, columns = shaded
+    return rows[a, c] and columns[b, d]
+
+
+def _integrate_rows(queue, columns, start, weight, falloff, seen, first, last, shaded, out):
+    """Add ``Ky @ columns`` to each pixel, out[a, b, c, d], for a batch of planes.
+
+    columns[row, b, d]: the planes' textures, integrated along x, one below the other.
+    start[p, a, c], weight[p, a, c, i]: first row and weights of the band in plane p.
+    seen[p, a, c], first[p, b], last[p, b]: the pixels along y and x that can see plane p.
+    shaded: None, or [a, c] and [b, d]; pixels for which both are true are left as they are.
+    """
+    planes, groups, lines, band = weight.shape
+    for k in pieces(queue, groups * lines):
+        a, c = k // lines, k % lines
+        total = np.empty(columns.shape[2])
+        for b in range(columns.shape[1]):
+            low, high = total.size, 0
+            for p in range(planes):
+                if seen[p, a, c]:
+                    low, high = min(low, first[p, b]), max(high, last[p, b])
+            total[low:high] = 0.0
+            for p in range(planes):
+                if not seen[p, a, c]:
+                    continue
+                inside = total[first[p, b] : last[p, b]]
+                for i in range(band):
+                    w = weight[p, a, c, i]
+                    if w != 0.0:
+                        cells = columns[start[p, a, c] + i, b, first[p, b] : last[p, b]]
+                        for d in range(inside.size):
+                            inside[d] += w * cells[d]
+            for d in range(low, high):
+                if not both(shaded, a, c, b, d):
+                    out[a, b, c, d] += out.dtype.type(total[d] * shade(falloff, a, c, b, d))
+
+
+trapezoid_cdf = njit(_trapezoid_cdf)
+both = njit(_both)
+
+weigh_bands = njit(cache=True)(_weigh_bands)
+integrate_columns = shared(_integrate_columns)
+integrate_rows = shared(_integrate_rows)

@@ -1,0 +1,38 @@
+"""The falloff of light with the angle at which rays leave the main lens, compiled."""
+
+from numba import njit
+
+
+def _shade(falloff, a, c, b, d):
+    """Mean of cos^4 over the angles at which a pixel's rays leave the main lens."""
+    if falloff is None:
+        return 1.0
+    return cos4(falloff.rows[a, c] + falloff.columns[b, d], falloff.patch)
+
+
+def _shade_ray(falloff, tilt, m, n, a, c, i, b, d, j):
+    """Mean of cos^4 over a ray's box, through a lenslet m and n pitches further on."""
+    if falloff is None:
+        return 1.0
+    down = falloff.rows[a, c] + falloff.down[i]
+    right = falloff.columns[b, d] + falloff.right[j]
+    if tilt is not None:
+        down += tilt.rows[b, d] + m * tilt.pitch
+        right += tilt.columns[a, c] + n * tilt.pitch
+    return cos4(down * down + right * right, falloff.patch)
+
+
+def _cos4(squared, patch):
+    """Mean of cos^4 over a patch of the main lens about a place of such a squared tangent.
+
+    By the mean and the variance of the squared tangents over the patch, of a width w along both
+    axes: ``w^2 / 6`` more than in its middle, which is `patch`, and ``r w^2 / 3 + w^4 / 90``.
+    """
+    cos2 = 1.0 / (1.0 + squared + patch)
+    variance = patch * (2.0 * squared + 0.4 * patch)
+    return cos2 * cos2 * (1.0 + 3.0 * variance * cos2 * cos2)
+
+
+cos4 = njit(_cos4)
+shade = njit(_shade)
+shade_ray = njit(_shade_ray)
