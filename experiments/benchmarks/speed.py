@@ -14,18 +14,21 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import numba
 import numpy as np
 import pandas as pd
 from numba import njit
 
+from experiments._kernels import sum_rows
 from experiments.benchmarks.report import write_table
 from experiments.timing import best_of
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
 from lf_flame._common.provenance import environment
-from lf_flame._common.threads import pieces, shared
+from lf_flame._common.threads import as_counters, pieces, shared
 from lf_flame.datasets.config import read_config
+from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import all_in_focus, find_sharpest_slopes, shift_and_sum
 from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.exact import integrate
@@ -35,6 +38,11 @@ from lf_flame.simulation.slabs import slice_scene
 
 SOME_LINES = slice(20, None, 45)
 """Lines of the image on which many rays are traced."""
+
+FOUR_SLOPES = [2.3, 1.2, 0.0, -1.2]
+
+CACHED_ROWS = 3
+"""Rows of 15 x 15 views of 180 pixels that the second-level cache holds: half a megabyte."""
 
 COLUMNS = ["what", "ours", "baseline", "unit", "ratio", "wanted", "outputs differ by"]
 
@@ -333,11 +341,51 @@ def whole_rows() -> list[tuple]:
     ]  # fmt: skip
 
 
+def reading_rows() -> list[tuple]:
+    """Refocus four planes, and only sum them, against reading the light field once."""
+    views = np.random.default_rng(0).random((15, 15, 90, 180), np.float32)
+    pixels, sums = views.reshape(15 * 15, -1), np.empty(15 * 15, np.float32)
+    rows, what = [], "four planes of 15 x 15 x 90 x 180"
+    for cores in sorted({1, numba.config.NUMBA_NUM_THREADS}):
+        numba.set_num_threads(cores)
+        planes, reading = best_of(
+            200, lambda: shift_and_sum(views, FOUR_SLOPES), lambda: sum_rows(pixels, sums)
+        )
+        rows.append((f"{what}, {cores} core(s), against reading them once", planes * 1e3,
+                     reading * 1e3, "ms", planes / reading, "at most 5 times", ""))  # fmt: skip
+    numba.set_num_threads(1)
+    reading, cached = best_of(200, lambda: sum_rows(pixels, sums))[0], _sums_in_cache_s(views)
+    rows.append((f"the same sums alone, 1 core, with {CACHED_ROWS} of the {views.shape[2]} rows, "
+                 "which the cache holds, again and again, against reading all once", cached * 1e3,
+                 reading * 1e3, "ms", cached / reading, "", ""))  # fmt: skip
+    return rows
+
+
+def _sums_in_cache_s(views: np.ndarray) -> float:
+    """Seconds of the compiled loops for as many rows as there are, but always the same few."""
+    loops, found = refocus_kernels.shift_and_sum, []
+
+    def again_and_again(*arguments):
+        *given, _, bad, out = arguments
+        done = np.zeros(1, np.int64)
+        begun = time.perf_counter()
+        for _ in range(views.shape[2] // CACHED_ROWS):
+            done[:] = 0
+            loops(*given, as_counters(done), bad, out)
+        found.append(time.perf_counter() - begun)
+
+    few = np.ascontiguousarray(views[:, :, :CACHED_ROWS])
+    with patch.object(refocus_kernels, "shift_and_sum", again_and_again):
+        for _ in range(200):
+            shift_and_sum(few, FOUR_SLOPES)
+    return min(found)
+
+
 def refocusing_rows() -> list[tuple]:
     """Refocus colour against grey, of the same bytes; the memory of a search and a slope map."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     colour = np.random.default_rng(0).random((15, 15, 90, 180, 3), np.float32)
-    grey, slopes = colour.reshape(15, 15, 90, 540), [2.3, 1.2, 0.0, -1.2]
+    grey, slopes = colour.reshape(15, 15, 90, 540), FOUR_SLOPES
     ours, theirs = best_of(
         15, lambda: shift_and_sum(colour, slopes), lambda: shift_and_sum(grey, slopes)
     )
@@ -398,7 +446,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
     out = parser.parse_args().out
     rows = []
-    for part in (ray_rows, bare_rows, exact_rows, whole_rows, refocusing_rows, start_rows):
+    for part in (
+        ray_rows,
+        bare_rows,
+        exact_rows,
+        whole_rows,
+        reading_rows,
+        refocusing_rows,
+        start_rows,
+    ):
         sys.stderr.write(f"measuring: {part.__doc__.splitlines()[0]}\n")
         rows += part()
     table = pd.DataFrame(rows, columns=COLUMNS)

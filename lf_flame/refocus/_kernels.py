@@ -1,6 +1,6 @@
 """Every compiled loop of shift-and-sum: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation._kernels`, all loops gather: each output element is summed by one thread
+As in `lf_flame.simulation`, all loops gather: each output element is summed by one thread
 in a fixed order, so the bits do not depend on the number of threads. Chains of CHAIN fused
 multiply-adds run in the type of the weights, everything beyond them in float64.
 

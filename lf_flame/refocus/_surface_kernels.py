@@ -1,6 +1,6 @@
 """Compiled loop of refocusing on a surface: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation._kernels`, the loop gathers and all sums run in float64, in a fixed
+As in `lf_flame.simulation`, the loop gathers and all sums run in float64, in a fixed
 order: the bits do not depend on the number of threads.
 """
 
