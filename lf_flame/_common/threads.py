@@ -25,7 +25,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -214,6 +214,17 @@ def shared(function: Callable[..., None], exchange: bool = False, **options: Any
     SharedKernel
     """
     return SharedKernel(function, exchange, **options)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let loops keep to the caller's thread, for other processes work beside it."""
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
 
 
 @lru_cache(maxsize=1)

@@ -10,18 +10,17 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
+from lf_flame._common.threads import one_thread
 from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.hashes import (
@@ -87,23 +86,13 @@ class Task:
 
     def alone(self) -> range:
         """Do so on one thread: other tasks run beside it."""
-        with _one_thread():
+        with one_thread():
             return self()
 
 
 @lru_cache(maxsize=4)
 def _open(config: str, address: str) -> tuple[DatasetConfig, zarr.Group]:
     return config_from_json(json.loads(config), address), open_group(address)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(threads)
 
 
 def make_dataset(

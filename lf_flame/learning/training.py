@@ -6,6 +6,7 @@ seconds hold all that comes before training: reading, the backbone's features, t
 
 import os
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,7 @@ from tqdm import tqdm
 from lf_flame._common.config import build
 from lf_flame._common.input_files import read_toml
 from lf_flame._common.strict import strict
+from lf_flame.datasets.fresh_scenes import TOGETHER, fresh_samples
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
@@ -67,6 +69,9 @@ class Recipe:
         `lf_flame.learning.sigmoid_regression`.
     dropout_place, neck
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
+    fresh_scenes : int
+        Scenes to learn from besides those of the data set, see `lf_flame.datasets.fresh_scenes`;
+        validation and test stay as they are.
     backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
         Where this recipe cuts the backbone, instead of where the model's configuration says.
     """
@@ -82,12 +87,16 @@ class Recipe:
     refinements: int = 0
     dropout_place: Literal["image", "vector", "none"] = "image"
     neck: Literal["pooled", "positions"] = "pooled"
+    fresh_scenes: int = 0
     backbone_depth: Literal["conv3", "conv4", "conv5", "none"] | None = None
 
     def __post_init__(self):
         if self.epochs == 0 and self.schedule == "cosine":
             raise InputError("A cosine schedule needs epochs over which it falls, got 0 epochs.")
-        least = {"epochs": not self.warm_start, "batch_size": 1, "bands": 1, "refinements": 0}
+        least = {
+            "epochs": not self.warm_start, "batch_size": 1, "bands": 1, "refinements": 0,
+            "fresh_scenes": 0,
+        }  # fmt: skip
         for name, bound in least.items():
             if not bound <= getattr(self, name) <= MOST_EPOCHS:
                 raise InputError(
@@ -255,12 +264,14 @@ def train(
     decoder = model.get_layer("decoder")
 
     def start(new: bool):
-        arrays = {
-            name: (
-                compute_features(model, dataset.inputs[parts[name]]),
-                dataset.targets[parts[name]][..., None],
-            )
+        images = {
+            name: (dataset.inputs[parts[name]], dataset.targets[parts[name]])
             for name in ("train", "validation")
+        }
+        images["train"] = _with_fresh(images["train"], dataset, recipe.fresh_scenes)
+        arrays = {
+            name: (compute_features(model, shown), targets[..., None])
+            for name, (shown, targets) in images.items()
         }
         return _start(decoder, recipe, arrays, new)
 
@@ -270,13 +281,28 @@ def train(
 
     metadata = {
         "backbone_depth": config.model.backbone_depth,
-        "parts": {name: len(indices) for name, indices in parts.items()},
+        "parts": {
+            name: len(indices) + (recipe.fresh_scenes if name == "train" else 0)
+            for name, indices in parts.items()
+        },
         "test_indices": parts["test"].tolist(),
         "data": os.path.relpath(data, out),  # from the run's folder
         "dataset": describe_dataset(dataset),
     }
     job = Job(request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata)
     return carry_out(job, Path(out), started, show)
+
+
+def _with_fresh(stored: tuple, dataset: Dataset, count: int) -> tuple:
+    """Add so many scenes that the data set does not hold to the images of its training part."""
+    if not count:
+        return stored
+
+    def show(tasks: Iterable, total: int) -> Iterable:
+        return tqdm(tasks, "fresh scenes", total, unit=f"x {TOGETHER}")
+
+    fresh = fresh_samples(dataset, count, progress=show)
+    return tuple(np.concatenate(images) for images in zip(stored, fresh, strict=True))
 
 
 def _without_folder(model: dict) -> dict:

@@ -12,8 +12,10 @@ import pytest
 from lf_flame import InputError
 from lf_flame._common.config import build
 from lf_flame.datasets.config import config_from_json
+from lf_flame.datasets.fresh_scenes import fresh_samples
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
+from lf_flame.datasets.store import Dataset
 from lf_flame.learning import training, training_run
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
@@ -176,6 +178,29 @@ def test_without_epochs_the_start_is_the_network(config, data, tmp_path):
     assert record["best_validation_loss"] == pytest.approx(best, rel=1e-6)
     losses = history.val_loss
     assert losses[1] == pytest.approx(losses[0], rel=0.01)  # no second beginning
+
+
+def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
+    config, data, tmp_path, monkeypatch
+):
+    """The network sees the training part and the fresh ones; the rest of the split is as before."""
+    learnt = {}
+    start = training._start
+    monkeypatch.setattr(training, "_start", lambda *a: learnt.update(a[2]) or start(*a))
+    for name, fresh in (("stored", 0), ("more", 3)):
+        asked = change_recipe(config, epochs=1, fresh_scenes=fresh)
+        train(asked, "smoke", data, tmp_path / name, show=False)
+        found = {part: [x.copy() for x in arrays] for part, arrays in learnt.items()}
+        record = json.loads((tmp_path / name / "run.json").read_text())
+        if name == "stored":
+            stored, before = found, record
+    assert record["parts"] == before["parts"] | {"train": before["parts"]["train"] + 3}
+    assert record["test_indices"] == before["test_indices"]
+    np.testing.assert_array_equal(found["validation"][1], stored["validation"][1])
+    np.testing.assert_array_equal(found["train"][1][:-3], stored["train"][1])
+    _, targets = fresh_samples(Dataset(data), 3, workers=1)
+    np.testing.assert_array_equal(found["train"][1][-3:, ..., 0], targets)
+    assert len(found["train"][0]) == len(found["train"][1])
 
 
 @pytest.mark.slow
