@@ -165,6 +165,15 @@ def test_shift_and_sum_loads_no_scipy():
     assert loaded_by(code) == "['numba', 'scipy']"
 
 
+def test_rendering_loads_no_part_of_scipy_that_only_some_effects_need():
+    """`scipy.signal` takes longer to import than all else together."""
+    code = "from lf_flame import render"
+    found = "print([m for m in ('scipy.signal', 'scipy.interpolate') if m in sys.modules])"
+    command = [sys.executable, "-c", f"import sys; {code}; {found}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_public_name_loads():
     import lf_flame
 

@@ -8,8 +8,7 @@ focus (J. W. Goodman, Introduction to Fourier Optics, 3rd ed., section 6.3).
 import math
 
 import numpy as np
-from scipy import fft
-from scipy.interpolate import CubicSpline, RectBivariateSpline
+import scipy  # its parts load when they are used
 
 COARSE_FREQUENCIES = 65
 """Frequencies along each axis at which the aliases of a round aperture's response are summed; they
@@ -65,14 +64,14 @@ def blur_cells(
     firsts = [min(first, 0) for first, _ in over]
     ends = [max(end, count) for (_, end), count in zip(over, cells.shape, strict=True)]
     counts = [
-        fft.next_fast_len(end - first + beside, real=True)
+        scipy.fft.next_fast_len(end - first + beside, real=True)
         for first, end, beside in zip(firsts, ends, dark, strict=True)
     ]
     field = np.zeros(counts)
     field[tuple(slice(-f, n - f) for f, n in zip(firsts, cells.shape, strict=True))] = cells
     response = _round_response if round_aperture else _square_response
-    spectrum = fft.rfft2(field) * response(counts, spread_mm, cell_mm)
-    blurred = fft.irfft2(spectrum, counts)
+    spectrum = scipy.fft.rfft2(field) * response(counts, spread_mm, cell_mm)
+    blurred = scipy.fft.irfft2(spectrum, counts)
     wanted = tuple(slice(a - f, b - f) for (a, b), f in zip(over, firsts, strict=True))
     return blurred[wanted].clip(0)
 
@@ -95,13 +94,13 @@ def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float)
     lines = np.moveaxis(image, axis, -1)
     count, out = lines.shape[1], np.empty(lines.shape)
     beside = math.ceil(min(BORDER * spread_mm / sample_mm, MOST_BORDER)) + 1
-    size = fft.next_fast_len(count + 2 * beside, real=True)
+    size = scipy.fft.next_fast_len(count + 2 * beside, real=True)
     border = ((0, 0), (beside, size - count - beside))
     (response,) = _along_axes([size], spread_mm, [sample_mm], _triangle)
     for low in range(0, len(lines), ROWS_AT_ONCE):
         padded = np.pad(lines[low : low + ROWS_AT_ONCE].astype(np.float64), border, "edge")
-        spectrum = fft.rfft(padded, axis=1) * response
-        blurred = fft.irfft(spectrum, size, axis=1)
+        spectrum = scipy.fft.rfft(padded, axis=1) * response
+        blurred = scipy.fft.irfft(spectrum, size, axis=1)
         out[low : low + ROWS_AT_ONCE] = blurred[:, beside : beside + count]
     return np.moveaxis(out, -1, axis)
 
@@ -133,8 +132,8 @@ def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
         for j in range(-most[1], most[1] + 1):
             if i or j:
                 folded += passed(coarse + i, coarse + j)
-    y, x = (fft.rfftfreq(count) for count in counts)
-    half = passed(y, x) + RectBivariateSpline(coarse, coarse, folded)(y, x)
+    y, x = (scipy.fft.rfftfreq(count) for count in counts)
+    half = passed(y, x) + scipy.interpolate.RectBivariateSpline(coarse, coarse, folded)(y, x)
     return _mirrored(half, counts[0])
 
 
@@ -148,8 +147,8 @@ def _along_axes(counts, spread_mm: float, cell_mm, transfer) -> list[np.ndarray]
         aliases = np.arange(1, _aliases(spread_mm, cell) + 1)
         cycles = coarse[:, None] + np.concatenate([-aliases, aliases])
         passed = transfer(np.abs(cycles) * (spread_mm / cell)) * np.sinc(cycles) ** 2
-        folded = CubicSpline(coarse, passed.sum(axis=1))
-        here = fft.rfftfreq(count)
+        folded = scipy.interpolate.CubicSpline(coarse, passed.sum(axis=1))
+        here = scipy.fft.rfftfreq(count)
         found.append(transfer(here * (spread_mm / cell)) * np.sinc(here) ** 2 + folded(here))
     return found
 

@@ -11,8 +11,8 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts load when they are used
 from numpy.typing import ArrayLike
-from scipy import ndimage, signal, special
 
 from lf_flame.errors import InputError
 
@@ -136,7 +136,7 @@ def share_beyond(distances_mm: ArrayLike, spread_mm: float, round_aperture: bool
     """
     t = np.asarray(distances_mm, np.float64) / spread_mm
     if not round_aperture:
-        inside = special.sici(2 * np.pi * t)[0] - np.sin(np.pi * t) ** 2 / (np.pi * t)
+        inside = scipy.special.sici(2 * np.pi * t)[0] - np.sin(np.pi * t) ** 2 / (np.pi * t)
         return 1 - 2 * inside / np.pi
     directions = (np.arange(ANGLES) + 0.5) / ANGLES * np.pi / 2
     return _light_outside(t[..., None] / np.cos(directions)).mean(axis=-1)
@@ -167,8 +167,8 @@ def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
         raise InputError(f"A kernel needs one or two axes of odd length, got {kernel.shape}.")
     if kernel.ndim == 2:
         return _blur_in_two_dimensions(raw, kernel)
-    along = ndimage.convolve1d(raw, kernel, axis=0, output=np.float32, mode="nearest")
-    return ndimage.convolve1d(along, kernel, axis=1, output=np.float32, mode="nearest")
+    along = scipy.ndimage.convolve1d(raw, kernel, axis=0, output=np.float32, mode="nearest")
+    return scipy.ndimage.convolve1d(along, kernel, axis=1, output=np.float32, mode="nearest")
 
 
 def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
@@ -259,7 +259,7 @@ def _shortest(left_out: np.ndarray, tail: float) -> int:
 def _sinc2_twice_integrated(t: np.ndarray) -> np.ndarray:
     """Integrate sinc^2 twice from 0 to each t; the first t is 0."""
     z = 2 * np.pi * t[1:]
-    si, ci = special.sici(z)
+    si, ci = scipy.special.sici(z)
     cin = np.euler_gamma + np.log(z) - ci
     rest = t[1:] * si / np.pi - (np.sin(z / 2) / np.pi) ** 2 - cin / (2 * np.pi**2)
     return np.concatenate([[0], rest])
@@ -312,7 +312,7 @@ def _panel_nodes(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
 def _light_outside(r: np.ndarray) -> np.ndarray:
     """Share of the Airy pattern outside a radius in spreads; its trend beyond RINGS."""
     v = np.pi * r
-    return np.where(r > RINGS, 2 / (np.pi * v), special.j0(v) ** 2 + special.j1(v) ** 2)
+    return np.where(r > RINGS, 2 / (np.pi * v), scipy.special.j0(v) ** 2 + scipy.special.j1(v) ** 2)
 
 
 def _corner_slopes(r: np.ndarray, half: int) -> np.ndarray:
@@ -342,7 +342,7 @@ def _blur_in_two_dimensions(image: np.ndarray, kernel: np.ndarray) -> np.ndarray
         rows = np.arange(low - above, min(low + ROWS_AT_ONCE, len(image)) + above)
         slab = image[rows.clip(0, len(image) - 1)].astype(np.float64)
         padded = np.pad(slab, ((0, 0), (aside, aside)), "edge")
-        blurred = signal.oaconvolve(padded, kernel, "valid")
+        blurred = scipy.signal.oaconvolve(padded, kernel, "valid")
         # rounding of the Fourier transform must not make dark pixels negative
         out[low : low + ROWS_AT_ONCE] = blurred.clip(slab.min(), slab.max())
     return out
