@@ -38,7 +38,7 @@ BASELINES := .venv-baselines
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: mutants campaign lint types clean
+.PHONY: results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -106,7 +106,8 @@ scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scen
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
-	$(EXPERIMENT) depth-test $$(dirname runs/studies/encodings_flames/*/model.keras) --out results/depth_test
+	$(EXPERIMENT) depth-test $(patsubst %/model.keras,%,$(wildcard runs/paper/flames/model.keras)) \
+	  $$(dirname runs/studies/encodings_flames/*/model.keras) --out results/depth_test
 learning-costs: STUDY_OUT = results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
 STUDY_OUT = results/studies
@@ -121,6 +122,14 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	$(BIN)/python -m experiments.benchmarks.refocusing --out results/benchmarks \
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
+
+# PATTERNS='benchmarks/*' for some; it goes on where it was stopped.
+results: | $(INSTALLED)  ## make results anew whose code has changed since, in results/; says first what it will take
+	$(EXPERIMENT) results $(PATTERNS) --make
+
+# Numbers of README and docs come from the committed records.
+texts: | $(INSTALLED)  ## fill the records' numbers into README and docs
+	$(EXPERIMENT) texts
 
 installs: | $(INSTALLED)  ## install in new environments, with the oldest versions too, and test there (OTHER_PYTHONS=...)
 	$(BIN)/python -m experiments.benchmarks.installing --out results/benchmarks $(addprefix --python ,$(OTHER_PYTHONS))

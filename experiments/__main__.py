@@ -8,8 +8,10 @@ from experiments.dataset_making.commands import dataset_making
 from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
 from experiments.paper.commands import evaluate, slopes, tables
+from experiments.remaking.commands import results
 from experiments.studies.commands import study
 from experiments.systems.commands import compare
+from experiments.texts.commands import texts
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP
 
@@ -29,6 +31,7 @@ SECTIONS = [
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
+    cloup.Section("What the documents say", [results, texts]),
 ]
 
 

@@ -15,6 +15,7 @@ network draws; where, is the share of their difference that it follows:
 that cannot tell, and was trained with objects at all depths, draws something between.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,7 +129,11 @@ def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
 
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:
     trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
-    title = f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe"
+    weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
+    title = (
+        f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe "
+        f"({record['epochs']} epochs; {weights})"
+    )
     about = {key: value for key, value in record.items() if key != "test_indices"}
     return Subject(name, title, trained, about, ResNet50.of_run(run))
 

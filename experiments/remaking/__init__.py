@@ -1,0 +1,1 @@
+"""Making the committed results again, by one command."""
