@@ -200,7 +200,7 @@ def ray_rows() -> list[tuple]:
         image[:] = 0
         trace(planes, optics, "views", 9, image)
 
-    rays = captured("trace_planes", ours)[1]
+    rays = captured(_ray_kernels, "trace_planes", ours)[1]
     per_pixel = rays.rows.shape[3] * rays.columns.shape[3]
     traced = camera.views**2 * math.prod(camera.lenslets) * per_pixel
     found = {}
