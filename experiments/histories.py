@@ -1,12 +1,17 @@
 """How runs learnt: the tables ``history.csv``, read so that one that was cut is noticed."""
 
+import math
 from io import StringIO
 from pathlib import Path
 
 import pandas as pd
+from scipy.stats import linregress
 
 from lf_flame._common.input_files import read_text, readable
 from lf_flame.errors import InputError
+
+LEAST_EPOCHS = 20
+"""Of a run whose second half tells a trend."""
 
 COLUMNS = ["epoch", "seconds", "val_psnr_db"]
 
@@ -49,3 +54,25 @@ def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:
             f"{wanted[-1] if wanted else 0}, each line with its end."
         )
     return rows.assign(seconds=rows["seconds"].cumsum())
+
+
+def trend(history: pd.DataFrame) -> tuple[float, float]:
+    """Fit a line to the validation PSNR over the second half of a run's epochs.
+
+    Parameters
+    ----------
+    history : DataFrame
+        From `read_history`.
+
+    Returns
+    -------
+    float
+        By how much it rises in ten epochs, in dB; NaN for fewer than `LEAST_EPOCHS`.
+    float
+        Two standard errors of that, as if what is left of each epoch were independent.
+    """
+    if len(history) <= LEAST_EPOCHS:
+        return math.nan, math.nan
+    half = history.iloc[len(history) // 2 :]
+    line = linregress(half["epoch"], half["val_psnr_db"])
+    return 10 * line.slope, 20 * line.stderr

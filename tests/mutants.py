@@ -147,6 +147,7 @@ CORE = {
     "learning/scoring.py": SCORES,
     "learning/warm_start.py": (),
     "systems/aperturenet.py": SYSTEMS,
+    "systems/denoised.py": ("systems/test_denoised.py",),
     "systems/formulas.py": SYSTEMS,
     "systems/region_refocus.py": (),
     "systems/similarity.py": (),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from experiments.beside_reference import is_reference
-from experiments.histories import epochs_in_words, read_history
+from experiments.histories import epochs_in_words, read_history, trend
 from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import read_result_record
@@ -187,8 +187,8 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     folders : sequence of Path
     paper_values : Path
     out : Path, optional
-        Markdown file NAME.md to keep the text in; beside it go the numbers, NAME.csv, and a picture
-        of validation PSNR against seconds, NAME.png.
+        Markdown file NAME.md to keep the text in; beside it go the numbers, NAME.csv and
+        NAME_learning.csv, and a picture of validation PSNR against seconds, NAME.png.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
     for folder in folders:
         if not folder.is_dir():
             raise InputError(f"There is no results folder {folder}; `make tables` makes one.")
-    texts, tables = [], []
+    texts, tables, learning = [], [], []
     for name in TABLES:
         paper = read_paper_values(paper_values, name)
         runs = zip(folders, _short_names(folders), strict=True)
@@ -210,7 +210,9 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
         texts.append(comparison_markdown(table, pools, paper))
         histories = read_histories(folders, name)
         if histories:
-            texts.append(learning_markdown(histories))
+            learnt = tabulate_learning(histories)
+            texts.append(learning_markdown(learnt))
+            learning.append(learnt.assign(table=name))
         tables.append(table.assign(table=name))
     text = "\n".join(texts) if len(folders) > 1 else read_tables(folders[0], paper_values)
     if out is not None:
@@ -218,6 +220,9 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
         picture = _picture_learning(folders, paper_values)
         with together(out.parent, last=out.name) as aside:
             write_text(aside / f"{out.stem}.csv", numbers.to_csv())
+            if learning:
+                times = pd.concat(learning).set_index("table").round(6)
+                write_text(aside / f"{out.stem}_learning.csv", times.to_csv())
             figures.save(picture, aside / f"{out.stem}.png")
             write_text(aside / out.name, text)
     return text
@@ -248,32 +253,69 @@ def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame
     return histories
 
 
-def learning_markdown(histories: dict[str, pd.DataFrame]) -> str:
-    """Write how long each run took to its best epoch, and to where the weakest run ended.
+def tabulate_learning(histories: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    """Say when each run was best, when it was where the weakest run ended, and where it was going.
 
     Parameters
     ----------
     histories : dict of str to DataFrame
         From `read_histories`, at least one.
+
+    Returns
+    -------
+    DataFrame
+        One row a run; columns ``run``, ``best_psnr_db``, ``best_s``, ``best_epoch``, ``weakest``
+        (the run that was best at the lowest level), ``there_s``, ``there_epoch``,
+        ``rise_db`` and ``rise_2se_db``, see `experiments.histories.trend`.
     """
     best = {run: rows.loc[rows.val_psnr_db.idxmax()] for run, rows in histories.items()}
     weakest = min(best, key=lambda run: best[run].val_psnr_db)
-    level = best[weakest].val_psnr_db
-    there = {run: rows[rows.val_psnr_db >= level].iloc[0] for run, rows in histories.items()}
+    table = []
+    for run, rows in histories.items():
+        there = rows[rows.val_psnr_db >= best[weakest].val_psnr_db].iloc[0]
+        rise, error = trend(rows)
+        table.append({
+            "run": run, "best_psnr_db": best[run].val_psnr_db,
+            "best_s": best[run].seconds, "best_epoch": int(best[run].epoch), "weakest": weakest,
+            "there_s": there.seconds, "there_epoch": int(there.epoch),
+            "rise_db": rise, "rise_2se_db": error,
+        })  # fmt: skip
+    return pd.DataFrame(table)
+
+
+def learning_markdown(learning: pd.DataFrame) -> str:
+    """Write how long each run took to its best epoch, and whether it was still rising at its end.
+
+    Parameters
+    ----------
+    learning : DataFrame
+        From `tabulate_learning`.
+    """
+    weakest = learning.weakest[0]
+    level = learning.best_psnr_db[learning.run == weakest].item()
     shown = pd.DataFrame(
         {
-            "run": list(best),
-            "best validation PSNR (dB)": [f"{row.val_psnr_db:.2f}" for row in best.values()],
-            "seconds (epoch)": [_when(row) for row in best.values()],
-            f"to {level:.2f} dB, the best of {weakest}": [_when(row) for row in there.values()],
+            "run": learning.run,
+            "best validation PSNR (dB)": learning.best_psnr_db.map("{:.2f}".format),
+            "seconds (epoch)": [_when(row.best_s, row.best_epoch) for row in learning.itertuples()],
+            f"to {level:.2f} dB, the best of {weakest}": [
+                _when(row.there_s, row.there_epoch) for row in learning.itertuples()
+            ],
+            "rise in ten epochs (dB)": [
+                "-" if math.isnan(row.rise_db) else f"{row.rise_db:+.3f} ± {row.rise_2se_db:.3f}"
+                for row in learning.itertuples()
+            ],
         }
     )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
-    return f"Learning, in seconds since a run was started, the data set on disk:\n\n{lines}\n"
+    return (
+        "Learning, in seconds since a run was started, the data set on disk; rise: of a line through "
+        f"the second half of its epochs, ± two standard errors.\n\n{lines}\n"
+    )
 
 
-def _when(row: pd.Series) -> str:
-    return f"{row.seconds:.0f} ({row.epoch:.0f})"
+def _when(seconds: float, epoch: int) -> str:
+    return f"{seconds:.0f} ({epoch})"
 
 
 def _short_names(folders: Sequence[Path]) -> list[str]:

@@ -27,6 +27,7 @@ from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run, open_run
 from lf_flame.learning.scoring import score
 from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.denoised import Denoised, non_local_means, total_variation
 from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
 from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
 from lf_flame.systems.registry import NETWORKS
@@ -69,11 +70,27 @@ def formula_entries() -> list[Entry]:
         "shift-and-sum, cross of 17 views": cross_of_views,
         "shift-and-sum, 7 x 7 views": partial(square_of_views, side=7),
     }
+    denoised = [
+        (f"{name}, denoised ({how})", partial(ShiftAndSum, name, places), denoise)
+        for name, places in (
+            ("shift-and-sum, all views", None),
+            ("shift-and-sum, 3 x 3 views", square_of_views),
+        )
+        for how, denoise in (
+            ("non-local means", non_local_means),
+            ("total variation", total_variation),
+        )
+    ]
     return [
         Entry("shift-and-sum, all views", ShiftAndSum, {}),
         Entry("Fourier slice, all views", FourierSlice, {}),
         *(Entry(name, partial(ShiftAndSum, name, places), {}) for name, places in some.items()),
+        *(Entry(name, partial(_denoised, name, *parts), {}) for name, *parts in denoised),
     ]
+
+
+def _denoised(name: str, system: Callable[[], ShiftAndSum], denoise: Callable) -> Denoised:
+    return Denoised(system(), denoise, name)
 
 
 def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
@@ -96,7 +113,7 @@ def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list
         found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
     for kind in ("shapes", "flames"):
         load = partial(ResNet50.of_run, runs / kind)
-        name = f"{ResNet50.name}, trained on {kind}"
+        name = f"{_by_recipe(runs / kind)}, trained on {kind}"
         found.append(Entry(name, load, _about(runs / kind), only=kind))
     return found
 
@@ -115,7 +132,7 @@ def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, co
     runs, count
         As for `experiments.systems.compared_sets.paper_sets`.
     """
-    name = f"{ResNet50.name}, {folder.resolve().name.replace('-', ' ')}"
+    name = f"{_by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
     try:
         run = open_run(folder)
         for config in configs:
@@ -126,6 +143,13 @@ def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, co
         return Entry(name, partial(_refuse, str(error)), {})
     load = partial(ResNet50.of_run, folder)
     return Entry(name, load, _about(folder), only=run.config.kind)
+
+
+def _by_recipe(folder: Path) -> str:
+    """Name a run of the paper's network by its recipe: only one of them is the paper's."""
+    preset = _about(folder).get("preset")
+    recipes = {"paper": "the paper's recipe", None: "no run"}
+    return f"{ResNet50.name}, {recipes.get(preset, f'{preset} recipe')}"
 
 
 def _refuse_seen(seen: set[int], folder: Path) -> None:

@@ -72,7 +72,7 @@ def compare(
     load_keras()
     quiet_tensorflow()
     from experiments.systems import benchmark
-    from experiments.systems.compared_sets import paper_sets, photograph_set
+    from experiments.systems.compared_sets import paper_sets, photograph_sets
     from lf_flame._common.progress import step_bar
     from lf_flame.datasets.config import read_config
     from lf_flame.formats import read_light_field
@@ -83,7 +83,7 @@ def compare(
     test_sets += [sets[0].in_low_light(light, seed) for light in electrons for sets in by_data]
     for path, slopes in photographs:
         light_field = read_light_field(path)
-        test_sets.append(photograph_set(path.name, light_field, _as_numbers(slopes)))
+        test_sets += photograph_sets(path.name, light_field, _as_numbers(slopes))
     entries = benchmark.formula_entries()
     entries += benchmark.trained_entries(runs, refocusnet_weights)
     entries += [benchmark.variant_entry(path, configs, runs, light_fields) for path in variants]

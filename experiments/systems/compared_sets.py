@@ -26,6 +26,11 @@ from lf_flame.systems.refnet import ALPHAS, SLOPES
 SIXTEEN = ", RefNet's slopes"
 """Ends the names of test sets at the sixteen slopes of RefNet."""
 
+BOTH = "shift-and-sum", "Fourier slice"
+"""References at the slopes of RefNet: what all views give, by either method."""
+
+ROUND = "round aperture"
+
 BORDER = 12
 """Pixels that are cut off a photograph's images, or more where views end farther inside."""
 
@@ -159,11 +164,11 @@ def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
         placed = partial(_placed_scenes, config, scenario, at, count)
         name, planes = f"{config.kind}, {scenario.name}", [f"{z:g} mm" for z in depths]
         sets.append(TestSet(name, planes, placed, origin=f"drawn by seed {config.seed}"))
-    # RefNet's own slopes, where the reference is what all views give by either method.
+    # RefNet's own slopes, with a reference by either method.
     planes = [f"alpha {alpha:g}" for alpha in ALPHAS]
     scenes = partial(_own_scenes, config, SLOPES * config.block[0], held_out.indices)
     sixteen = TestSet(f"{config.kind}{SIXTEEN}", planes, scenes, origin=origin)
-    return [*sets, *(replace(sixteen, truth=truth) for truth in REFERENCES)]
+    return [*sets, *(replace(sixteen, truth=truth) for truth in BOTH)]
 
 
 def _own_scenes(config, slopes, indices) -> Iterator[Scene]:
@@ -176,8 +181,11 @@ def _placed_scenes(config, scenario, slopes, count) -> Iterator[Scene]:
         yield Scene(light_field.views, slopes, config.block)
 
 
-def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) -> TestSet:
-    """Make a test set of a photographed light field, as bright as systems take them: up to 1.
+def photograph_sets(name: str, light_field: LightField, slopes: Sequence[float]) -> list[TestSet]:
+    """Make the test sets of a photographed light field, as bright as systems take them: up to 1.
+
+    The reference of one is all views, a square aperture; that of the other the views in a round
+    one.
 
     Raises
     ------
@@ -195,4 +203,5 @@ def photograph_set(name: str, light_field: LightField, slopes: Sequence[float]) 
     views = light_field.views / np.float32(white_level(light_field.views))
     scene = Scene(views, slopes, border=border)
     planes = [f"slope {slope:g}" for slope in slopes]
-    return TestSet(name, planes, lambda: iter([scene]), origin="a photograph")
+    whole = TestSet(name, planes, lambda: iter([scene]), origin="a photograph")
+    return [whole, replace(whole, name=f"{name}, {ROUND}", truth=ROUND)]

@@ -29,7 +29,8 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
 {record["wall_s"]:.0f} s.
 
-The reference is shift-and-sum of all views. PSNR in dB (peak 1), and SSIM: means over planes and
+The reference is shift-and-sum of all views, or of those in a round aperture where a test set is
+called so. PSNR in dB (peak 1), and SSIM: means over planes and
 light fields; every plane is in compare.csv. Views are those that a system looks at; training in
 seconds, with drawing the training samples (not those of the ResNet-50, which are drawn
 beforehand);

@@ -16,6 +16,7 @@ OF_SEVERAL: dict[str, Callable[[Sequence[float]], float]] = {
     "mean": fmean,
     "largest": max,
     "smallest": min,
+    "sum": sum,
 }
 
 
@@ -26,9 +27,10 @@ def look_up(source: dict[str, Any], folder: Path = EXPERIMENTS) -> float:
     ----------
     source : dict
         ``record``: a file, by its path below `folder`. Of a CSV file, ``row``: what its columns
-        hold in one row and no other, and ``column``. Of a JSON or TOML file, ``at``: the way to the
+        hold in one row and no other, or ``rows``, whose mean is meant, and ``column``. Of a JSON or TOML file, ``at``: the way to the
         number, keys and places; a table stands for the one entry of a list that holds what it says.
-        Or ``mean``, ``largest`` or ``smallest``: of a list of sources.
+        Or ``mean``, ``largest``, ``smallest`` or ``sum``: of a list of sources. Or ``number``, which
+        stands for itself.
         Then, if they are there and in this order, ``less`` and ``over``, sources too, are
         subtracted and divided by, and ``times``, a number, is multiplied with.
     folder : Path, optional
@@ -50,8 +52,15 @@ def _found(source: dict[str, Any], folder: Path) -> float:
     for name, reduce in OF_SEVERAL.items():
         if name in source:
             return reduce([look_up(one, folder) for one in source[name]])
+    if "number" in source:
+        return source["number"]
     record = source["record"]
     content = _read(folder / record)
+    if "rows" in source:
+        rows = [row for row in content if _holds(row, source["rows"])]
+        if not rows:
+            raise InputError(f"{record} has no entries with {source['rows']}.")
+        return fmean(_as_number(row.get(source["column"]), source) for row in rows)
     if "row" in source:
         found = _only([row for row in content if _holds(row, source["row"])], source["row"], record)
         found = found.get(source["column"])
@@ -59,10 +68,16 @@ def _found(source: dict[str, Any], folder: Path) -> float:
         found = content
         for step in source["at"]:
             found = _step(found, step, record)
+    return _as_number(found, source)
+
+
+def _as_number(found: Any, source: dict[str, Any]) -> float:
     try:
         return float(found)
     except (TypeError, ValueError):
-        raise InputError(f"{record} holds no number there: {found!r}, for {source}.") from None
+        raise InputError(
+            f"{source['record']} holds no number there: {found!r}, for {source}."
+        ) from None
 
 
 def _step(content: Any, step: Any, record: str) -> Any:

@@ -6,7 +6,13 @@ from functools import partial
 import numpy as np
 
 from lf_flame._common.arrays import area_average
-from lf_flame.refocus import align_views, fourier_slice, shift_and_sum, sparse_aperture
+from lf_flame.refocus import (
+    align_views,
+    fourier_slice,
+    round_aperture,
+    shift_and_sum,
+    sparse_aperture,
+)
 from lf_flame.systems.base import RefocusingSystem, ViewIndices
 from lf_flame.systems.view_selection import every_view
 
@@ -53,11 +59,17 @@ class FourierSlice(RefocusingSystem):
         return average(REFERENCES["Fourier slice"](views, slopes), block)
 
 
+def _in_round_aperture(views: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    return shift_and_sum(views, slopes, weights=round_aperture(views.shape[:2]))
+
+
 REFERENCES: dict[str, Callable[..., np.ndarray]] = {
     "shift-and-sum": shift_and_sum,
     "Fourier slice": partial(fourier_slice, edges="clamp"),
+    "round aperture": _in_round_aperture,
 }
-"""What all views together give: the reference for systems that see fewer, of two kinds."""
+"""What all views together give, or those in a round aperture: the reference for systems that see
+fewer. Cameras' own apertures are round, or nearly; a square one blurs points to squares."""
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:

@@ -34,7 +34,7 @@ class ResNet50(NetworkSystem):
         Its own, in lenslets per view step.
     """
 
-    name = "ResNet-50 (the paper's)"
+    name = "ResNet-50"
 
     def __init__(self, model: "keras.Model", config: DatasetConfig, slopes: Sequence[float]):
         super().__init__(model)

@@ -99,7 +99,7 @@ def test_variants_of_the_papers_network_are_compared_on_what_they_have_not_seen(
     (tmp_path / "shapes").symlink_to(runs[0])
     found = [variant_entry(run, [config], tmp_path, 2) for run in runs]
     assert [one.name for one in found] == [
-        "ResNet-50 (the paper's), raw", "ResNet-50 (the paper's), views"
+        "ResNet-50, smoke recipe, raw", "ResNet-50, smoke recipe, views"
     ]  # fmt: skip
     assert {one.only for one in found} == {"shapes"}
     assert len(found[1].load().view_indices(5, 5)) == 3

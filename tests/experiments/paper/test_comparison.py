@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.histories import trend
 from experiments.paper.comparison import (
     compare_table,
     learning_markdown,
@@ -13,6 +14,7 @@ from experiments.paper.comparison import (
     read_histories,
     read_result,
     report_tables,
+    tabulate_learning,
 )
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import compare_with_paper, read_tables, score_windows, write_table
@@ -154,11 +156,39 @@ def test_runs_are_timed_to_where_the_weakest_ended():
     fast = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [9, 19, 29], "val_psnr_db": [7, 9, 10]})
     rows = [
         [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in learning_markdown({"slow": slow, "fast": fast}).splitlines()
+        for line in learning_markdown(tabulate_learning({"slow": slow, "fast": fast})).splitlines()
         if line.startswith("|")
     ]
-    assert rows[0][-1] == "to 8.00 dB, the best of slow"
-    assert rows[2:] == [["slow", "8.00", "51 (1)", "51 (1)"], ["fast", "10.00", "29 (2)", "19 (1)"]]
+    assert rows[0][3] == "to 8.00 dB, the best of slow"
+    assert rows[2:] == [
+        ["slow", "8.00", "51 (1)", "51 (1)", "-"],
+        ["fast", "10.00", "29 (2)", "19 (1)", "-"],
+    ]
+
+
+def test_a_run_that_stalls_does_not_rise(rng):
+    """Of a line with noise the slope is found, within two errors of it as often as it should be."""
+    epochs = np.arange(101)
+    for rise in (0.0, 0.03):
+        held = []
+        for _ in range(200):
+            # What came before the second half says nothing.
+            psnr = rise * epochs + rng.normal(0, 0.5, 101) - 40 * (epochs < 50)
+            found, error = trend(pd.DataFrame({"epoch": epochs, "val_psnr_db": psnr}))
+            held.append(abs(found - 10 * rise) < error)
+        assert 0.9 < np.mean(held) < 0.99
+    assert error == pytest.approx(2 * 10 * 0.5 / np.sqrt(51 * (51**2 - 1) / 12), rel=0.3)
+
+
+def test_how_runs_learnt_is_kept_as_numbers(tmp_path):
+    make_results(tmp_path / "a", epochs=2)
+    rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 3, 2]})
+    rows.to_csv(tmp_path / "a" / "table1_history.csv", index=False)
+    report_tables([tmp_path / "a"], PAPER, tmp_path / "tables.md")
+    (kept,) = pd.read_csv(tmp_path / "tables_learning.csv").to_dict("records")
+    assert (kept["table"], kept["run"], kept["best_psnr_db"]) == ("table1", "a", 3)
+    assert (kept["best_s"], kept["best_epoch"], kept["there_epoch"]) == (4.0, 1, 1)
+    assert np.isnan(kept["rise_db"])
 
 
 def test_one_folder_is_printed_as_it_was_written(tmp_path):

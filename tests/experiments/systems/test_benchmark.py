@@ -86,7 +86,7 @@ def test_what_a_system_refuses_is_missing_in_its_own_words(sets):
 
 def test_the_border_of_photographs_is_not_scored():
     views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
-    photographs = compared_sets.photograph_set("leaves", LightField(views), [-0.5, 0.5])
+    photographs = compared_sets.photograph_sets("leaves", LightField(views), [-0.5, 0.5])[0]
 
     class WrongAtTheEdge(ShiftAndSum):
         def _refocus(self, views, slopes, block):
@@ -99,12 +99,32 @@ def test_the_border_of_photographs_is_not_scored():
     assert list(table.plane) == ["slope -0.5", "slope 0.5"]
 
 
+def test_the_other_reference_of_photographs_blurs_points_to_discs():
+    """A point that moves by a pixel from view to view is a square of 9 x 9, or the disc in it."""
+    views = np.zeros((9, 9, 50, 60), np.float32)
+    for v in range(9):
+        for u in range(9):
+            views[v, u, 20 + v, 25 + u] = 1
+    square, disc = (
+        one.truth(test_set.truth)[0]
+        for test_set in compared_sets.photograph_sets("point", LightField(views), [0.0])
+        for one in test_set.scenes()
+    )
+    y, x = np.mgrid[-4:5, -4:5]
+    np.testing.assert_allclose(square[20:29, 25:34], 1 / 81, rtol=1e-6)
+    inside = disc[20:29, 25:34]
+    np.testing.assert_allclose(inside[np.hypot(abs(y) + 0.5, abs(x) + 0.5) < 4.5],
+                               4 / (np.pi * 81), rtol=1e-6)  # fmt: skip
+    assert np.all(inside[np.hypot(abs(y) - 0.5, abs(x) - 0.5) > 4.5] == 0)
+    assert disc.sum() == pytest.approx(1)
+
+
 def test_photographs_are_as_bright_as_systems_take_them():
     views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
     few = ShiftAndSum("few", benchmark.square_of_views)
     bright, plain = (
         benchmark.score_systems(
-            {"few": few}, compared_sets.photograph_set("leaves", LightField(v), [0.5])
+            {"few": few}, compared_sets.photograph_sets("leaves", LightField(v), [0.5])[0]
         )
         for v in (1000 * views, views / views.max())
     )
@@ -115,14 +135,13 @@ def test_photographs_are_as_bright_as_systems_take_them():
 def test_a_photograph_too_small_to_be_scored_is_refused():
     """After the border is cut off, a window of the structural similarity must be left."""
     views = np.zeros((3, 3, 35, 35), np.float32)
-    (scene,) = compared_sets.photograph_set("dark", LightField(views), [0.0]).scenes()
-    assert benchmark.score_systems({"all": ShiftAndSum()}, compared_sets.photograph_set(
-        "dark", LightField(views), [0.0])).ssim.tolist() == [1.0]  # fmt: skip
+    (scene,) = compared_sets.photograph_sets("dark", LightField(views), [0.0])[0].scenes()
+    assert benchmark.score_systems({"all": ShiftAndSum()}, compared_sets.photograph_sets("dark", LightField(views), [0.0])[0]).ssim.tolist() == [1.0]  # fmt: skip
     assert scene.views.shape == views.shape
     with pytest.raises(
         InputError, match="dark needs views of 35 pixels or more along each side, got 34 x 40"
     ):
-        compared_sets.photograph_set("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
+        compared_sets.photograph_sets("dark", LightField(np.zeros((3, 3, 34, 40))), [0.0])
 
 
 def test_less_light_is_shot_noise_of_the_same_scenes(sets):
@@ -164,7 +183,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     absent = scores[scores.system.str.startswith("RefNet")]
     assert absent.psnr_db.isna().all()
     assert absent.why_missing.str.contains("no finished run").all()
-    variant = scores[scores.system == "ResNet-50 (the paper's), refocusnet"]
+    variant = scores[scores.system == "ResNet-50, no run, refocusnet"]
     assert variant.why_missing.str.contains("wanted is one of the paper's network").all()
     assert len(variant)
     costs = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
