@@ -116,6 +116,8 @@ def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], lis
                 f"test them one by one."
             )
         name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
+        if len({other.record["preset"] for other in opened}) > 1:
+            name += f", {found.record['preset']} recipe"
         subjects.append(_network(name, run, found.record, found.config))
     return first.config, first.slopes, subjects
 
@@ -130,10 +132,8 @@ def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:
     trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
     weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
-    title = (
-        f"{name}: shown {config.input.kind}, trained with {trained}, {record['preset']} recipe "
-        f"({record['epochs']} epochs; {weights})"
-    )
+    recipe = f"{record['preset']} recipe ({record['epochs']} epochs; {weights})"
+    title = f"{name}: shown {config.input.kind}, trained with {trained}, {recipe}"
     about = {key: value for key, value in record.items() if key != "test_indices"}
     return Subject(name, title, trained, about, ResNet50.of_run(run))
 

@@ -309,8 +309,8 @@ def learning_markdown(learning: pd.DataFrame) -> str:
     )
     lines = shown.to_markdown(index=False, disable_numparse=True, stralign="right")
     return (
-        "Learning, in seconds since a run was started, the data set on disk; rise: of a line through "
-        f"the second half of its epochs, ± two standard errors.\n\n{lines}\n"
+        "Learning, in seconds since a run was started, the data set on disk; rise: of a line "
+        f"through the second half of its epochs, ± two standard errors.\n\n{lines}\n"
     )
 
 

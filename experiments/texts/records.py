@@ -27,10 +27,10 @@ def look_up(source: dict[str, Any], folder: Path = EXPERIMENTS) -> float:
     ----------
     source : dict
         ``record``: a file, by its path below `folder`. Of a CSV file, ``row``: what its columns
-        hold in one row and no other, or ``rows``, whose mean is meant, and ``column``. Of a JSON or TOML file, ``at``: the way to the
-        number, keys and places; a table stands for the one entry of a list that holds what it says.
-        Or ``mean``, ``largest``, ``smallest`` or ``sum``: of a list of sources. Or ``number``, which
-        stands for itself.
+        hold in one row and no other, or ``rows``, whose mean is meant, and ``column``. Of a JSON or
+        TOML file, ``at``: the way to the number, keys and places; a table stands for the one entry
+        of a list that holds what it says. Or ``mean``, ``largest``, ``smallest`` or ``sum``: of a
+        list of sources. Or ``number``, which stands for itself.
         Then, if they are there and in this order, ``less`` and ``over``, sources too, are
         subtracted and divided by, and ``times``, a number, is multiplied with.
     folder : Path, optional

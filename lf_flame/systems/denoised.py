@@ -1,13 +1,15 @@
 """Refocusing by formula, and a denoiser behind it: what a network in low light has to beat.
 
-Both denoisers are scikit-image's. Their strength follows from the noise of each refocused image,
-which is estimated from the image alone: a network is not told how much light there was, either.
+Both denoisers are scikit-image's. They are made for noise that is everywhere the same, and shot
+noise is not: its variance is the light's. So they work on square roots (Anscombe 1948), in which it
+is. How strong it is, is estimated from each refocused image alone: a network is not told how much
+light there was, either.
 """
 
 from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import correlate
+from scipy.ndimage import correlate, uniform_filter
 from scipy.optimize import brentq
 from skimage.restoration import denoise_nl_means, denoise_tv_chambolle
 
@@ -25,8 +27,9 @@ recommends for its fast mode where the noise is known."""
 WEIGHTS = 0.05, 50.0
 """Weights of total variation that are tried, in standard deviations of the noise."""
 
-DARK = 1e-4
-"""Noise below which an image is left as it is: a tenth of a level of 8 bits is 4e-4."""
+LEAST = 1e-8
+"""Light of an electron, in full scales, below which an image is left as it is: its noise is less
+than 1e-4, and that of rounding to 8 bits is 1e-3."""
 
 
 class Denoised(RefocusingSystem):
@@ -56,32 +59,39 @@ class Denoised(RefocusingSystem):
         return np.moveaxis(np.array(channels), 1, -1)
 
     def _cleaned(self, image: np.ndarray) -> np.ndarray:
-        noise = estimate_noise(image)
-        return self._denoise(image, noise).astype(np.float32) if noise > DARK else image
+        electron = estimate_electron(image)
+        if electron < LEAST:
+            return image
+        roots = 2 * np.sqrt(image / electron + 3 / 8)  # noise of 1
+        cleaned = self._denoise(roots, 1.0)
+        return (electron * ((cleaned / 2) ** 2 - 1 / 8)).astype(np.float32)
 
 
-def estimate_noise(image: np.ndarray) -> float:
-    """Estimate the standard deviation of white noise in an image.
+def estimate_electron(image: np.ndarray) -> float:
+    """Estimate how much light one electron is, from an image with shot noise.
 
-    By the median of the absolute differences of Laplacians, where Immerkaer (1996) takes the mean:
-    edges, and the many pixels of a flame's picture without light and so without noise, would
-    decide that. Pixels without light are left out.
+    The variance of the noise is that times the light. By the median of the absolute differences of
+    Laplacians over the root of the light around, where Immerkaer (1996) takes the mean, and noise
+    that is everywhere the same: edges would decide that. Pixels without light are left out.
 
     Parameters
     ----------
     image : ndarray, shape (h, w)
+        In full scales.
 
     Returns
     -------
     float
-        0 for an image that is dark.
+        In full scales; 0 for an image that is dark.
     """
-    lit = image > 0
+    around = uniform_filter(image.astype(float), 3, mode="mirror")
+    lit = (image > 0) & (around > 0)
     if not lit.any():
         return 0.0
     differences = np.abs(correlate(image.astype(float), LAPLACIANS, mode="mirror"))[lit]
     spread = np.sqrt(np.sum(np.square(LAPLACIANS)))
-    return float(np.median(differences) / 0.6745 / spread)  # 0.6745: the median of |normal|
+    root = np.median(differences / np.sqrt(around[lit])) / 0.6745 / spread
+    return float(root**2)  # 0.6745: the median of |normal|
 
 
 def non_local_means(image: np.ndarray, noise: float) -> np.ndarray:

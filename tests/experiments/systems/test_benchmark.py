@@ -135,8 +135,9 @@ def test_photographs_are_as_bright_as_systems_take_them():
 def test_a_photograph_too_small_to_be_scored_is_refused():
     """After the border is cut off, a window of the structural similarity must be left."""
     views = np.zeros((3, 3, 35, 35), np.float32)
-    (scene,) = compared_sets.photograph_sets("dark", LightField(views), [0.0])[0].scenes()
-    assert benchmark.score_systems({"all": ShiftAndSum()}, compared_sets.photograph_sets("dark", LightField(views), [0.0])[0]).ssim.tolist() == [1.0]  # fmt: skip
+    dark = compared_sets.photograph_sets("dark", LightField(views), [0.0])[0]
+    (scene,) = dark.scenes()
+    assert benchmark.score_systems({"all": ShiftAndSum()}, dark).ssim.tolist() == [1.0]
     assert scene.views.shape == views.shape
     with pytest.raises(
         InputError, match="dark needs views of 35 pixels or more along each side, got 34 x 40"
