@@ -33,4 +33,4 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     from lf_flame._common.progress import step_bar
 
     path = run_depth_test(runs, out, samples, step_bar)
-    click.echo(set_beside(path, "swap_test/swap_test.md"))  # its name when it was committed
+    click.echo(set_beside(path, "depth_test/depth_test.md"))

@@ -37,7 +37,7 @@ def test_every_report_has_a_committed_one():
     named = set()
     for path in experiments.rglob("commands.py"):
         named |= set(re.findall(r'set_beside\([^)]*?, "([^"]+)"\)', path.read_text()))
-    assert {"compare/compare.md", "swap_test/swap_test.md", "quick/slopes.md"} <= named
+    assert {"compare/compare.md", "depth_test/depth_test.md", "quick/slopes.md"} <= named
     named |= {f"costs/{name}.md" for name in ("costs", "refocusing", "latency")}
     named |= {f"benchmarks/{name}.md" for name in ("speed", "refocusing", "training")}
     for name in named:

@@ -11,7 +11,7 @@ from experiments.remaking.steps import ROOT, Step, read_steps
 
 STEPS = read_steps()
 
-SINGLE = {"refocus", "regions", "swap_test", "effects"}
+SINGLE = {"refocus", "regions", "effects"}
 """Folders of pictures and records that are no step's, or not whole."""
 
 
