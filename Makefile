@@ -1,6 +1,7 @@
 # lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
-#   PRESET            smoke (CI), quick (default, some minutes), paper (the paper's sizes); see README
+#   PRESET            smoke (CI), quick (default, some minutes), many (quick, with scenes that no data
+#                     set holds), paper (the paper's sizes); see README
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
 #   BACKBONE_DEPTH    conv5 (all of ResNet-50), conv4, conv3 or none, instead of the preset's
 #   SEED              of training, instead of the configuration's (split, weights, batches, dropout)
@@ -25,7 +26,7 @@ RUNS := runs/$(RUN)
 # A user's results are his own: git ignores data/, runs/ and results/.
 RESULTS := results/$(RUN)
 # Reference results are committed, and set beside a user's; no target here writes them.
-REFERENCE := $(wildcard $(addprefix experiments/results/,quick quick-seed* paper paper-seed*))
+REFERENCE := $(wildcard $(addprefix experiments/results/,quick quick-seed* many paper paper-seed*))
 TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
             $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
             $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
@@ -44,7 +45,7 @@ BASELINES := .venv-baselines
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=smoke|quick|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=smoke|quick|many|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
