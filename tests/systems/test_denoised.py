@@ -67,3 +67,12 @@ def test_a_light_field_in_low_light_gains_and_a_clean_one_stays(rng, clean, deno
     level = system.refocus(dark, [0.0])[0][:15, 110:].mean()
     assert level == pytest.approx(truth[0][:15, 110:].mean(), rel=0.08)
     assert system.view_indices(3, 3) == plain.view_indices(3, 3)
+
+
+@pytest.mark.parametrize("denoise", DENOISERS)
+def test_light_is_kept_down_to_some_electrons(rng, denoise):
+    """The inverse of the root is that of the mean root, not of each."""
+    flat = rng.poisson(4, (1, 1, 60, 80)).astype(np.float32) / 8
+    cleaned = Denoised(ShiftAndSum(), denoise, "denoised").refocus(flat, [0.0])
+    assert cleaned.mean() == pytest.approx(flat.mean(), rel=0.02)
+    assert cleaned.std() < flat.std() / 3
