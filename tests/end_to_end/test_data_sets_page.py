@@ -31,7 +31,8 @@ def test_the_page_does_what_it_says(tmp_path):
     for program, *arguments in commands:
         assert program == "lf-flame"
         run("-m", "lf_flame", *arguments)
-    (example,) = blocks("py")
+    example, fresh = blocks("py")
+    run("-c", fresh + "assert inputs.shape == (16, 30, 60, 1) and targets.shape == (16, 2, 30, 60)")
     printed = run("-c", example).splitlines()
     promised = re.findall(r"# (\(.*?\)):", example)
     assert printed[:2] == promised

@@ -200,7 +200,7 @@ def test_extras_that_are_named_exist():
 def test_presets_that_are_named_exist():
     text = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
     presets = re.findall(r"^\| `(\w+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
-    assert presets == ["smoke", "quick", "paper"]
+    assert presets == ["smoke", "quick", "many", "paper"]
     for kind in ("shapes", "flames"):
         recipes = (ROOT / "experiments" / f"{kind}.toml").read_text(encoding="utf-8")
         for preset in presets:

@@ -184,7 +184,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     absent = scores[scores.system.str.startswith("RefNet")]
     assert absent.psnr_db.isna().all()
     assert absent.why_missing.str.contains("no finished run").all()
-    variant = scores[scores.system == "ResNet-50, no run, refocusnet"]
+    variant = scores[scores.system == "ResNet-50, smoke recipe, refocusnet"]
     assert variant.why_missing.str.contains("wanted is one of the paper's network").all()
     assert len(variant)
     costs = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
