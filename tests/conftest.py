@@ -81,7 +81,8 @@ def system_runs(tmp_path_factory, coarse_data):
         [
             "seed = 1\n[training_samples]",
             f"data = {json.dumps([str(path) for path in coarse_data])}",
-            "slopes = 2\n[presets.smoke]\ntraining_samples = 2\nheld_out = 1\nepochs = 1",
+            "slopes = 2\n[presets.smoke]\ntraining_samples = 2\nheld_out = 1\n"
+            "epochs = 1\nsteps_per_epoch = 2",
             "[systems.refocusnet]\nepochs = 1\npatch = 24",
             "[systems.volumetric]\nepochs = 1\npatch = 24",
         ]

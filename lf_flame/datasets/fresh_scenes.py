@@ -1,15 +1,15 @@
-"""Scenes like those of a data set that it does not hold: drawn, simulated, and kept in memory.
+"""Scenes like those of a data set that it does not hold: drawn and simulated, block by block.
 
 A sample follows from the data set's seed and its own index. Those of the data set count from 0; the
 fresh ones go on where it ends, so that none of them is in any part of its split.
 """
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import as_completed
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
-from lf_flame._common.memory import check_memory
 from lf_flame._common.provenance import cpu_count
 from lf_flame._common.threads import one_thread
 from lf_flame._common.workers import worker_pool
@@ -18,18 +18,16 @@ from lf_flame.datasets.making import THROUGH_LIGHT_FIELD
 from lf_flame.datasets.sampling import simulate_sample
 from lf_flame.datasets.store import Dataset
 
-TOGETHER = 32
-"""Samples of one task."""
+TOGETHER = 128
+"""Samples of a block."""
+
+AHEAD = 2
+"""Blocks that each worker may be ahead, so that memory stays bounded where they are not needed."""
 
 Images = tuple[np.ndarray, np.ndarray]
 
 
-def fresh_samples(
-    dataset: Dataset,
-    count: int,
-    workers: int = 0,
-    progress: Callable[[Iterable, int], Iterable] | None = None,
-) -> Images:
+def fresh_samples(dataset: Dataset, count: int, workers: int = 0) -> Iterator[Images]:
     """Simulate the samples that would come after those of a data set.
 
     Parameters
@@ -38,48 +36,30 @@ def fresh_samples(
     count : int
     workers : int, optional
         Processes; 0 takes one for each core, 1 works in this one. The bits are the same.
-    progress : callable, optional
-        ``progress(finished, total)`` wraps the iterable of finished tasks; total: their number.
 
-    Returns
-    -------
-    inputs : ndarray of float32, shape (count, height, width, channels)
-    targets : ndarray of float32, shape (count, objects, h, w)
-        Both as in the data set, whose slopes are taken.
-
-    Raises
+    Yields
     ------
-    InputError
-        If they would take too much memory.
+    inputs : ndarray of float32, shape (n, height, width, channels)
+    targets : ndarray of float32, shape (n, objects, h, w)
+        Both as in the data set, whose slopes are taken; of the next `TOGETHER` samples, or of what
+        is left, in the order of their indices.
     """
-    config, objects = dataset.config, len(dataset.attrs["slopes"])
-    shapes = config.input.shape(config.image), (objects, *config.image)
-    needed = count * sum(4 * int(np.prod(shape)) for shape in shapes)
-    check_memory(needed, f"{count} scenes besides those of {dataset.path}")
-    inputs, targets = (np.empty((count, *shape), np.float32) for shape in shapes)
-    begins = range(0, count, TOGETHER)
-    tasks = [range(first, min(first + TOGETHER, count)) for first in begins]
-    finished = _carry_out(dataset, tasks, workers or cpu_count())
-    for some, images in finished if progress is None else progress(finished, len(tasks)):
-        inputs[some.start : some.stop], targets[some.start : some.stop] = images
-    return inputs, targets
-
-
-def _carry_out(dataset: Dataset, tasks: list[range], workers: int) -> Iterable[tuple]:
-    """Give each task with its images, in whatever order they are finished."""
     first, slopes = len(dataset), list(dataset.attrs["slopes"])
     # Older data sets were always made so.
     long_way = dataset.attrs.get(THROUGH_LIGHT_FIELD, True)
-    asked = [
-        (dataset.config, slopes, range(first + some.start, first + some.stop), long_way)
-        for some in tasks
-    ]
-    if min(workers, len(tasks)) == 1:
-        yield from ((some, _simulate(*ask)) for some, ask in zip(tasks, asked, strict=True))
+    indices = range(first, first + count)
+    blocks = [indices[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
+    asked = ((dataset.config, slopes, block, long_way) for block in blocks)
+    workers = min(workers or cpu_count(), len(blocks))
+    if workers <= 1:
+        yield from (_simulate(*ask) for ask in asked)
         return
     with worker_pool(workers) as pool:
-        jobs = {pool.submit(_simulate, *ask): some for some, ask in zip(tasks, asked, strict=True)}
-        yield from ((jobs[job], job.result()) for job in as_completed(jobs))
+        jobs = deque(pool.submit(_simulate, *ask) for ask in islice(asked, AHEAD * workers))
+        while jobs:
+            made = jobs.popleft().result()
+            jobs.extend(pool.submit(_simulate, *ask) for ask in islice(asked, 1))
+            yield made
 
 
 def _simulate(config: DatasetConfig, slopes: list[float], indices: range, long_way: bool) -> Images:

@@ -1,8 +1,9 @@
 """Ridge regression of images on features, its strength chosen on samples that were held out.
 
 The regression is done on inner products with some of the samples (Saunders et al. 1998; Smola &
-Schölkopf 2000 for a part of them), so the number of features costs little and the time grows with
-the number of samples and no faster. Images are regressed as logits, which a sigmoid turns back.
+Schölkopf 2000 for a part of them), so the number of features costs little, the time grows with the
+number of samples and no faster, and a sample's features are looked at once and let go. Images are
+regressed as logits, which a sigmoid turns back.
 """
 
 from collections.abc import Iterator
@@ -25,10 +26,91 @@ PRECISION = 1e-8
 """Directions whose mean square is a smaller share of the largest one are rounding errors."""
 
 BLOCK = 1024
-"""Samples that are looked at together."""
+"""Samples whose images are looked at together."""
 
 VISIBILITY_SAMPLES = 512
 """Samples that say how visible a pixel is: a mean square is known from them to some per cent."""
+
+
+@dataclass(frozen=True)
+class Products:
+    """What is kept of samples' features: their inner products with those of the landmarks.
+
+    Attributes
+    ----------
+    landmarks : ndarray of float32, shape (m, features)
+        Features of the first samples, about the mean of these.
+    mean : ndarray of float32, shape (features,)
+        Of all samples.
+    gram : ndarray of float32, shape (m, m)
+        Inner products of the landmarks with each other.
+    values : ndarray of float32, shape (n, m)
+        Inner products of all features about their mean with the landmarks.
+    """
+
+    landmarks: np.ndarray
+    mean: np.ndarray
+    gram: np.ndarray
+    values: np.ndarray
+
+    def of_others(self, features: np.ndarray) -> np.ndarray:
+        """Compute those of other samples from their features: (n, features) to (n, m)."""
+        return (features - self.mean) @ self.landmarks.T
+
+
+class ProductGatherer:
+    """Takes the features of samples block by block, and keeps their products with the first ones.
+
+    Parameters
+    ----------
+    count : int
+        Samples that will come.
+    """
+
+    def __init__(self, count: int):
+        self._wanted = min(count, LANDMARKS)
+        self._values = np.empty((count, self._wanted), np.float32)
+        self._landmarks = self._centre = self._total = np.zeros(0)
+        self._seen = 0
+
+    def add(self, features: np.ndarray) -> None:
+        """Take the next samples' features, shape (n, features)."""
+        if not self._seen:
+            self._landmarks = np.empty((self._wanted, features.shape[1]), np.float32)
+            self._total = np.zeros(features.shape[1])
+        self._total += features.sum(axis=0, dtype=float)
+        first, last = self._seen, self._seen + len(features)
+        self._seen = last
+        if first < self._wanted:
+            self._landmarks[first:last] = features[: self._wanted - first]
+            if last >= self._wanted:
+                self._settle()
+        if last > self._wanted:
+            later = max(first, self._wanted)
+            about = features[later - first :] - self._centre
+            self._values[later:last] = about @ self._landmarks.T
+
+    def _settle(self) -> None:
+        """Take the landmarks' mean off them, as soon as they are all there."""
+        self._centre = self._landmarks.mean(axis=0, dtype=float).astype(np.float32)
+        self._landmarks -= self._centre
+        self._values[: self._wanted] = self._landmarks @ self._landmarks.T
+
+    def finish(self) -> Products:
+        """Give what was kept, when all samples have come."""
+        mean = (self._total / self._seen).astype(np.float32)
+        gram = self._values[: self._wanted].copy()
+        if self._seen > self._wanted:
+            self._values -= (mean - self._centre) @ self._landmarks.T
+        return Products(self._landmarks, mean, gram, self._values)
+
+
+def gather_products(features: np.ndarray) -> Products:
+    """Gather the products of features that are all there, shape (n, features)."""
+    gatherer = ProductGatherer(len(features))
+    for part in _blocks(features):
+        gatherer.add(features[part])
+    return gatherer.finish()
 
 
 @dataclass(frozen=True)
@@ -39,9 +121,8 @@ class Regression:
 
     Parameters
     ----------
-    landmarks : ndarray of float32, shape (m, features)
-        Features about their mean, of the first samples.
-    mean : ndarray of float32, shape (features,)
+    landmarks, mean
+        See `Products`.
     turn : ndarray of float32, shape (m, directions)
         From inner products with the landmarks to scores, which are orthogonal over the samples.
     squares : ndarray, shape (directions,)
@@ -68,7 +149,11 @@ class Regression:
 
     def weights(self) -> np.ndarray:
         """Weights of the features, shape (features, pixels)."""
-        return self.landmarks.T @ (self.turn @ self.images)
+        return self.of_features(self.turn @ self.images)
+
+    def of_features(self, weights: np.ndarray) -> np.ndarray:
+        """Turn weights of inner products, shape (m, k), into those of features, (features, k)."""
+        return self.landmarks.T @ weights
 
     def components(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Best approximation by few numbers: the principal components of what was fitted.
@@ -78,14 +163,14 @@ class Regression:
 
         Returns
         -------
-        ndarray of float32, shape (features, count)
-            Weights of the features in each number; over the samples it has mean square 1.
+        ndarray of float32, shape (m, count)
+            Weights of the inner products in each number; over the samples it has mean square 1.
         ndarray of float32, shape (count, pixels)
             Logits that one unit of each number adds. What the samples do not determine is zero.
         """
         length = np.sqrt(self.squares)[:, None]
         seen = (length * self.images * self.visibility).astype(np.float32)
-        weights = np.zeros((self.landmarks.shape[1], count), np.float32)
+        weights = np.zeros((len(self.landmarks), count), np.float32)
         images = np.zeros((count, self.images.shape[1]), np.float32)
         if not len(seen):  # all samples alike
             return weights, images
@@ -93,34 +178,35 @@ class Regression:
         sizes, axes = eigh((seen @ seen.T).astype(float), subset_by_index=(least, len(seen) - 1))
         real = np.flatnonzero(sizes > PRECISION**2 * sizes[-1])[::-1]
         axes = axes[:, real]
-        to_numbers = self.turn @ (axes / length * np.sqrt(self.samples)).astype(np.float32)
-        weights[:, : len(real)] = self.landmarks.T @ to_numbers
+        scale = (axes / length * np.sqrt(self.samples)).astype(np.float32)
+        weights[:, : len(real)] = self.turn @ scale
         images[: len(real)] = (axes * length / np.sqrt(self.samples)).T @ self.images
         return weights, images
 
 
-def ridge_regression(training: tuple, held_out: tuple) -> Regression:
+def ridge_regression(products: Products, images: np.ndarray, held_out: tuple) -> Regression:
     """Regress images on features.
 
     Parameters
     ----------
-    training, held_out : (ndarray, ndarray)
-        Features, shape (n, features), and images in [0, 1], shape (n, pixels).
+    products : Products
+        Of the samples' features.
+    images : ndarray, shape (n, pixels)
+        In [0, 1].
+    held_out : (ndarray, ndarray)
+        Features, shape (k, features), and images of other samples.
 
     Returns
     -------
     Regression
     """
-    features, images = training
-    mean = features.mean(axis=0, dtype=float).astype(np.float32)
     offset = _mean_logits(images)
-    landmarks = features[:LANDMARKS] - mean
-    scores, turn, squares = _scores(features, mean, landmarks)
+    scores, turn, squares = _scores(products)
     sides = np.zeros((scores.shape[1], images.shape[1]))
     for part in _blocks(images):
         sides += scores[part].T @ (_logits(images[part]) - offset)
-    mean_square = squares.sum() / len(features)
-    held_out_scores = _products(held_out[0], mean, landmarks) @ turn
+    mean_square = squares.sum() / len(images)
+    held_out_scores = products.of_others(held_out[0]) @ turn
 
     def attempt(strength: float) -> tuple[float, float, np.ndarray]:
         found = (sides / (squares + strength * mean_square)[:, None]).astype(np.float32)
@@ -136,19 +222,19 @@ def ridge_regression(training: tuple, held_out: tuple) -> Regression:
     value = expit(scores[:VISIBILITY_SAMPLES] @ best[2] + offset)
     visibility = np.sqrt(np.mean((value * (1 - value)) ** 2, axis=0, dtype=float))
     return Regression(
-        landmarks, mean, turn, squares, best[2], offset, visibility, len(features), float(best[1])
-    )
+        products.landmarks, products.mean, turn, squares, best[2], offset, visibility,
+        len(images), float(best[1]),
+    )  # fmt: skip
 
 
-def _scores(features, mean, landmarks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _scores(products: Products) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Orthogonal scores of the samples, the turn to them, and the sums of their squares."""
-    products = _products(features, mean, landmarks)
-    squares, axes = _principal_axes(products[: len(landmarks)])
+    squares, axes = _principal_axes(products.gram)
     turn = axes / np.sqrt(squares)
-    if len(features) == len(landmarks):
-        scores = axes * np.sqrt(squares)  # that is products @ turn, without its rounding
+    if len(products.values) == len(products.gram):
+        scores = axes * np.sqrt(squares)  # that is values @ turn, without its rounding
     else:
-        scores = products @ turn.astype(np.float32)
+        scores = products.values @ turn.astype(np.float32)
         squares, axes = _principal_axes(scores.T @ scores)
         scores, turn = scores @ axes.astype(np.float32), turn @ axes
     return scores.astype(np.float32), turn.astype(np.float32), squares
@@ -161,14 +247,6 @@ def _principal_axes(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     squares, axes = eigh(gram.astype(float))
     real = squares > PRECISION * max(squares[-1], np.finfo(float).tiny)
     return squares[real], axes[:, real]
-
-
-def _products(features, mean, landmarks) -> np.ndarray:
-    """Inner products of features about their mean with the landmarks', shape (n, m)."""
-    found = np.empty((len(features), len(landmarks)), np.float32)
-    for part in _blocks(features):
-        found[part] = (features[part] - mean) @ landmarks.T
-    return found
 
 
 def _mean_logits(images) -> np.ndarray:

@@ -18,6 +18,9 @@ LEAST_CURVATURE = 1e-6
 MATRIX_BYTES = 1 << 26
 """Memory of the normal matrices; as many pixels are refined at a time as fit."""
 
+IMAGE_BYTES = 1 << 28
+"""Memory of what is drawn of these pixels; with very many samples there are fewer of them."""
+
 SAMPLES = 2048
 """Samples that enter the normal matrices at a time."""
 
@@ -52,7 +55,8 @@ def refine(
     """
     known = np.column_stack([numbers, np.ones(len(numbers))]).astype(np.float32)
     unknown = np.vstack([drawings, offset]).astype(np.float32)
-    pixels = max(MATRIX_BYTES // (8 * len(unknown) ** 2), 1)
+    pixels = min(MATRIX_BYTES // (8 * len(unknown) ** 2), IMAGE_BYTES // (4 * len(known)))
+    pixels = max(pixels, 1)
     for first in range(0, unknown.shape[1], pixels):
         part = slice(first, first + pixels)
         unknown[:, part] = _refine_pixels(known, images[:, part], unknown[:, part], steps)

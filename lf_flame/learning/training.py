@@ -6,7 +6,6 @@ seconds hold all that comes before training: reading, the backbone's features, t
 
 import os
 import time
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,17 +17,17 @@ from tqdm import tqdm
 from lf_flame._common.config import build
 from lf_flame._common.input_files import read_toml
 from lf_flame._common.strict import strict
-from lf_flame.datasets.fresh_scenes import TOGETHER, fresh_samples
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.backbone import describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
+from lf_flame.learning.feature_stream import FeatureStream, compute_features
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import describe_dataset
 from lf_flame.learning.trainers import decoder_variables, make_trainer
 from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
-from lf_flame.learning.warm_start import freeze_normalisations, warm_start
+from lf_flame.learning.warm_start import Blocks, freeze_normalisations, warm_start
 
 
 @strict
@@ -71,7 +70,8 @@ class Recipe:
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
     fresh_scenes : int
         Scenes to learn from besides those of the data set, see `lf_flame.datasets.fresh_scenes`;
-        validation and test stay as they are.
+        validation and test stay as they are. Without epochs they are let go as soon as they have
+        been looked at.
     backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
         Where this recipe cuts the backbone, instead of where the model's configuration says.
     """
@@ -195,26 +195,6 @@ def build_model(
     return model, weights
 
 
-def compute_features(model: keras.Model, inputs: np.ndarray, batch_size: int = 16) -> np.ndarray:
-    """Run the frozen backbone over all inputs once.
-
-    Parameters
-    ----------
-    model : keras.Model
-        From `build_refocus_resnet50`.
-    inputs : ndarray, shape (n, h, w, channels)
-
-    Returns
-    -------
-    ndarray of float32, shape (n, h', w', channels)
-    """
-    backbone = model.get_layer("backbone")
-    features = np.empty((len(inputs), *backbone.output.shape[1:]), np.float32)
-    for k in tqdm(range(0, len(inputs), batch_size), "backbone features", unit="batch"):
-        features[k : k + batch_size] = backbone.predict_on_batch(inputs[k : k + batch_size])
-    return features
-
-
 def train(
     config: TrainingConfig, preset: str, data: str | Path, out: str | Path, show: bool = True
 ) -> Path:
@@ -264,16 +244,10 @@ def train(
     decoder = model.get_layer("decoder")
 
     def start(new: bool):
-        images = {
-            name: (dataset.inputs[parts[name]], dataset.targets[parts[name]])
-            for name in ("train", "validation")
-        }
-        images["train"] = _with_fresh(images["train"], dataset, recipe.fresh_scenes)
-        arrays = {
-            name: (compute_features(model, shown), targets[..., None])
-            for name, (shown, targets) in images.items()
-        }
-        return _start(decoder, recipe, arrays, new)
+        stream = FeatureStream(model, dataset, parts["train"], recipe.fresh_scenes, recipe.epochs)
+        shown, targets = (x[parts["validation"]] for x in (dataset.inputs, dataset.targets))
+        held_out = compute_features(model, shown), targets[..., None]
+        return _start(decoder, recipe, stream, held_out, new)
 
     def finish(best: list[np.ndarray]) -> keras.Model:
         assign(decoder_variables(decoder), best)
@@ -293,30 +267,19 @@ def train(
     return carry_out(job, Path(out), started, show)
 
 
-def _with_fresh(stored: tuple, dataset: Dataset, count: int) -> tuple:
-    """Add so many scenes that the data set does not hold to the images of its training part."""
-    if not count:
-        return stored
-
-    def show(tasks: Iterable, total: int) -> Iterable:
-        return tqdm(tasks, "fresh scenes", total, unit=f"x {TOGETHER}")
-
-    fresh = fresh_samples(dataset, count, progress=show)
-    return tuple(np.concatenate(images) for images in zip(stored, fresh, strict=True))
-
-
 def _without_folder(model: dict) -> dict:
     """Name a weights file without its folder: the record's hash tells which it is."""
     return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
 
 
-def _start(decoder: keras.Model, recipe: Recipe, arrays: dict, new: bool):
+def _start(decoder: keras.Model, recipe: Recipe, stream: FeatureStream, held_out: tuple, new: bool):
     """Make the trainer; a new run may start from the training images."""
     if recipe.warm_start:
         freeze_normalisations(decoder)
         if new:
-            samples = arrays["train"], arrays["validation"]
-            warm_start(decoder, *samples, recipe.bands, recipe.refinements)
+            blocks = Blocks(len(stream), stream)
+            warm_start(decoder, blocks, held_out, recipe.bands, recipe.refinements)
+    arrays = {"train": stream.kept(), "validation": held_out}
     steps = -(-len(arrays["train"][0]) // recipe.batch_size)
     return make_trainer(decoder, _learning_rate(recipe, steps), recipe.batch_size, arrays)
 

@@ -4,7 +4,6 @@ Batches are patches cut out at random, sooner where there is something to see; t
 that of `lf_flame.learning.training_run`.
 """
 
-import math
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -44,8 +43,11 @@ class SystemRecipe:
     Parameters
     ----------
     epochs : int
+    steps_per_epoch : int
+        Of the optimiser. They do not depend on what a system sees, so that as many epochs are as
+        many steps for every system.
     batch_size : int
-        Patches.
+        Patches in a step.
     patch : int
         Side of a patch in pixels.
     learning_rate : float
@@ -57,6 +59,7 @@ class SystemRecipe:
     """
 
     epochs: int
+    steps_per_epoch: int = 100
     batch_size: int = 16
     patch: int = 48
     learning_rate: float = 1e-3
@@ -65,11 +68,11 @@ class SystemRecipe:
     low_light: float = 0.0
 
     def __post_init__(self):
-        counts = self.epochs, self.batch_size
+        counts = self.epochs, self.steps_per_epoch, self.batch_size
         if min(counts) < 1 or max(counts) > MOST_EPOCHS or not self.learning_rate > 0:
             raise InputError(
-                f"epochs and batch_size must be from 1 to {MOST_EPOCHS} and learning_rate above 0, "
-                f"got {self.epochs}, {self.batch_size}, {self.learning_rate}."
+                f"epochs, steps_per_epoch and batch_size must be from 1 to {MOST_EPOCHS} and "
+                f"learning_rate above 0, got {', '.join(map(str, counts))}, {self.learning_rate}."
             )
         if self.patch < SMALLEST_PATCH:
             raise InputError(f"patch must be {SMALLEST_PATCH} or more, got {self.patch}.")
@@ -79,28 +82,29 @@ class SystemRecipe:
 
 @strict
 @dataclass(frozen=True)
-class SampleCounts:
-    """How many training samples a preset has.
+class SystemsPreset:
+    """How many training samples there are, and how long every system trains.
 
     Parameters
     ----------
     training_samples, held_out : int
         Light fields to train on, and to validate with.
-    epochs : int, optional
+    epochs, steps_per_epoch : int, optional
         Instead of a system's own.
     """
 
     training_samples: int
     held_out: int
     epochs: int | None = None
+    steps_per_epoch: int | None = None
 
     def __post_init__(self):
-        epochs = 1 if self.epochs is None else self.epochs
-        counts = self.training_samples, self.held_out, epochs
+        instead = (x for x in (self.epochs, self.steps_per_epoch) if x is not None)
+        counts = self.training_samples, self.held_out, *instead
         if min(counts) < 1 or max(counts) > MOST_EPOCHS:
             raise InputError(
-                f"training_samples, held_out and epochs must be from 1 to {MOST_EPOCHS}, got "
-                f"{self.training_samples}, {self.held_out}, {epochs}."
+                "training_samples, held_out, epochs and steps_per_epoch must be from 1 to "
+                f"{MOST_EPOCHS}, got {', '.join(map(str, counts))}."
             )
 
 
@@ -114,7 +118,7 @@ class SystemsConfig:
     seed : int
         Of training samples, initial weights and patches.
     training_samples : TrainingSamples
-    presets : dict of SampleCounts
+    presets : dict of SystemsPreset
     systems : dict of SystemRecipe
     checkpoint_s : float, optional
         Seconds between checkpoints; 0 writes one after every epoch.
@@ -122,7 +126,7 @@ class SystemsConfig:
 
     seed: int
     training_samples: TrainingSamples
-    presets: dict[str, SampleCounts]
+    presets: dict[str, SystemsPreset]
     systems: dict[str, SystemRecipe]
     checkpoint_s: float = 30.0
 
@@ -142,8 +146,12 @@ class SystemsConfig:
         ):
             if key not in known:
                 raise InputError(f"{kind} must be one of {', '.join(known)}, got {key!r}.")
-        epochs = self.presets[preset].epochs
-        return replace(self.systems[name], epochs=epochs or self.systems[name].epochs)
+        asked, own = self.presets[preset], self.systems[name]
+        return replace(
+            own,
+            epochs=asked.epochs or own.epochs,
+            steps_per_epoch=asked.steps_per_epoch or own.steps_per_epoch,
+        )
 
 
 def read_systems_config(path: str | Path) -> SystemsConfig:
@@ -255,13 +263,11 @@ class PatchTrainer:
     def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
         self.system, self.model = system, system.model
         self.recipe, self.arrays = recipe, arrays
-        count, *size = arrays["train"][0].shape[:3]
+        size = arrays["train"][0].shape[1:3]
         self.side = [min(recipe.patch, n) // system.multiple * system.multiple for n in size]
-        # As many patches in an epoch as cover the images once.
-        self.patches = max(count * math.prod(size) // math.prod(self.side), 1)
         rate = recipe.learning_rate
         if recipe.schedule == "cosine":
-            steps = recipe.epochs * -(-self.patches // recipe.batch_size)
+            steps = recipe.epochs * recipe.steps_per_epoch
             rate = keras.optimizers.schedules.CosineDecay(rate, steps)
         kinds = {"adam": keras.optimizers.Adam, "rmsprop": keras.optimizers.RMSprop}
         self.optimizer = kinds[recipe.optimizer](rate)
@@ -269,14 +275,12 @@ class PatchTrainer:
         self.model.compile(self.optimizer, loss)
 
     def train_epoch(self, rng: np.random.Generator) -> float:
-        """Train on as many patches as cover the images once; mean loss while doing so."""
-        batch = self.recipe.batch_size
+        """Take the steps of an epoch; mean loss while doing so."""
         losses = []
-        for first in range(0, self.patches, batch):
-            shown, truth = self._cut(rng, min(batch, self.patches - first))
-            losses.append(self.model.train_on_batch(shown, truth) * len(shown))
+        for _ in range(self.recipe.steps_per_epoch):
+            losses.append(self.model.train_on_batch(*self._cut(rng, self.recipe.batch_size)))
             self.model.reset_metrics()
-        return float(sum(losses) / self.patches)
+        return float(np.mean(losses))
 
     def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Cut patches out of images drawn at random, never turned or mirrored: views have sides.

@@ -88,6 +88,7 @@ slopes = 2
 [presets.smoke]
 training_samples = 2
 held_out = 1
+steps_per_epoch = 2
 
 [systems.refocusnet]
 epochs = 2

@@ -1,14 +1,15 @@
 """Scenes beyond a data set's end."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from lf_flame.datasets import fresh_scenes
 from lf_flame.datasets.config import config_from_json
-from lf_flame.datasets.fresh_scenes import fresh_samples
+from lf_flame.datasets.fresh_scenes import AHEAD, TOGETHER, fresh_samples
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
-from lf_flame.errors import InputError
 from tests.tiny_data import DATA
 
 
@@ -26,14 +27,37 @@ def some_and_all(request, tmp_path_factory):
 def test_they_are_what_a_longer_data_set_would_hold(some_and_all, workers, monkeypatch):
     some, whole = some_and_all
     monkeypatch.setattr(fresh_scenes, "TOGETHER", 2)
-    seen = []
-    inputs, targets = fresh_samples(some, 5, workers, lambda x, total: seen.append(total) or x)
+    blocks = list(fresh_samples(some, 5, workers))
+    assert [len(inputs) for inputs, _ in blocks] == [2, 2, 1]
+    inputs, targets = (np.concatenate(x) for x in zip(*blocks, strict=True))
     np.testing.assert_array_equal(inputs, whole.inputs[3:])
     np.testing.assert_array_equal(targets, whole.targets[3:])
-    assert seen == [3]
 
 
-def test_what_memory_does_not_hold_is_refused_beforehand(some_and_all, monkeypatch):
-    monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.001")
-    with pytest.raises(InputError, match="1000 scenes besides those of .* would need .* 0.001 GB"):
-        fresh_samples(some_and_all[0], 1000)
+def test_workers_wait_for_who_needs_the_blocks(some_and_all, monkeypatch):
+    """However many are asked for, few are made before they are wanted."""
+    made = []
+
+    class Job:
+        def __init__(self, *ask):
+            made.append(ask)
+
+        def result(self):
+            return None
+
+    class Pool:
+        submit = Job
+
+    @contextmanager
+    def worker_pool(workers):
+        yield Pool()
+
+    monkeypatch.setattr(fresh_scenes, "worker_pool", worker_pool)
+    blocks = fresh_samples(some_and_all[0], 100 * TOGETHER, workers=3)
+    for wanted in range(1, 6):
+        next(blocks)
+        assert wanted <= len(made) <= wanted + 3 * AHEAD
+
+
+def test_none_are_none(some_and_all):
+    assert list(fresh_samples(some_and_all[0], 0)) == []

@@ -72,10 +72,14 @@ def test_no_pixel_ever_gets_worse(rng):
     assert errors[-1].sum() < 0.9 * errors[0].sum()
 
 
-def test_pieces_change_nothing(drawn, monkeypatch):
+@pytest.mark.parametrize(
+    "bytes_of", [{"MATRIX_BYTES": 2 * 8 * (NUMBERS + 1) ** 2 + 5}, {"IMAGE_BYTES": 4 * SAMPLES}]
+)
+def test_pieces_change_nothing(drawn, monkeypatch, bytes_of):
     numbers, images, start = drawn
     whole = refine(numbers, images, *start, steps=3)
-    monkeypatch.setattr(sigmoid_regression, "MATRIX_BYTES", 2 * 8 * (NUMBERS + 1) ** 2 + 5)
+    for name, value in bytes_of.items():
+        monkeypatch.setattr(sigmoid_regression, name, value)
     monkeypatch.setattr(sigmoid_regression, "SAMPLES", 7)
     for got, expected in zip(refine(numbers, images, *start, steps=3), whole, strict=True):
         np.testing.assert_allclose(got, expected, atol=1e-5)

@@ -185,12 +185,16 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
 ):
     """The network sees the training part and the fresh ones; the rest of the split is as before."""
     learnt = {}
-    start = training._start
-    monkeypatch.setattr(training, "_start", lambda *a: learnt.update(a[2]) or start(*a))
+
+    def remember(*asked):
+        learnt["arrays"] = asked[3]
+        return make_trainer(*asked)
+
+    monkeypatch.setattr(training, "make_trainer", remember)
     for name, fresh in (("stored", 0), ("more", 3)):
         asked = change_recipe(config, epochs=1, fresh_scenes=fresh)
         train(asked, "smoke", data, tmp_path / name, show=False)
-        found = {part: [x.copy() for x in arrays] for part, arrays in learnt.items()}
+        found = {part: [x.copy() for x in pair] for part, pair in learnt["arrays"].items()}
         record = json.loads((tmp_path / name / "run.json").read_text())
         if name == "stored":
             stored, before = found, record
@@ -198,7 +202,7 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
     assert record["test_indices"] == before["test_indices"]
     np.testing.assert_array_equal(found["validation"][1], stored["validation"][1])
     np.testing.assert_array_equal(found["train"][1][:-3], stored["train"][1])
-    _, targets = fresh_samples(Dataset(data), 3, workers=1)
+    ((_, targets),) = fresh_samples(Dataset(data), 3, workers=1)
     np.testing.assert_array_equal(found["train"][1][-3:, ..., 0], targets)
     assert len(found["train"][0]) == len(found["train"][1])
 

@@ -20,6 +20,7 @@ from lf_flame.systems.training import (
     PatchTrainer,
     SystemRecipe,
     SystemsConfig,
+    SystemsPreset,
     load_system,
     read_systems_config,
     train_system,
@@ -33,7 +34,9 @@ def config(coarse_data):
         "seed": 3,
         "checkpoint_s": 0,
         "training_samples": {"data": [str(path) for path in coarse_data], "slopes": 3},
-        "presets": {"smoke": {"training_samples": 4, "held_out": 2, "epochs": 2}},
+        "presets": {
+            "smoke": {"training_samples": 4, "held_out": 2, "epochs": 2, "steps_per_epoch": 3}
+        },
         "systems": {
             "aperturenet": {"epochs": 50, "patch": 20},
             "refocusnet": {"epochs": 50, "patch": 20, "learning_rate": 1e-3},
@@ -196,7 +199,7 @@ def test_a_network_learns(config):
     """From one sample, by the trainer, RefocusNet's error falls to a tenth."""
     system = NETWORKS["refocusnet"].build(1)
     pair = draw_arrays(config.training_samples, system, 1, range(1))
-    recipe = SystemRecipe(epochs=30, patch=24, batch_size=4, schedule="constant")
+    recipe = SystemRecipe(epochs=30, steps_per_epoch=3, patch=24, batch_size=4, schedule="constant")
     trainer = PatchTrainer(
         system, "mean_squared_error", recipe, {"train": pair, "validation": pair}
     )
@@ -204,6 +207,29 @@ def test_a_network_learns(config):
     for epoch in range(30):
         trainer.train_epoch(np.random.default_rng(epoch))
     assert trainer.evaluate("validation") < start / 10
+
+
+@pytest.mark.parametrize("name", ["aperturenet", "refnet", "volumetric"])
+def test_every_network_takes_the_steps_of_the_recipe(config, name):
+    """However many images it sees of a light field; down the cosine, the last step's rate is 0."""
+    system = NETWORKS[name].build(1)
+    pair = draw_arrays(config.training_samples, system, 1, range(2))
+    recipe = SystemRecipe(epochs=2, steps_per_epoch=5, patch=24, batch_size=3)
+    trainer = PatchTrainer(system, NETWORKS[name].loss, recipe, {"train": pair, "validation": pair})
+    rates = [float(trainer.optimizer.learning_rate)]
+    for epoch in range(2):
+        trainer.train_epoch(np.random.default_rng(epoch))
+        rates.append(float(trainer.optimizer.learning_rate))
+    assert int(trainer.optimizer.iterations) == 10
+    np.testing.assert_allclose(rates, [1e-3, 0.5e-3, 0], rtol=1e-5, atol=1e-9)
+
+
+def test_a_preset_may_say_how_long_all_systems_train(config):
+    assert config.recipe("refnet", "smoke").steps_per_epoch == 3
+    assert config.recipe("refnet", "smoke").epochs == 2
+    wanted = "epochs and steps_per_epoch must be from 1 to 999999, got 1, 1, 0."
+    with pytest.raises(InputError, match=wanted):
+        SystemsPreset(training_samples=1, held_out=1, steps_per_epoch=0)
 
 
 def test_weights_come_from_the_seed(config):
