@@ -7,170 +7,27 @@ own, whose peak memory is what it takes.
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from experiments.depth_scenarios import scene_settings
-from experiments.held_out import find_scenes
 from experiments.systems import report
 from experiments.systems.compared_sets import Scene, TestSet
 from experiments.systems.cost import measure_cost
+from experiments.systems.entries import Entry
 from experiments.systems.figures import figure, noise_figure
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
-from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
-from lf_flame.learning.run_folders import load_run, open_run
 from lf_flame.learning.scoring import score
 from lf_flame.systems.base import RefocusingSystem
-from lf_flame.systems.denoised import Denoised, non_local_means, total_variation
-from lf_flame.systems.formulas import FourierSlice, ShiftAndSum
-from lf_flame.systems.refocusnet import OFFICIAL, RefocusNet
-from lf_flame.systems.registry import NETWORKS
-from lf_flame.systems.resnet50 import ResNet50
-from lf_flame.systems.training import load_system
-from lf_flame.systems.view_selection import cross_of_views, lattice_of_views, square_of_views
 
 COLUMNS = [
     "test_set", "truth", "electrons", "system", "views", "slope", "plane", "psnr_db", "psnr_sd",
     "psnr_foreground_db", "psnr_foreground_sd", "ssim", "ssim_sd", "light_fields", "why_missing",
 ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A system that can be loaded, here or in another process.
-
-    Attributes
-    ----------
-    name : str
-    load : callable
-        Takes nothing, gives the system; can be pickled. Raises InputError where it is missing.
-    about : dict
-        How it was trained, for the record.
-    only : str
-        Test sets whose name starts so; "": all.
-    """
-
-    name: str
-    load: Callable[[], RefocusingSystem]
-    about: dict
-    only: str = ""
-
-
-def formula_entries() -> list[Entry]:
-    """List the systems that need no training."""
-    some = {
-        "shift-and-sum, 3 x 3 views": square_of_views,
-        "shift-and-sum, lattice of 9 views": lattice_of_views,
-        "shift-and-sum, cross of 17 views": cross_of_views,
-        "shift-and-sum, 7 x 7 views": partial(square_of_views, side=7),
-    }
-    denoised = [
-        (f"{name}, denoised ({how})", partial(ShiftAndSum, name, places), denoise)
-        for name, places in (
-            ("shift-and-sum, all views", None),
-            ("shift-and-sum, 3 x 3 views", square_of_views),
-        )
-        for how, denoise in (
-            ("non-local means", non_local_means),
-            ("total variation", total_variation),
-        )
-    ]
-    return [
-        Entry("shift-and-sum, all views", ShiftAndSum, {}),
-        Entry("Fourier slice, all views", FourierSlice, {}),
-        *(Entry(name, partial(ShiftAndSum, name, places), {}) for name, places in some.items()),
-        *(Entry(name, partial(_denoised, name, *parts), {}) for name, *parts in denoised),
-    ]
-
-
-def _denoised(name: str, system: Callable[[], ShiftAndSum], denoise: Callable) -> Denoised:
-    return Denoised(system(), denoise, name)
-
-
-def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
-    """List the networks of a folder of runs; those that are not there will show as missing.
-
-    Parameters
-    ----------
-    runs : Path
-        With a run folder for each network, see `lf_flame.systems.registry`, and ``shapes`` and
-        ``flames``, those of the paper's.
-    official_refocusnet : Path, optional
-        The authors' trained weights, see `RefocusNet.of_weights`.
-    """
-    found = []
-    for name, network in NETWORKS.items():
-        load = partial(load_system, runs / name)
-        found.append(Entry(network.title, load, _about(runs / name)))
-    if official_refocusnet:
-        load = partial(RefocusNet.of_weights, official_refocusnet)
-        found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
-    for kind in ("shapes", "flames"):
-        load = partial(ResNet50.of_run, runs / kind)
-        name = f"{_by_recipe(runs / kind)}, trained on {kind}"
-        found.append(Entry(name, load, _about(runs / kind), only=kind))
-    return found
-
-
-def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, count: int) -> Entry:
-    """Enter another run of the paper's network, such as one that is shown other views.
-
-    It shows as missing if there is no such run, or if it has seen light fields of the test sets.
-
-    Parameters
-    ----------
-    folder : Path
-        Its run folder.
-    configs : sequence of DatasetConfig
-        Data sets to be compared on.
-    runs, count
-        As for `experiments.systems.compared_sets.paper_sets`.
-    """
-    name = f"{_by_recipe(folder)}, {folder.resolve().name.replace('-', ' ')}"
-    try:
-        run = open_run(folder)
-        for config in configs:
-            held_out = find_scenes(config, runs / config.kind, count)
-            if scene_settings(held_out.config) == scene_settings(run.config):
-                _refuse_seen(set(held_out.indices) - set(run.record["test_indices"]), folder)
-    except InputError as error:
-        return Entry(name, partial(_refuse, str(error)), {})
-    load = partial(ResNet50.of_run, folder)
-    return Entry(name, load, _about(folder), only=run.config.kind)
-
-
-def _by_recipe(folder: Path) -> str:
-    """Name a run of the paper's network by its recipe: only one of them is the paper's."""
-    preset = _about(folder).get("preset")
-    recipes = {"paper": "the paper's recipe", None: "no run"}
-    return f"{ResNet50.name}, {recipes.get(preset, f'{preset} recipe')}"
-
-
-def _refuse_seen(seen: set[int], folder: Path) -> None:
-    if seen:
-        raise InputError(
-            f"{folder} has seen light fields that it would be tested on, such as {min(seen)}."
-        )
-
-
-def _refuse(reason: str) -> None:
-    raise InputError(reason)
-
-
-def _about(folder: Path) -> dict:
-    """Read the record of a run, with the seconds that it took; nothing where there is none."""
-    try:
-        record = load_run(folder)
-    except InputError:
-        return {}
-    record.pop("test_indices", None)
-    return {**record, "seconds": record.get("start_s", np.nan) + record.get("train_s", np.nan)}
 
 
 def score_systems(systems: dict, test_set: TestSet) -> pd.DataFrame:
@@ -305,11 +162,15 @@ def _loaded(entry: Entry) -> RefocusingSystem | InputError:
 
 
 def _described(entry: Entry, system, frame: Scene) -> dict:
-    row = {"system": entry.name, "views": np.nan, "parameters": np.nan}
+    row = {"system": entry.name, "views": np.nan, "parameters": np.nan, "steps": np.nan}
     row |= {"training_s": np.nan, "milliseconds": np.nan, "memory_mb": np.nan}
     if isinstance(system, InputError):
         return row
-    row |= {"parameters": system.parameters, "training_s": entry.about.get("seconds", np.nan)}
+    row["parameters"] = system.parameters
+    row |= {
+        column: entry.about.get(name, np.nan)
+        for column, name in (("steps", "steps"), ("training_s", "seconds"))
+    }
     try:
         row["views"] = len(set(system.view_indices(*frame.views.shape[:2])))
         system.refocus(frame.views, frame.slopes, frame.block)

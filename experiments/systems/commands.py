@@ -49,8 +49,16 @@ from lf_flame.errors import InputError
     multiple=True,
     help="Another run of the paper's network, as `make encodings` leaves some; may be repeated.",
 )
+@click.option(
+    "--more",
+    type=RUN,
+    multiple=True,
+    metavar="RUNS",
+    help="Folder of the same networks, trained as its name says, such as runs/equal-steps; may be "
+    "repeated.",
+)
 def compare(
-    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants
+    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants, more
 ) -> None:
     """Set refocusing systems side by side: accuracy, views, time and memory.
 
@@ -72,6 +80,7 @@ def compare(
     load_keras()
     quiet_tensorflow()
     from experiments.systems import benchmark
+    from experiments.systems import entries as systems
     from experiments.systems.compared_sets import paper_sets, photograph_sets
     from lf_flame._common.progress import step_bar
     from lf_flame.datasets.config import read_config
@@ -84,9 +93,9 @@ def compare(
     for path, slopes in photographs:
         light_field = read_light_field(path)
         test_sets += photograph_sets(path.name, light_field, _as_numbers(slopes))
-    entries = benchmark.formula_entries()
-    entries += benchmark.trained_entries(runs, refocusnet_weights)
-    entries += [benchmark.variant_entry(path, configs, runs, light_fields) for path in variants]
+    entries = systems.formula_entries()
+    entries += systems.trained_entries(runs, refocusnet_weights, more)
+    entries += [systems.variant_entry(path, configs, runs, light_fields) for path in variants]
     path = benchmark.run_benchmark(entries, test_sets, out, step_bar)
     click.echo(set_beside(path, "compare/compare.md"))
 

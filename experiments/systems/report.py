@@ -19,7 +19,7 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
     scores : DataFrame
         Columns as in `experiments.systems.benchmark.COLUMNS`.
     costs : DataFrame
-        One row a system: system, views, parameters, training_s, milliseconds, memory_mb.
+        One row a system: system, views, parameters, steps, training_s, milliseconds, memory_mb.
     record : dict
         As it is written.
     """
@@ -31,9 +31,9 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 
 The reference is shift-and-sum of all views, or of those in a round aperture where a test set is
 called so. PSNR in dB (peak 1), and SSIM: means over planes and
-light fields; every plane is in compare.csv. Views are those that a system looks at; training in
-seconds, with drawing the training samples (not those of the ResNet-50, which are drawn
-beforehand);
+light fields; every plane is in compare.csv. Views are those that a system looks at; training is
+given in steps of the optimiser, and in seconds at the pace of the median epoch, without drawing the
+training samples (a ResNet-50 that a regression sets at the start takes its seconds there);
 milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
@@ -121,10 +121,13 @@ def _light(electrons: float) -> str:
 
 def _costs_table(costs: pd.DataFrame) -> str:
     shown = costs.copy()
-    for name, form in {"training_s": "{:.0f}", "milliseconds": "{:.1f}", "memory_mb": "{:.0f}",
-                       "views": "{:.0f}", "parameters": "{:,.0f}"}.items():  # fmt: skip
+    for name, form in {"steps": "{:,.0f}", "training_s": "{:.0f}", "milliseconds": "{:.1f}",
+                       "memory_mb": "{:.0f}", "views": "{:.0f}",
+                       "parameters": "{:,.0f}"}.items():  # fmt: skip
         shown[name] = ["" if pd.isna(x) else form.format(x) for x in costs[name]]
-    shown.columns = ["system", "views", "parameters", "training (s)", "ms a frame", "memory (MB)"]
+    shown.columns = [
+        "system", "views", "parameters", "steps", "training (s)", "ms a frame", "memory (MB)",
+    ]  # fmt: skip
     sides = ("left", *["right"] * (len(shown.columns) - 1))
     return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
 

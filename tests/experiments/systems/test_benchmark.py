@@ -1,3 +1,6 @@
+import hashlib
+import json
+import shutil
 from pathlib import Path
 
 import keras
@@ -7,13 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.systems import benchmark, compared_sets, figures
+from experiments.systems import benchmark, compared_sets, entries, figures
 from experiments.systems.cost import measure_cost
 from lf_flame import InputError, LightField
 from lf_flame.datasets.config import read_config
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
+from lf_flame.systems.sparse_unet import SparseUNet
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +178,9 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     np.save(leaves, views)
     arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
                  "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
-                 50, "--variant", system_runs / "refocusnet"]  # fmt: skip
+                 50, "--variant", system_runs / "refocusnet",
+                 "--more", tmp_path / "trained-again"]  # fmt: skip
+    shutil.copytree(system_runs / "volumetric", tmp_path / "trained-again" / "volumetric")
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     scores = pd.read_csv(tmp_path / "out/compare.csv")
@@ -191,6 +197,9 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     assert costs.milliseconds["RefocusNet"] > 0
     assert costs.training_s["RefocusNet"] > 0
     assert costs.views["RefocusNet"] == 4
+    assert costs.steps["RefocusNet"] == 2
+    assert costs.steps[SparseUNet.name + ", trained again"] == 2
+    assert np.isnan(costs.steps["RefocusNet, trained again"])  # there is none in that folder
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
         "systems.csv",
@@ -200,9 +209,32 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     assert "50 electrons" in text
 
 
+@pytest.mark.parametrize(
+    ("record", "steps", "seconds"),
+    [
+        # Four epochs, one of them while the machine did other things; drawing samples aside.
+        ({"system": "refnet", "epochs": 4, "recipe": {"steps_per_epoch": 7, "batch_size": 2}},
+         28, 8.0),
+        # Of the paper's network the start counts, and an epoch sees every sample once.
+        ({"epochs": 4, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 20, 38.0),
+        ({"epochs": 0, "recipe": {"batch_size": 2}, "parts": {"train": 9}}, 0, 30.0),
+    ],
+)  # fmt: skip
+def test_a_busy_machine_hardly_changes_what_training_took(tmp_path, record, steps, seconds):
+    (tmp_path / "model.keras").write_bytes(b"")
+    digest = hashlib.sha256(b"").hexdigest()
+    (tmp_path / "run.json").write_text(json.dumps(record | {"model_sha256": digest}))
+    rows = ["epoch,loss,val_loss,val_psnr_db,seconds", "0,1,1,0,30"]
+    rows += [f"{k},1,1,0,{s}" for k, s in ((1, 2), (2, 2), (3, 50), (4, 2))]
+    (tmp_path / "history.csv").write_text("\n".join(rows[: 2 + record["epochs"]]) + "\n")
+    about = entries._about(tmp_path)
+    assert about["steps"] == steps
+    assert about["seconds"] == pytest.approx(seconds)
+
+
 @pytest.mark.slow
 def test_a_system_for_one_data_set_is_not_scored_on_the_other(sets, tmp_path):
-    entered = [benchmark.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
+    entered = [entries.Entry(x, ShiftAndSum, {}, only=x) for x in ("shapes", "flames")]
     benchmark.run_benchmark(entered, sets[:1], tmp_path)
     table = pd.read_csv(tmp_path / "compare.csv").set_index("system")
     assert table.why_missing["shapes"] == "it was trained on shapes."
