@@ -83,11 +83,11 @@ $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml 
 	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
 # Refocusing systems learn from the same training samples, with objects at new depths in every light field.
-train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light)  ## train ours: nine aligned views, in full and in low light
+train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round)  ## train ours: nine aligned views, in full and in low light, for a square and a round aperture
 train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
 train-refnet: $(patsubst %,$(RUNS)/%/model.keras,refnet refnet-fourier)  ## train RefNet, in our reading, on shift-and-sum and on the Fourier slice
 train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
-SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light refocusnet refnet refnet-fourier volumetric)
+SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --config experiments/systems.toml --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
 # In quick every network learns for as many seconds; these learn for as many steps.

@@ -164,6 +164,7 @@ def paper_sets(config: DatasetConfig, run: Path, count: int) -> list[TestSet]:
         placed = partial(_placed_scenes, config, scenario, at, count)
         name, planes = f"{config.kind}, {scenario.name}", [f"{z:g} mm" for z in depths]
         sets.append(TestSet(name, planes, placed, origin=f"drawn by seed {config.seed}"))
+    sets.append(replace(sets[0], name=f"{config.kind}, {ROUND}", truth=ROUND))
     # RefNet's own slopes, with a reference by either method.
     planes = [f"alpha {alpha:g}" for alpha in ALPHAS]
     scenes = partial(_own_scenes, config, SLOPES * config.block[0], held_out.indices)

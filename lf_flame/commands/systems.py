@@ -31,6 +31,7 @@ def train_system(system: str, config: Path, preset: str, seed: int | None, out: 
     \b
       aperturenet            ours: nine aligned views, each for a ninth of the aperture
       aperturenet-low-light  the same, from samples in low light
+      aperturenet-round      the same, for the views in a round aperture
       refocusnet             four aligned views (Ben Dayan et al. 2020), the published layers
       refnet                 7 x 7 views into sixteen images (Hedayati et al. 2021), our reading
       refnet-fourier         the same, from the Fourier slice instead of shift-and-sum

@@ -5,7 +5,8 @@ each. Something out of focus, whose image moves by d pixels over the whole apert
 within a square. So what all the views of a square would have drawn is its middle view, blurred by
 a box d / 3 wide; and the mean of the nine, so blurred, is what all views together give. That is
 exact for things at one depth and views without gaps; only d, for each pixel, is not known.
-(Shift-and-sum of nine views takes it for 0, and shows ghosts.)
+(Shift-and-sum of nine views takes it for 0, and shows ghosts.) In a round aperture the parts at the
+corners count for less, and the rest of it is for the network to learn.
 
 So the network has one thing to find: how wide. From the aligned views it draws, for each pixel, the
 weights of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
@@ -18,12 +19,15 @@ import keras
 import numpy as np
 from keras import layers, ops
 
-from lf_flame.refocus import align_views
+from lf_flame.refocus import align_views, round_aperture
 from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.view_selection import square_of_views
 
 SIDE = 3
 VIEWS = SIDE**2
+
+ROUND = round_aperture((SIDE, SIDE))
+"""How much of each part lies in the round aperture that touches the square's sides."""
 
 WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
 """Of the boxes, in pixels; the first leaves the picture as it is."""
@@ -47,7 +51,7 @@ PIXELS = BLOCK**2
 """Channels that one channel becomes: the pixels of a block, row by row."""
 
 
-def build_aperturenet(seed: int = 0) -> keras.Model:
+def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> keras.Model:
     """Build the network.
 
     Half the resolution, and a quarter for what moves far, is enough to see how far the views
@@ -59,6 +63,8 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     ----------
     seed : int, optional
         Of the initial weights, He-normal.
+    view_weights : ndarray, shape (3, 3), optional
+        How much each part of the aperture counts, as in `ROUND`. Default: all alike.
 
     Returns
     -------
@@ -68,8 +74,9 @@ def build_aperturenet(seed: int = 0) -> keras.Model:
     # Names of layers, "shares" and "mean_in_quads" too, are those of networks trained before.
     seen = keras.Input((None, None, VIEWS), name="aligned_views")
     features = _see_disagreement(seen, seed)
-    weights = _box_weights(features)
-    mixed = _mix_boxes(weights, _blurred_means(seen))
+    boxes = _box_weights(features)
+    shares = np.ones((SIDE, SIDE)) if view_weights is None else np.asarray(view_weights)
+    mixed = _mix_boxes(boxes, _blurred_means(seen, shares.ravel() / shares.sum()))
     correction = _from_zero(PIXELS, "correction")(features)
     return keras.Model(seen, _depth_to_space(mixed + correction), name="aperturenet")
 
@@ -101,9 +108,9 @@ def _box_weights(features):
     return ops.exp(ops.clip(logits, -SURE, SURE))
 
 
-def _blurred_means(seen):
+def _blurred_means(seen, shares: np.ndarray):
     """Blur the mean of the views by every box: (h/2, w/2, box and pixel of a block)."""
-    mean = _fixed("mean_in_quads", _mean_to_depth(), strides=BLOCK)(seen)
+    mean = _fixed("mean_in_quads", _mean_to_depth(shares), strides=BLOCK)(seen)
     boxes = _fixed("boxes", _kernels_in_depth(make_boxes()))
     return boxes(mean) / boxes(ops.ones_like(mean))  # which at the edges is below 1
 
@@ -138,10 +145,9 @@ def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
     return layer
 
 
-def _mean_to_depth() -> np.ndarray:
-    """Kernel of the mean over the views, from space to depth: (2, 2, 9, 4)."""
-    each = np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS)
-    return np.repeat(each, VIEWS, axis=2) / VIEWS
+def _mean_to_depth(shares: np.ndarray) -> np.ndarray:
+    """Kernel of the weighted mean over the views, from space to depth: (2, 2, 9, 4)."""
+    return np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS) * shares[:, None]
 
 
 def _kernels_in_depth(kernels: np.ndarray) -> np.ndarray:

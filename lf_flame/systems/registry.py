@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-from lf_flame.systems.aperturenet import ApertureNet, build_aperturenet
+from lf_flame.systems.aperturenet import ROUND, ApertureNet, build_aperturenet
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refnet import RefNet, build_refnet, refnet_loss
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet
@@ -46,6 +47,13 @@ NETWORKS = {
     "aperturenet": Network(ApertureNet, build_aperturenet, "mean_squared_error"),
     "aperturenet-low-light": Network(
         ApertureNet, build_aperturenet, "mean_squared_error", note="trained in low light"
+    ),
+    "aperturenet-round": Network(
+        ApertureNet,
+        partial(build_aperturenet, view_weights=ROUND),
+        "mean_squared_error",
+        "round aperture",
+        "trained on the round aperture",
     ),
     "refocusnet": Network(RefocusNet, build_refocusnet, "mean_squared_error"),
     "refnet": Network(RefNet, build_refnet, refnet_loss),

@@ -14,8 +14,9 @@ from lf_flame._common.atomic_files import atomic_folder, atomic_write, together,
 from lf_flame.errors import InputError
 
 KILLED = """
-import sys, time
+import signal, sys, time
 from lf_flame._common.atomic_files import atomic_folder, atomic_write
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's "&" turns off
 kind = {"file": atomic_write, "folder": atomic_folder}[sys.argv[1]]
 with kind(sys.argv[2]) as aside:
     print(aside, flush=True)

@@ -18,6 +18,7 @@ from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
 from lf_flame.systems.sparse_unet import SparseUNet
+from lf_flame.systems.view_selection import square_of_views
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +49,15 @@ def test_test_sets_are_the_split_and_the_objects_at_other_depths(sets, flames):
         "flames, first and last exchanged",
         "flames, order reversed",
         "flames, all 5 mm nearer",
+        "flames, round aperture",
         "flames, RefNet's slopes",
         "flames, RefNet's slopes",
     ]
-    assert [one.truth for one in sets] == ["shift-and-sum"] * 5 + ["Fourier slice"]
-    assert sets[4].planes[7] == "alpha 1"
-    assert next(sets[4].scenes()).slopes[7] == 0
+    assert [one.truth for one in sets] == [
+        *["shift-and-sum"] * 4, "round aperture", "shift-and-sum", "Fourier slice",
+    ]  # fmt: skip
+    assert sets[5].planes[7] == "alpha 1"
+    assert next(sets[5].scenes()).slopes[7] == 0
     assert sets[0].planes == sets[1].planes == ["20 mm", "10 mm", "0 mm", "-10 mm"]
     assert sets[3].planes == ["15 mm", "5 mm", "-5 mm", "-15 mm"]
     for one in sets:
@@ -125,7 +129,7 @@ def test_the_other_reference_of_photographs_blurs_points_to_discs():
 
 def test_photographs_are_as_bright_as_systems_take_them():
     views = DeadLeaves().draw((9, 9), (60, 70), np.random.default_rng(3)).views
-    few = ShiftAndSum("few", benchmark.square_of_views)
+    few = ShiftAndSum("few", square_of_views)
     bright, plain = (
         benchmark.score_systems(
             {"few": few}, compared_sets.photograph_sets("leaves", LightField(v), [0.5])[0]
