@@ -10,7 +10,7 @@ from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
 from lf_flame.learning import feature_stream
 from lf_flame.learning.decoder import build_refocus_resnet50
-from lf_flame.learning.feature_stream import FeatureStream
+from lf_flame.learning.feature_stream import BATCH, FeatureStream, compute_features
 from tests.tiny_data import DATA
 
 INDICES = np.array([2, 0, 3])
@@ -59,6 +59,13 @@ def test_without_epochs_only_the_first_ones_stay(stream, expected, epochs, count
         list(some)
     for found, wanted in zip(some.kept(), expected, strict=True):
         np.testing.assert_array_equal(found, wanted[:count])
+
+
+def test_features_of_many_samples_are_those_of_each(rng):
+    """More than the backbone sees together; its picture is rescaled by 1."""
+    model = build_refocus_resnet50((10, 16), 1, backbone_depth="none")
+    inputs = rng.uniform(size=(2 * BATCH + 3, 10, 16, 1)).astype(np.float32)
+    np.testing.assert_array_equal(compute_features(model, inputs), inputs)
 
 
 def test_nothing_is_computed_twice(stream, monkeypatch):
