@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from experiments.__main__ import commands
 from experiments.depth_scenarios import make_scenarios
 from experiments.depth_test.permutation import run_depth_test, share_memorised
-from experiments.systems.benchmark import variant_entry
+from experiments.systems.entries import variant_entry
 from lf_flame import InputError, render
 from lf_flame._common.config import build
 from lf_flame.commands import cli
