@@ -179,11 +179,14 @@ def _about(folder: Path) -> dict:
     """Read the record of a run, and what its training took; nothing where there is none."""
     try:
         record = load_run(folder)
-        facts = build_record(TrainingFacts, record, folder / "run.json")
-        history = read_history(folder / "history.csv", facts.epochs)
     except InputError:
         return {}
     record.pop("test_indices", None)
+    try:
+        facts = build_record(TrainingFacts, record, folder / "run.json")
+        history = read_history(folder / "history.csv", facts.epochs)
+    except InputError:
+        return record  # what training took is missing
     steps = facts.recipe.steps_per_epoch
     if steps is None and "train" in facts.parts:
         # The paper's network sees every sample once in an epoch.

@@ -234,6 +234,9 @@ def test_a_busy_machine_hardly_changes_what_training_took(tmp_path, record, step
     about = entries._about(tmp_path)
     assert about["steps"] == steps
     assert about["seconds"] == pytest.approx(seconds)
+    (tmp_path / "history.csv").unlink()
+    assert not {"steps", "seconds"} & entries._about(tmp_path).keys()
+    assert entries._about(tmp_path)["epochs"] == record["epochs"]
 
 
 @pytest.mark.slow
