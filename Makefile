@@ -46,7 +46,7 @@ endif
 .PHONY: results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
-.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
+.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras runs/equal-steps/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
 	@echo 'make TARGET [PRESET=smoke|quick|many|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
@@ -82,6 +82,9 @@ $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml 
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(RESULTS)/table1.csv
 	$(EXPERIMENT) evaluate $(RUNS)/flames --table table2 --figure figure8 --out $(RESULTS)
 
+# The run of the paper's own recipe, where there is one, stands beside others.
+PAPERS_NETWORK = $(patsubst %/model.keras,%,$(wildcard runs/paper/flames/model.keras))
+
 # Refocusing systems learn from the same training samples, with objects at new depths in every light field.
 train-aperturenet: $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round)  ## train ours: nine aligned views, in full and in low light, for a square and a round aperture
 train-refocusnet: $(RUNS)/refocusnet/model.keras  ## train RefocusNet: four aligned views
@@ -107,17 +110,17 @@ costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in 
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs
 
 latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
-	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames --out results/costs
+	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames $(PAPERS_NETWORK) --out results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.
 STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
-scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (half an hour)
+scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
-	$(EXPERIMENT) depth-test $(patsubst %/model.keras,%,$(wildcard runs/paper/flames/model.keras)) \
+	$(EXPERIMENT) depth-test $(PAPERS_NETWORK) \
 	  $$(dirname runs/studies/encodings_flames/*/model.keras) --out results/depth_test
 learning-costs: STUDY_OUT = results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning

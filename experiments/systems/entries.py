@@ -159,8 +159,10 @@ def _in_words(folder: Path) -> str:
 
 def _by_recipe(folder: Path) -> str:
     """Name a run of the paper's network by its recipe: only one of them is the paper's."""
-    preset = _about(folder).get("preset")
-    recipes = {"paper": "the paper's recipe", None: "no run"}
+    about = _about(folder)
+    preset = about.get("preset")
+    paper = f"the paper's recipe, {about.get('epochs', 0):,} epochs"  # not always to the end
+    recipes = {"paper": paper, None: "no run"}
     return f"{ResNet50.name}, {recipes.get(preset, f'{preset} recipe')}"
 
 

@@ -30,11 +30,12 @@ def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
 {record["wall_s"]:.0f} s.
 
 The reference is shift-and-sum of all views, or of those in a round aperture where a test set is
-called so. PSNR in dB (peak 1), and SSIM: means over planes and
-light fields; every plane is in compare.csv. Views are those that a system looks at; training is
-given in steps of the optimiser, and in seconds at the pace of the median epoch, without drawing the
-training samples (a ResNet-50 that a regression sets at the start takes its seconds there);
-milliseconds and peak memory for a frame of {record["frame"]["planes"]} planes of
+called so; networks have learnt the former where their name says nothing else. PSNR in dB (peak 1),
+and SSIM: means over planes and light fields; every plane is in compare.csv. Views are those that a
+system looks at; training is given in steps of the optimiser, and in seconds at the pace of the
+median epoch, without drawing the training samples (a ResNet-50 that a regression sets at the start
+takes its seconds there); milliseconds and peak memory for a frame of
+{record["frame"]["planes"]} planes of
 {record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
 of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
 cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares;

@@ -58,8 +58,8 @@ class FeatureStream:
         Its training samples.
     fresh : int
         Scenes that come behind them, see `lf_flame.datasets.fresh_scenes`.
-    epochs : int
-        With none, only the first `REMEMBERED` samples are kept.
+    keep_all : bool
+        Keep every sample, instead of the first `REMEMBERED` ones.
 
     Raises
     ------
@@ -68,12 +68,12 @@ class FeatureStream:
     """
 
     def __init__(
-        self, model: keras.Model, dataset: Dataset, indices: np.ndarray, fresh: int, epochs: int
+        self, model: keras.Model, dataset: Dataset, indices: np.ndarray, fresh: int, keep_all: bool
     ):
         self._model, self._dataset, self._indices = model, dataset, indices
         self._fresh = fresh
         shapes = model.get_layer("backbone").output.shape[1:], (*dataset.targets.shape[1:], 1)
-        count = len(self) if epochs else min(len(self), REMEMBERED)
+        count = len(self) if keep_all else min(len(self), REMEMBERED)
         needed = 4 * count * sum(int(np.prod(shape)) for shape in shapes)
         check_memory(needed, f"features and images of {count} training samples")
         self._features, self._targets = (np.empty((count, *x), np.float32) for x in shapes)

@@ -105,6 +105,11 @@ class Recipe:
         if not self.learning_rate > 0:
             raise InputError(f"learning_rate must be above 0, got {self.learning_rate}.")
 
+    @property
+    def needs_all_features(self) -> bool:
+        """Whether the features of all samples are needed more than once."""
+        return self.epochs > 0 or self.neck == "pooled"
+
 
 @strict
 @dataclass(frozen=True)
@@ -244,7 +249,9 @@ def train(
     decoder = model.get_layer("decoder")
 
     def start(new: bool):
-        stream = FeatureStream(model, dataset, parts["train"], recipe.fresh_scenes, recipe.epochs)
+        stream = FeatureStream(
+            model, dataset, parts["train"], recipe.fresh_scenes, recipe.needs_all_features
+        )
         shown, targets = (x[parts["validation"]] for x in (dataset.inputs, dataset.targets))
         held_out = compute_features(model, shown), targets[..., None]
         return _start(decoder, recipe, stream, held_out, new)
@@ -277,7 +284,8 @@ def _start(decoder: keras.Model, recipe: Recipe, stream: FeatureStream, held_out
     if recipe.warm_start:
         freeze_normalisations(decoder)
         if new:
-            blocks = Blocks(len(stream), stream)
+            pairs = [stream.kept()] if recipe.needs_all_features else stream
+            blocks = Blocks(len(stream), pairs)
             warm_start(decoder, blocks, held_out, recipe.bands, recipe.refinements)
     arrays = {"train": stream.kept(), "validation": held_out}
     steps = -(-len(arrays["train"][0]) // recipe.batch_size)

@@ -69,10 +69,15 @@ def warm_start(
     if "neck" in [layer.name for layer in decoder.layers]:
         _regress_by_bands(decoder, training, held_out, bands, refinements)
     else:
-        whole = (np.concatenate(parts) for parts in zip(*training.pairs, strict=True))
-        _regress_on_averages(decoder, tuple(whole), held_out)
+        _regress_on_averages(decoder, _joined(training.pairs), held_out)
     last = decoder.get_layer("planes")
     _set_pointwise(last, np.eye(last.filters))
+
+
+def _joined(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """Join blocks into one; a single one is not copied."""
+    first, *others = pairs
+    return tuple(map(np.concatenate, zip(first, *others, strict=True))) if others else first
 
 
 class _Band:

@@ -33,7 +33,7 @@ def stream(whole, monkeypatch):
     monkeypatch.setattr(feature_stream, "REMEMBERED", 4)
     model = build_refocus_resnet50((10, 16), 1, backbone_depth="none")
     dataset = Dataset(whole / "4.zarr")
-    return lambda epochs: FeatureStream(model, dataset, INDICES, 5, epochs)
+    return lambda keep_all: FeatureStream(model, dataset, INDICES, 5, keep_all)
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def expected(whole):
 
 
 def test_it_gives_the_stored_samples_and_then_the_fresh_ones(stream, expected):
-    some = stream(0)
+    some = stream(False)
     blocks = list(some)
     assert len(some) == 8
     assert [len(features) for features, _ in blocks] == [2, 1, 2, 2, 1]
@@ -51,10 +51,12 @@ def test_it_gives_the_stored_samples_and_then_the_fresh_ones(stream, expected):
         np.testing.assert_array_equal(np.concatenate(found), wanted)
 
 
-@pytest.mark.parametrize(("epochs", "count"), [(0, 4), (1, 8)])
+@pytest.mark.parametrize(("keep_all", "count"), [(False, 4), (True, 8)])
 @pytest.mark.parametrize("iterated", [False, True])
-def test_without_epochs_only_the_first_ones_stay(stream, expected, epochs, count, iterated):
-    some = stream(epochs)
+def test_only_the_first_ones_stay_unless_all_are_asked_for(
+    stream, expected, keep_all, count, iterated
+):
+    some = stream(keep_all)
     if iterated:
         list(some)
     for found, wanted in zip(some.kept(), expected, strict=True):
@@ -69,7 +71,7 @@ def test_features_of_many_samples_are_those_of_each(rng):
 
 
 def test_nothing_is_computed_twice(stream, monkeypatch):
-    some, calls = stream(1), []
+    some, calls = stream(True), []
     list(some)
     monkeypatch.setattr(feature_stream, "compute_features", lambda *a: calls.append(a))
     some.kept()
@@ -79,7 +81,7 @@ def test_nothing_is_computed_twice(stream, monkeypatch):
 def test_what_memory_does_not_hold_is_refused_beforehand(stream, monkeypatch):
     """Features and images of 10 x 16 pixels, in float32: 1,280 bytes a sample."""
     monkeypatch.setenv("LF_FLAME_MEMORY_GB", "6e-6")
-    stream(0)
+    stream(False)
     words = "features and images of 8 training samples would need 1.02e-05 GB"
     with pytest.raises(InputError, match=words):
-        stream(1)
+        stream(True)

@@ -16,7 +16,7 @@ from lf_flame.datasets.fresh_scenes import fresh_samples
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
-from lf_flame.learning import training, training_run
+from lf_flame.learning import feature_stream, training, training_run
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import predict_test_split
@@ -191,6 +191,7 @@ def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
         return make_trainer(*asked)
 
     monkeypatch.setattr(training, "make_trainer", remember)
+    monkeypatch.setattr(feature_stream, "REMEMBERED", 2)  # epochs need them all
     for name, fresh in (("stored", 0), ("more", 3)):
         asked = change_recipe(config, epochs=1, fresh_scenes=fresh)
         train(asked, "smoke", data, tmp_path / name, show=False)
