@@ -20,7 +20,7 @@ FLOORS = [
     ["scenes"],
     ["simulation"],
     ["formats", "refocus"],
-    ["projection"],
+    ["projection", "viewer"],
     ["datasets"],
     ["learning"],
     ["models", "systems"],

@@ -16,6 +16,7 @@ from lf_flame.commands import (
     simulation,
     systems,
     verify,
+    viewer,
 )
 from lf_flame.commands.options import HELP
 
@@ -23,10 +24,12 @@ TOUR = """Simulate a plenoptic camera, refocus light fields, and train networks 
 
 \b
 A first tour:
+  lf-flame demo                     a simulated light field, in the browser
   lf-flame camera                   the camera of the paper in numbers
   lf-flame plan SCENE.toml          which effects a scene calls for
   lf-flame simulate SCENE.toml      a scene of your own, as pictures
   lf-flame refocus FOLDER           anybody's light field, refocused
+  lf-flame view FOLDER              the same, to be dragged through focus in the browser
 
 Each command tells more with --help.
 """
@@ -34,7 +37,14 @@ Each command tells more with --help.
 SECTIONS = [
     cloup.Section("Simulation", [simulation.camera, simulation.plan, simulation.simulate]),
     cloup.Section(
-        "Light fields", [light_fields.refocus, light_fields.refocus_regions, light_fields.convert]
+        "Light fields",
+        [
+            viewer.demo,
+            viewer.view,
+            light_fields.refocus,
+            light_fields.refocus_regions,
+            light_fields.convert,
+        ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),

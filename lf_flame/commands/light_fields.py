@@ -98,9 +98,21 @@ APPEARANCE = cloup.option_group(
         show_default=True,
         help="The picture is the same; auto is the fastest.",
     ),
-    cloup.option("--aperture", type=float, help="Diameter of a round aperture; 1 is the full one."),
-    cloup.option("--ring", type=float, help="Diameter of the middle that is covered."),
+    cloup.option(
+        "--aperture", type=float, help="Width of a round aperture; 1 is that of all views."
+    ),
+    cloup.option("--ring", type=float, help="Width of the middle that is covered."),
+    cloup.option("--square", is_flag=True, default=None, help="A square aperture, no round one."),
+    cloup.option(
+        "--viewpoint",
+        nargs=2,
+        type=float,
+        metavar="V U",
+        help="Centre of the aperture, rows and columns of views from the middle one.",
+    ),
     cloup.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
+    cloup.option("--gain", type=float, help="The pictures so many times as bright."),
+    cloup.option("--gamma", type=float, help="Of the pictures; 2.2 shows more in the dark."),
     cloup.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
     cloup.option(
         "--network",
@@ -137,6 +149,11 @@ class Reading:
     white: Path | None = None
     pitch: float | None = None
     layout: str | None = None
+
+    def words(self) -> list[str]:
+        """Give the options as words of a command, those that were given."""
+        given = [(name, getattr(self, name)) for name in self.__dataclass_fields__]
+        return [word for name, x in given if x is not None for word in (f"--{name}", str(x))]
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and tell what was found."""
@@ -199,7 +216,11 @@ class Appearance:
     method: str = "auto"
     aperture: float | None = None
     ring: float | None = None
+    square: bool | None = None
+    viewpoint: tuple[float, float] | None = None
     f_number: float | None = None
+    gain: float | None = None
+    gamma: float | None = None
     movie: str = "gif"
     network: Path | None = None
 
@@ -208,17 +229,34 @@ class Appearance:
         plain = Appearance()
         changed = {
             name: getattr(self, name)
-            for name in ("interpolation", "method", "aperture", "ring", "f_number")
+            for name in (
+                "interpolation",
+                "method",
+                "aperture",
+                "ring",
+                "square",
+                "viewpoint",
+                "f_number",
+            )
             if getattr(self, name) != getattr(plain, name)
         }
         _refuse_options("a network", **changed, map=slope_map)
 
     def options(self, views: tuple[int, int], lens: "PlenopticCamera | None") -> dict[str, Any]:
         """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
-        from lf_flame.commands.refocus_job import aperture_weights
+        from lf_flame.commands.refocus_job import Aperture
 
-        weights = aperture_weights(views, self.aperture, self.ring, self.f_number, lens)
+        aperture = Aperture(
+            self.aperture, self.ring, bool(self.square), self.viewpoint, self.f_number
+        )
+        weights = aperture.weights(views, lens)
         return {"interpolation": self.interpolation, "method": self.method, "weights": weights}
+
+    @property
+    def brightness(self) -> dict[str, float]:
+        """Give `gain` and `gamma` of `RefocusJob`, where they were asked for."""
+        asked = {"gain": self.gain, "gamma": self.gamma}
+        return {name: value for name, value in asked.items() if value is not None}
 
 
 def _pick(kind, options: dict):
@@ -264,7 +302,7 @@ def refocus(source, camera, out, **options):
         light_field = reading.read(source)
         views = light_field.views.shape[:2]
         slopes = focus.asked_slopes(views[1], lens)
-        job = RefocusJob(light_field, look.options(views, lens), network)
+        job = RefocusJob(light_field, look.options(views, lens), network, **look.brightness)
         check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
         describe_job(job, folder)
         folder.facts["depths_mm"] = focus.depths

@@ -8,16 +8,10 @@ from typing import Any
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.images import white_level
+from lf_flame.formats.images import to_levels, white_level
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import (
-    annular_aperture,
-    f_number_aperture,
-    farthest_slope,
-    refocus,
-    round_aperture,
-)
+from lf_flame.refocus import aperture_weights, f_number_aperture, farthest_slope, refocus
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +25,20 @@ class RefocusJob:
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
     network : optional
         A system of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
+    gain, gamma : float
+        Of the pictures to look at, see `preview`; both above 0.
     """
 
     light_field: LightField
     options: dict[str, Any] = field(default_factory=dict)
     network: Any = None
+    gain: float = 1.0
+    gamma: float = 1.0
+
+    def __post_init__(self):
+        for name in ("gain", "gamma"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"{name} must be finite and above 0, got {getattr(self, name):g}.")
 
     @cached_property
     def white(self) -> float:
@@ -47,6 +50,11 @@ class RefocusJob:
         """Views from 0 to 1, as networks take them."""
         views = self.light_field.views
         return views if self.white == 1 else views / np.float32(self.white)
+
+    def preview(self, image: np.ndarray) -> np.ndarray:
+        """Levels of 8 bits to look at: ``(gain image / white) ** (1 / gamma)``, white at most."""
+        shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
+        return to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
 
     def refocus(self, slopes: Sequence[float]) -> np.ndarray:
         """Refocus at some slopes: float32, shape (n, t, s) or with a last axis of channels."""
@@ -92,41 +100,55 @@ def check_job(
         job.network.check(job.light_field.views, [*slopes, *sweep])
 
 
-def aperture_weights(
-    views: tuple[int, int],
-    diameter: float | None = None,
-    ring: float | None = None,
-    f_number: float | None = None,
-    camera: PlenopticCamera | None = None,
-) -> np.ndarray | None:
-    """Weights of the views for an aperture as a user states it.
+@dataclass(frozen=True)
+class Aperture:
+    """An aperture as a user states it; nothing stated: all views alike.
 
-    Parameters
+    Attributes
     ----------
-    views : (int, int)
-    diameter : float, optional
-        Of a round aperture, in widths of the full one. Default: the full one, or of a ring 1.
+    width : float, optional
+        In widths of the full aperture. Default: the full one, or of a ring 1.
     ring : float, optional
-        Diameter of the middle that is covered.
+        Width of the middle that is covered.
+    square : bool
+        Square, and not round.
+    viewpoint : (float, float), optional
+        Where its centre is, in views from the middle one.
     f_number : float, optional
-        In place of a diameter; needs the camera.
-    camera : PlenopticCamera, optional
-
-    Returns
-    -------
-    ndarray, shape (v, u), or None for all views alike
+        In place of a width; needs the camera.
     """
-    if f_number is not None:
-        if diameter is not None or ring is not None:
-            raise InputError("An f-number and a diameter of the aperture cannot both be given.")
+
+    width: float | None = None
+    ring: float | None = None
+    square: bool = False
+    viewpoint: tuple[float, float] | None = None
+    f_number: float | None = None
+
+    def weights(
+        self, views: tuple[int, int], camera: PlenopticCamera | None = None
+    ) -> np.ndarray | None:
+        """Give the weights of the views, shape (v, u), or None for all views alike."""
+        if self.f_number is not None:
+            return f_number_aperture(self._camera_of(views, camera), self.f_number)
+        if self == Aperture():
+            return None
+        return aperture_weights(
+            views,
+            1.0 if self.width is None else self.width,
+            self.ring or 0.0,
+            "square" if self.square else "round",
+            self.viewpoint or (0.0, 0.0),
+        )
+
+    def _camera_of(self, views: tuple[int, int], camera: PlenopticCamera | None) -> PlenopticCamera:
+        """Give the camera that an f-number is of."""
+        if self != Aperture(f_number=self.f_number):
+            raise InputError("An f-number and another aperture cannot both be given.")
         if camera is None:
-            raise InputError(f"An f-number needs the camera, got f_number={f_number} alone.")
+            raise InputError(f"An f-number needs the camera, got f_number={self.f_number} alone.")
         if views != (camera.views, camera.views):
             raise InputError(
                 f"The camera has {camera.views} x {camera.views} views, "
                 f"but the light field {views[0]} x {views[1]}."
             )
-        return f_number_aperture(camera, f_number)
-    if ring is not None:
-        return annular_aperture(views, ring, 1.0 if diameter is None else diameter)
-    return None if diameter is None else round_aperture(views, diameter)
+        return camera

@@ -11,7 +11,7 @@ from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder, output_folder
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_preview, write_image
+from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
@@ -75,7 +75,7 @@ def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder)
     digits = len(str(len(slopes)))
     for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
         name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}.png"
-        write_image(out.path(name), to_preview(image, job.white))
+        write_image(out.path(name), job.preview(image))
     out.facts["slopes"] = [float(slope) for slope in slopes]
     out.facts["radiance_of_white_in_png"] = job.white
 
@@ -111,7 +111,7 @@ def write_sweep(
     # Slopes that are asked for together share one reading, or one transform, of the views.
     count = 1 if job.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
     frames = [
-        to_preview(image, job.white)
+        job.preview(image)
         for some in progress(np.array_split(slopes, count))
         for image in job.refocus(some)
     ]
@@ -130,7 +130,7 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     slopes = np.linspace(*ends, SLOPE_MAP_STEPS)
     options = {k: job.options[k] for k in ("interpolation", "weights") if k in job.options}
     found = all_in_focus(job.light_field, slopes, **options)
-    write_image(out.path("all_in_focus.png"), to_preview(found.all_in_focus, job.white))
+    write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))
     write_image(out.path("slope_map.tif"), found.slope.astype(np.float32))
     figures.save(slope_map_figure(found), out.path("slope_map.png"))
     out.facts["slope_map"] = list(ends)
@@ -161,7 +161,7 @@ def write_regions(
     """
     image = image * np.float32(job.white)
     write_image(out.path("regions.tif"), image)
-    write_image(out.path("regions.png"), to_preview(image, job.white))
+    write_image(out.path("regions.png"), job.preview(image))
     write_image(out.path("regions_slope.tif"), surface.astype(np.float32))
     figure = regions_figure(image / job.white, surface, regions)
     figures.save(figure, out.path("regions_slope.png"))

@@ -1,6 +1,7 @@
 from ._arguments import farthest_slope as farthest_slope
 from .alignment import align_views as align_views
 from .aperture import annular_aperture as annular_aperture
+from .aperture import aperture_weights as aperture_weights
 from .aperture import f_number_aperture as f_number_aperture
 from .aperture import round_aperture as round_aperture
 from .aperture import sparse_aperture as sparse_aperture
@@ -14,6 +15,8 @@ from .sharpness import SlopeSearch as SlopeSearch
 from .sharpness import find_sharpest_slope as find_sharpest_slope
 from .sharpness import find_sharpest_slopes as find_sharpest_slopes
 from .shift import shift_and_sum as shift_and_sum
+from .slope_range import SlopeRange as SlopeRange
+from .slope_range import find_slope_range as find_slope_range
 from .surface import planar_slopes as planar_slopes
 from .surface import refocus_surface as refocus_surface
 from .surface import region_slopes as region_slopes

@@ -12,17 +12,30 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
+SHAPES = ("round", "square")
 
-def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
-    """Weights of the views for a round aperture.
+
+def aperture_weights(
+    views: tuple[int, int],
+    width: float = 1.0,
+    ring: float = 0.0,
+    shape: str = "round",
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> np.ndarray:
+    """Weights of the views for an aperture of any size and place, its middle covered or not.
 
     Parameters
     ----------
     views : (int, int)
-        Views along v and u; where they differ, the aperture is an ellipse.
-    diameter : float, optional
-        In widths of the full aperture, above 0. Beyond 1 it is cut by the square of the views,
-        from sqrt(2) on it is the full aperture.
+        Views along v and u; where they differ, a round aperture is an ellipse.
+    width : float, optional
+        In widths of the full aperture, above 0. What lies beyond the full one is cut off.
+    ring : float, optional
+        Width of the middle that is covered, 0 or more, below `width`.
+    shape : {"round", "square"}, optional
+    centre : (float, float), optional
+        Where the aperture's centre is, rows and columns of views from the middle one: the
+        viewpoint. What is in focus stands still when it moves.
 
     Returns
     -------
@@ -32,19 +45,55 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     Raises
     ------
     InputError
+        If the numbers are out of range, or no view lies inside.
+    """
+    if min(views) < 1 or not 0 < width < np.inf:
+        raise InputError(
+            f"An aperture needs one view or more and a finite width above 0, "
+            f"got {views[0]} x {views[1]} views and width {width}."
+        )
+    if not 0 <= ring < width:
+        raise InputError(
+            f"A ring needs a covered middle, 0 or more, below its outer width, "
+            f"got {ring} and {width}."
+        )
+    if shape not in SHAPES:
+        raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}.")
+    if not np.all(np.isfinite(centre)):
+        raise InputError(f"The centre of an aperture must be finite, got {tuple(centre)}.")
+    inside = _inside_disc if shape == "round" else _inside_square
+    weights = inside(views, width, centre)
+    if ring:
+        weights = np.clip(weights - inside(views, ring, centre), 0, 1)
+    if not weights.any():
+        raise InputError(
+            f"No view lies in an aperture of width {width:g} at {centre[0]:g}, {centre[1]:g}; the "
+            f"{views[0]} x {views[1]} views reach from the middle to {(views[0] - 1) / 2:g} and "
+            f"{(views[1] - 1) / 2:g}."
+        )
+    return weights
+
+
+def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
+    """Weights of the views for a round aperture about the middle view.
+
+    Parameters
+    ----------
+    views : (int, int)
+    diameter : float, optional
+        In widths of the full aperture, above 0. Beyond 1 it is cut by the square of the views,
+        from sqrt(2) on it is the full aperture.
+
+    Returns
+    -------
+    ndarray of float64, shape (v, u), values from 0 to 1
+
+    Raises
+    ------
+    InputError
         If the numbers are out of range.
     """
-    if min(views) < 1 or not 0 < diameter < np.inf:
-        raise InputError(
-            f"A round aperture needs one view or more and a finite diameter above 0, "
-            f"got {views[0]} x {views[1]} views and diameter {diameter}."
-        )
-    diameter = min(diameter, 2.0)
-    # Edges of the views' squares in radii of the aperture, and the area between them.
-    edges = [2 * centred(n + 1) / n / diameter for n in views]
-    area = _area_to(edges[0][:, None], edges[1][None, :])
-    inside = np.diff(np.diff(area, axis=0), axis=1)
-    return np.clip(inside * views[0] * views[1] * (diameter / 2) ** 2, 0, 1)
+    return aperture_weights(views, diameter)
 
 
 def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, int]]) -> np.ndarray:
@@ -78,12 +127,7 @@ def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -
     -------
     ndarray of float64, shape (v, u), values from 0 to 1
     """
-    if not 0 <= inner < outer:
-        raise InputError(
-            f"A ring needs an inner diameter, 0 or more, below the outer one, got {inner}, {outer}."
-        )
-    weights = round_aperture(views, outer)
-    return np.clip(weights - round_aperture(views, inner), 0, 1) if inner else weights
+    return aperture_weights(views, outer, inner)
 
 
 def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
@@ -112,6 +156,31 @@ def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
             f"f_number must be {own:.3g}, at which all views are used, or more, got {f_number}."
         )
     return round_aperture((camera.views, camera.views), own / f_number)
+
+
+def _edges(views: int, width: float, centre: float) -> np.ndarray:
+    """Edges of the views' squares, from the aperture's centre in halves of its width."""
+    with np.errstate(over="ignore"):  # of a width next to 0, all lie beyond
+        return 2 * (centred(views + 1) - centre) / views / width
+
+
+def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
+    """Part of each view's square inside a disc."""
+    width = min(width, 4.0)  # beyond, it holds all views wherever among them its centre is
+    down, right = (_edges(n, width, at) for n, at in zip(views, centre, strict=True))
+    area = _area_to(down[:, None], right[None, :])
+    inside = np.diff(np.diff(area, axis=0), axis=1)
+    return np.clip(inside * views[0] * views[1] * (width / 2) ** 2, 0, 1)
+
+
+def _inside_square(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
+    """Part of each view's square inside a square; where the views differ, a rectangle."""
+    width = min(width, 4.0)
+    down, right = (
+        np.diff(np.clip(_edges(n, width, at), -1, 1)) * n * width / 2
+        for n, at in zip(views, centre, strict=True)
+    )
+    return np.clip(np.outer(down, right), 0, 1)
 
 
 def _area_to(y: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.locks import exclusive
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.light_fields import SLOPE_CONVENTIONS
-from lf_flame.commands.refocus_job import aperture_weights
+from lf_flame.commands.refocus_job import Aperture
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,
@@ -159,7 +159,7 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         (["--pitch", 9], "is a folder of views"),
         (["--pitch", 0], "is a folder of views"),
         (["--slope", 1, "--interpolation", "sinc", "--method", "space"], "does not know 'sinc'"),
-        (["--slope", 1, "--aperture", -1], "diameter above 0"),
+        (["--slope", 1, "--aperture", -1], "width above 0"),
         (["--order", "up,down"], "order"),
         (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
     ],
@@ -332,7 +332,7 @@ def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
 
 def test_an_f_number_without_a_camera_is_refused():
     with pytest.raises(InputError, match="needs the camera"):
-        aperture_weights((5, 5), f_number=4.0)
+        Aperture(f_number=4.0).weights((5, 5))
 
 
 def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_path):

@@ -9,17 +9,37 @@ from hypothesis import strategies as st
 
 from lf_flame import PAPER_CAMERA, InputError
 from lf_flame.refocus import shift_and_sum
-from lf_flame.refocus.aperture import annular_aperture, f_number_aperture, round_aperture
+from lf_flame.refocus.aperture import (
+    annular_aperture,
+    aperture_weights,
+    f_number_aperture,
+    round_aperture,
+)
 
 
-@given(views=st.tuples(st.integers(1, 16), st.integers(1, 16)), diameter=st.floats(0.05, 2))
-@settings(max_examples=60, deadline=None)
-def test_shares_are_those_of_many_points(views, diameter):
+@given(
+    views=st.tuples(st.integers(1, 16), st.integers(1, 16)),
+    width=st.floats(0.05, 2),
+    ring=st.floats(0, 0.95),
+    shape=st.sampled_from(["round", "square"]),
+    place=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+)
+@settings(max_examples=100, deadline=None)
+def test_shares_are_those_of_many_points(views, width, ring, shape, place):
+    """The place in widths of the full aperture."""
     n = 60
-    y, x = (((np.arange(n * k) + 0.5) / (n * k) - 0.5) / (diameter / 2) for k in views)
-    points = (y[:, None] ** 2 + x[None, :] ** 2 < 1).reshape(views[0], n, views[1], n)
-    found = round_aperture(views, diameter)
-    np.testing.assert_allclose(found, points.mean(axis=(1, 3)), atol=0.02)
+    y, x = (
+        (((np.arange(n * k) + 0.5) / (n * k) - 0.5) - at) / (width / 2)
+        for k, at in zip(views, place, strict=True)
+    )
+    if shape == "round":
+        away = np.hypot(y[:, None], x[None, :])
+    else:
+        away = np.maximum(np.abs(y)[:, None], np.abs(x)[None, :])
+    points = ((away < 1) & (away >= ring)).reshape(views[0], n, views[1], n)
+    centre = tuple(at * k for at, k in zip(place, views, strict=True))
+    found = aperture_weights(views, width, ring * width, shape, centre)
+    np.testing.assert_allclose(found, points.mean(axis=(1, 3)), atol=0.035)
 
 
 @pytest.mark.parametrize("views", [(1, 1), (4, 4), (15, 15), (5, 8)])
@@ -59,7 +79,32 @@ def test_f_numbers_are_working_ones():
 
 @pytest.mark.parametrize("diameter", [0.0, -1.0, math.inf, math.nan])
 def test_impossible_apertures_are_refused(diameter):
-    with pytest.raises(InputError, match="finite diameter above 0"):
+    with pytest.raises(InputError, match="finite width above 0"):
         round_aperture((3, 3), diameter)
-    with pytest.raises(InputError, match="below the outer one"):
+    with pytest.raises(InputError, match="below its outer width"):
         annular_aperture((3, 3), 0.7, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"shape": "star"}, "shape must be one of round, square, got 'star'"),
+        ({"centre": (math.nan, 0)}, "must be finite"),
+        ({"width": 0.1, "centre": (4, 0)}, "No view lies in an aperture of width 0.1 at 4, 0"),
+    ],
+)
+def test_an_aperture_without_views_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        aperture_weights((5, 5), **arguments)
+
+
+def test_what_is_in_focus_stands_still_when_the_viewpoint_moves(rng):
+    texture = rng.uniform(size=(20, 30)).astype(np.float32)
+    views = np.stack(
+        [[np.roll(texture, (v - 2, u - 2), (0, 1)) for u in range(5)] for v in range(5)]
+    )
+    inner = (slice(4, -4), slice(4, -4))
+    for centre in ((0, 0), (2, -1.5)):
+        weights = aperture_weights((5, 5), 0.4, shape="square", centre=centre)
+        image = shift_and_sum(views, 1.0, weights=weights)[0]
+        np.testing.assert_allclose(image[inner], texture[inner], atol=1e-6)

@@ -1,0 +1,175 @@
+"""The commands that show a light field: view and demo.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
+"""
+
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import cloup
+
+from lf_flame.commands.light_fields import READING, Reading
+from lf_flame.commands.options import FILE, PATH
+from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame.viewer.exhibit import Exhibit
+
+SHOWING = cloup.option_group(
+    "How it is shown",
+    cloup.option(
+        "--slopes",
+        nargs=2,
+        type=float,
+        metavar="FROM TO",
+        help="Ends of the slider and of the slope map (default: as far as the scene reaches).",
+    ),
+    cloup.option("--no-map", is_flag=True, help="Without slope map and all in focus."),
+    cloup.option("--title", help="Heading of the page (default: the source's name)."),
+    cloup.option(
+        "--single-file",
+        type=PATH,
+        help="Write one HTML file, which needs no program and asks nobody, instead of serving.",
+    ),
+    cloup.option(
+        "--megabytes",
+        type=click.FloatRange(0.3, 1000),
+        default=10.0,
+        show_default=True,
+        help="Size of that file at most; what does not fit is carried coarser, and said so.",
+    ),
+    cloup.option("--port", default=0, help="Port of the local page (default: any that is free)."),
+    cloup.option("--no-browser", is_flag=True, help="Print the page's address, and open nothing."),
+)
+
+
+@cloup.command()
+@click.argument("source", type=PATH)
+@SHOWING
+@cloup.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
+@READING
+def view(source, slopes, no_map, title, camera, **options) -> None:
+    """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
+
+    SOURCE is read as by `lf-flame refocus`. The page is served by this machine to itself alone,
+    until Ctrl-C.
+
+    \b
+      lf-flame view buddha                             a folder of views
+      lf-flame view raw.png --white white.png          any plenoptic camera
+      lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.scenes.scene_files import read_camera
+    from lf_flame.viewer.exhibit import Exhibit
+
+    _refuse_source(options["single_file"], source)
+    lens = read_camera(camera) if camera else None
+    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    light_field = reading.read(source)
+    slopes, slope = _ends(light_field, slopes)
+    exhibit = Exhibit(
+        light_field,
+        title or source.resolve().name,
+        slopes,
+        slope,
+        lens,
+        str(source),
+        reading.words(),
+        with_map=not no_map,
+    )
+    show(exhibit, **options)
+
+
+def _refuse_source(single_file: Path | None, source: Path) -> None:
+    if single_file and single_file.resolve() == source.resolve():
+        raise InputError(f"{source} is read, and cannot be replaced; name another file.")
+
+
+def _ends(light_field, slopes: tuple[float, float] | None) -> tuple[tuple[float, float], float]:
+    """Choose the ends of the slider, and where it stands at first."""
+    from lf_flame.refocus import find_slope_range
+
+    if slopes:
+        return slopes, sum(slopes) / 2
+    found = find_slope_range(light_field)
+    doubt = "" if found.certain else "; not certain, --slopes FROM TO says better"
+    click.echo(f"slopes from {found.low:+.2f} to {found.high:+.2f}{doubt}", err=True)
+    return (found.low, found.high), found.slope
+
+
+def show(
+    exhibit: "Exhibit", single_file: Path | None, megabytes: float, port: int, no_browser: bool
+) -> None:
+    """Write an exhibit as one file, or serve it until Ctrl-C."""
+    if single_file:
+        _write(exhibit, single_file, megabytes)
+    else:
+        _serve(exhibit, port, not no_browser)
+
+
+def _write(exhibit: "Exhibit", path: Path, megabytes: float) -> None:
+    from lf_flame._common.atomic_files import atomic_write
+    from lf_flame._common.locks import exclusive
+    from lf_flame.viewer.page import single_page
+
+    with exclusive(path), atomic_write(path) as aside:
+        page, quality = single_page(exhibit, int(megabytes * 1e6))
+        aside.write_text(page, encoding="utf-8")
+    click.echo(f"{path} is written, {len(page) / 1e6:.1f} MB: {quality}")
+
+
+def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
+    from lf_flame.viewer.server import ViewerServer
+
+    with ViewerServer(exhibit, port) as server:
+        click.echo(f"{server.url}\nCtrl-C ends it.")
+        if browser:
+            webbrowser.open(server.url)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            click.echo("Ended.")
+
+
+@cloup.command()
+@SHOWING
+@click.option(
+    "--save",
+    type=PATH,
+    help="Keep the light field too, as .npy: for the commands that the page copies.",
+)
+def demo(slopes, no_map, title, save, **options) -> None:
+    """Simulate flames before a wall, and look at them: nothing of your own is needed.
+
+    Three flames stand at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
+    -10 mm. Drag the focus from one to the other, or click on them.
+    """
+    from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field
+    from lf_flame.viewer.exhibit import Exhibit
+
+    click.echo("simulating a plenoptic camera, 9 x 9 views ...", err=True)
+    light_field = demo_light_field()
+    if save:
+        _save(light_field, save)
+    ends = tuple(DEMO_CAMERA.depth_to_slope(depth) for depth in (-14.0, 20.0))
+    exhibit = Exhibit(
+        light_field,
+        title or "Three flames before a wall",
+        slopes or ends,
+        0.0,
+        DEMO_CAMERA,
+        str(save) if save else None,
+        with_map=not no_map,
+    )
+    show(exhibit, **options)
+
+
+def _save(light_field, path: Path) -> None:
+    from lf_flame._common.locks import exclusive
+    from lf_flame.formats import write_light_field
+
+    with exclusive(path):
+        write_light_field(light_field, path, 16)
+    click.echo(f"{path} is written", err=True)

@@ -1,0 +1,1 @@
+"""Looking at light fields: a local page, a single file, a notebook, by the same scripts."""

@@ -1,0 +1,87 @@
+"""Views as whole numbers of 8 or 16 bits, as graphics processors take them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame._common.arrays import centred
+from lf_flame.errors import InputError
+from lf_flame.formats.images import white_level
+from lf_flame.lightfield import LightField
+
+MOST_BYTES = 256 * 2**20
+"""Of the codes: what browsers and graphics processors hold without trouble."""
+
+
+@dataclass(frozen=True, eq=False)
+class CodedViews:
+    """Views as codes: ``radiance = low + (high - low) codes / levels``.
+
+    Attributes
+    ----------
+    codes : ndarray of uint8 or uint16, shape (v, u, t, s, channels)
+    low, high : float
+        Radiance of code 0 and of the highest one.
+    white : float
+        Radiance shown as white.
+    positions : tuple of two ndarray
+        Of the rows and of the columns of views, in view steps from the middle.
+    """
+
+    codes: np.ndarray
+    low: float
+    high: float
+    white: float
+    positions: tuple[np.ndarray, ...]
+
+    @property
+    def levels(self) -> int:
+        """The highest code."""
+        return int(np.iinfo(self.codes.dtype).max)
+
+    def radiance(self) -> np.ndarray:
+        """Give what the codes stand for: float32, shape (v, u, t, s, channels)."""
+        return np.float32(self.low) + self.codes / np.float32(self.levels / (self.high - self.low))
+
+
+def encode_views(light_field: LightField) -> CodedViews:
+    """Bring views to 8 bits where nothing is lost by it, to 16 bits elsewhere.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Grey or of three channels.
+
+    Returns
+    -------
+    CodedViews
+        Of more than 128 Mi pixels, always 8 bits.
+
+    Raises
+    ------
+    InputError
+        If the light field has another number of channels, or more than 256 Mi pixels.
+    """
+    views = light_field.views if light_field.views.ndim == 5 else light_field.views[..., None]
+    if views.shape[4] not in (1, 3):
+        raise InputError(f"A picture has 1 or 3 channels, but this light field {views.shape[4]}.")
+    if views.size > MOST_BYTES:
+        raise InputError(
+            f"A viewer holds {MOST_BYTES:,} pixels at most, but this light field has "
+            f"{views.size:,}."
+        )
+    white = white_level(views)
+    low, high = min(0.0, float(views.min())), white
+    positions = tuple(centred(n) for n in views.shape[:2])
+    for kind in (np.uint8, np.uint16):
+        coded = CodedViews(_codes(views, low, high, kind), low, high, white, positions)
+        if 2 * views.size > MOST_BYTES or np.array_equal(coded.radiance(), views):
+            break
+    return coded
+
+
+def _codes(views: np.ndarray, low: float, high: float, kind: type) -> np.ndarray:
+    levels = np.iinfo(kind).max
+    codes = views - np.float32(low)
+    codes *= np.float32(levels / (high - low))
+    return np.clip(np.rint(codes, out=codes), 0, levels, out=codes).astype(kind)

@@ -1,0 +1,60 @@
+"""A scene to look at where one has no light field yet: flames above a burner, before a wall."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
+from lf_flame.scenes.dead_leaves import DeadLeaves
+from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.rendering import render
+
+DEMO_CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(180, 270))
+"""The paper's optics with fewer views and lenslets, so that it is rendered in seconds."""
+
+CELL_MM = 0.1
+
+
+def demo_scene(seed: int = 1) -> Scene:
+    """Set the scene: three flames in the focal plane, behind it and before it.
+
+    Behind them is a wall at 15 mm, its lower part dark, where nearer, at -10 mm, the burner stands.
+    Nothing hides another thing, so no effect but defocus is called for.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the patterns and of the flames' wrinkles.
+    """
+    rng = np.random.default_rng(seed)
+    wall = _pattern((20.0, 46.0), 0.3, rng)
+    burner = _pattern((5.0, 34.0), 0.7, rng)
+    return Scene(
+        [
+            Layer(wall, depth_mm=15.0, size_mm=(20.0, 46.0), centre_mm=(-4.0, 0.0)),
+            _flame(15.0, 2.2, 8.0, -9.0, rng),
+            _flame(13.0, 2.0, 0.0, 0.0, rng),
+            _flame(11.0, 1.8, -6.0, 8.0, rng),
+            Layer(burner, depth_mm=-10.0, size_mm=(5.0, 34.0), centre_mm=(9.3, 0.0)),
+        ]
+    )
+
+
+def _pattern(size_mm: tuple[float, float], brightness: float, rng: np.random.Generator):
+    """Draw overlapping leaves: texture at every place."""
+    leaves = DeadLeaves(leaves=900, smallest=3.0, largest=30.0, slopes=(0.0, 0.0), contrast=0.2)
+    cells = tuple(round(length / CELL_MM) for length in size_mm)
+    return brightness * leaves.draw((1, 1), cells, rng).views[0, 0]
+
+
+def _flame(height: float, radius: float, depth: float, right: float, rng) -> Layer:
+    texture = flame_texture(height, radius, draw_wrinkles(rng))
+    size = (height, 2 * HALF_WIDTH * radius)
+    return Layer(0.6 * texture, depth_mm=depth, size_mm=size, centre_mm=(6.8 - height / 2, right))
+
+
+def demo_light_field(camera: PlenopticCamera = DEMO_CAMERA) -> LightField:
+    """Render the scene."""
+    return render(demo_scene(), camera)

@@ -1,0 +1,175 @@
+"""What a viewer shows: coded views in pieces, a slope map, and what the page must know."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.images import to_preview
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import FocusMap, all_in_focus, farthest_slope
+from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.viewer.coded_views import CodedViews, encode_views
+
+PIECE_BYTES = 4 * 2**20
+"""Of one answer at most, so that a page shows how far it is."""
+
+MAP_STEPS = 33
+"""Slopes of the stack from which the slope map is made."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """A light field that is shown, and what is said of it.
+
+    Attributes
+    ----------
+    light_field : LightField
+    title : str
+    slopes : (float, float)
+        Ends of the slider, the lower one first.
+    slope : float
+        At which the page opens.
+    camera : PlenopticCamera, optional
+        Gives depths in mm and f-numbers.
+    source : str, optional
+        Path that a copied command names; without it none is offered.
+    reading : sequence of str, optional
+        Options of the command that say how the source is read.
+    with_map : bool, optional
+        Whether there is a slope map.
+
+    Raises
+    ------
+    InputError
+        If the slopes are not two finite numbers that rise, or shift a view by more than the image.
+    """
+
+    light_field: LightField
+    title: str
+    slopes: tuple[float, float]
+    slope: float
+    camera: PlenopticCamera | None = None
+    source: str | None = None
+    reading: Sequence[str] = field(default=())
+    with_map: bool = True
+
+    def __post_init__(self):
+        limit = farthest_slope(self.light_field.views)
+        if not -limit <= self.slopes[0] < self.slopes[1] <= limit:
+            raise InputError(
+                f"A viewer needs two slopes, the lower one first, from {-limit:g} to {limit:g}, "
+                f"got {self.slopes[0]:g} and {self.slopes[1]:g}."
+            )
+
+    @cached_property
+    def coded(self) -> CodedViews:
+        """The views as codes."""
+        return encode_views(self.light_field)
+
+    @cached_property
+    def focus_map(self) -> FocusMap:
+        """Slope of each pixel, from the lower to the upper end of the slopes."""
+        return all_in_focus(self.light_field, np.linspace(*self.slopes, MAP_STEPS))
+
+    def map_bytes(self) -> bytes:
+        """Give the slope map as pages read it.
+
+        Slopes in float32, whether they are certain in uint8, each of shape (t, s), and the image
+        with all in focus in uint8, of shape (t, s, channels), little-endian, one after the other.
+        """
+        found = self.focus_map
+        certain = (found.confidence >= TRUSTED).astype(np.uint8)
+        image = to_preview(found.all_in_focus, self.coded.white)
+        return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
+
+    def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
+        """Tell what a page must know of the views that it gets.
+
+        Parameters
+        ----------
+        coded : CodedViews
+            Those that it gets, perhaps fewer or coarser than the exhibit's own.
+        pieces : sequence of (int, int)
+            First view of each piece and how many it holds, in the order in which they are asked.
+        coding : {"served", "deflate", "jpeg"}
+        """
+        views, size = coded.codes.shape[:2], coded.codes.shape[2:4]
+        return {
+            "title": self.title,
+            "views": list(views),
+            "positions": [list(map(float, at)) for at in coded.positions],
+            "size": list(size),
+            "channels": coded.codes.shape[4],
+            "levels": coded.levels,
+            "low": coded.low,
+            "high": coded.high,
+            "white": coded.white,
+            "slopes": list(map(float, self.slopes)),
+            "slope": float(self.slope),
+            "camera": _describe_camera(self.camera, views),
+            "source": self.source,
+            "reading": list(self.reading),
+            "has_map": self.with_map,
+            "pieces": [list(piece) for piece in pieces],
+            "coding": coding,
+        }
+
+
+def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, Any] | None:
+    """Depth by ``focus_distance shift / (1 - shift)``, as `PlenopticCamera.slope_to_depth` has it.
+
+    The f-number is that of a round aperture as wide as all views (`f_number_aperture`); fewer views
+    than the camera has are as wide.
+    """
+    if camera is None:
+        return None
+    per_slope = camera.lenslet_pitch_mm / camera.view_step_mm * camera.focus_distance_mm
+    return {
+        "focus_distance_mm": camera.focus_distance_mm,
+        "shift_per_slope": per_slope / camera.image_distance_mm,
+        "f_number": camera.lenslet_focal_mm / (camera.views * camera.pixel_mm),
+    }
+
+
+def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
+    """Cut views, counted row by row, into runs of bounded size, the middle view first.
+
+    Parameters
+    ----------
+    coded : CodedViews
+    most_bytes : int, optional
+        Of a piece, unless one view alone is larger.
+
+    Returns
+    -------
+    list of (int, int)
+        First view and how many, nearer runs first.
+    """
+    rows, columns = coded.codes.shape[:2]
+    middle = (rows - 1) // 2 * columns + (columns - 1) // 2
+    length = max(most_bytes // coded.codes[0, 0].nbytes, 1)
+    runs = [(0, middle), (middle + 1, rows * columns)]
+    cut = [
+        (first, min(length, end - first))
+        for begin, end in runs
+        for first in range(begin, end, length)
+    ]
+    return [(middle, 1), *sorted(cut, key=lambda run: abs(run[0] + run[1] / 2 - middle))]
+
+
+def piece_bytes(coded: CodedViews, piece: tuple[int, int]) -> bytes:
+    """Give the codes of a run of views, little-endian, as pages read them."""
+    first, count = piece
+    views = coded.codes.reshape(-1, *coded.codes.shape[2:])[first : first + count]
+    return views.astype(views.dtype.newbyteorder("<"), copy=False).tobytes()
+
+
+def deflated(data: bytes) -> bytes:
+    """Compress for a page, which inflates by the browser's own means."""
+    return zlib.compress(data, 6)

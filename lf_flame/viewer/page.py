@@ -1,0 +1,98 @@
+"""Pages with one viewer: served by a local program, or whole in one file."""
+
+import base64
+import html
+import json
+
+from lf_flame.viewer.exhibit import Exhibit, cut_into_pieces, deflated
+from lf_flame.viewer.preview import shrink
+from lf_flame.viewer.scripts import page_frame, read_static, script_url
+
+SERVED_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Content security policy of the local page: nothing but the program itself is asked."""
+
+FILE_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; worker-src data:; base-uri 'none'; form-action 'none'"
+)
+"""That of a page in one file: nobody at all is asked."""
+
+
+def served_page(exhibit: Exhibit) -> str:
+    """Make the page that asks the program which serves it for the views."""
+    metadata = exhibit.describe(exhibit.coded, cut_into_pieces(exhibit.coded), "served")
+    return page_frame().substitute(
+        title=html.escape(exhibit.title),
+        description=html.escape(describe(metadata, "")),
+        policy="",
+        style='<link rel="stylesheet" href="static/viewer.css">',
+        data=_json_block(metadata),
+        script='<script type="module" src="static/page.js"></script>',
+    )
+
+
+def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
+    """Make a page that carries all it shows, and asks nobody.
+
+    Parameters
+    ----------
+    exhibit : Exhibit
+    most_bytes : int
+        Of the page. Views that need more are carried less exactly, or fewer of them.
+
+    Returns
+    -------
+    page : str
+    quality : str
+        How exactly the views are carried, as the page says too.
+
+    Raises
+    ------
+    InputError
+        If even a few coarse views would be too large.
+    """
+    slope_map = deflated(exhibit.map_bytes()) if exhibit.with_map else b""
+    script = f'<script type="module">import "{script_url("page.js")}";</script>'
+    style = read_static("viewer.css")
+    carried = len(script) + len(style) + _base64_length(slope_map) + 8192
+    shrunk = shrink(exhibit.coded, most_bytes - carried)
+    metadata = exhibit.describe(shrunk.coded, shrunk.pieces, shrunk.coding)
+    blocks = [_json_block(metadata)]
+    blocks += [_data_block(f"lf-piece-{k}", data) for k, data in enumerate(shrunk.data)]
+    if slope_map:
+        blocks.append(_data_block("lf-map", slope_map))
+    page = page_frame().substitute(
+        title=html.escape(exhibit.title),
+        description=html.escape(describe(metadata, shrunk.quality)),
+        policy=f'<meta http-equiv="Content-Security-Policy" content="{FILE_POLICY}">',
+        style=f"<style>{style}</style>",
+        data="\n".join(blocks),
+        script=script,
+    )
+    return page, shrunk.quality
+
+
+def describe(metadata: dict, quality: str) -> str:
+    """Say in a line what is shown."""
+    (v, u), (t, s) = metadata["views"], metadata["size"]
+    kind = "grey" if metadata["channels"] == 1 else "colour"
+    return f"{v} × {u} views of {t} × {s} pixels, {kind}" + (f"; {quality}" if quality else "")
+
+
+def _base64_length(data: bytes) -> int:
+    return -(-len(data) // 3) * 4
+
+
+def _json_block(metadata: dict) -> str:
+    """JSON in which nothing can end the block it stands in."""
+    text = json.dumps(metadata).replace("<", "\\u003c")
+    return f'<script type="application/json" id="lf-metadata">{text}</script>'
+
+
+def _data_block(name: str, data: bytes) -> str:
+    text = base64.b64encode(data).decode()
+    return f'<script type="text/plain" id="{name}">{text}</script>'

@@ -1,0 +1,131 @@
+"""Views for a page of bounded size: as they are where they fit, else with fewer bits or views."""
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image
+
+from lf_flame.errors import InputError
+from lf_flame.viewer.coded_views import CodedViews
+from lf_flame.viewer.exhibit import cut_into_pieces, deflated, piece_bytes
+
+JPEG_QUALITIES = (92, 85, 75)
+"""Tried in turn, colours at full resolution."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShrunkViews:
+    """Views as a page carries them.
+
+    Attributes
+    ----------
+    coded : CodedViews
+        What the page gets when it has unpacked them, but for the errors of JPEG.
+    pieces : list of (int, int)
+        First view of each piece and how many it holds.
+    data : list of bytes
+        The pieces, packed.
+    coding : {"deflate", "jpeg"}
+    quality : str
+        How exactly they are carried, for people.
+    """
+
+    coded: CodedViews
+    pieces: list[tuple[int, int]]
+    data: list[bytes]
+    coding: str
+    quality: str
+
+    @property
+    def length(self) -> int:
+        """Letters that the pieces take in a page, with what stands about them."""
+        return sum(-(-len(piece) // 3) * 4 + 64 for piece in self.data)
+
+
+def shrink(coded: CodedViews, most_letters: int) -> ShrunkViews:
+    """Pack views as exactly as there is room for.
+
+    Parameters
+    ----------
+    coded : CodedViews
+    most_letters : int
+        Of the pieces in base64.
+
+    Returns
+    -------
+    ShrunkViews
+
+    Raises
+    ------
+    InputError
+        If no way is small enough.
+    """
+    for shrunk in _ways(coded):
+        if shrunk.length <= most_letters:
+            return shrunk
+    raise InputError(
+        f"The views need {shrunk.length / 1e6:.3g} MB even as a few coarse JPEG images, but there "
+        f"is room for {max(most_letters, 0) / 1e6:.3g} MB; allow a larger file."
+    )
+
+
+def _ways(coded: CodedViews) -> Iterator[ShrunkViews]:
+    bits = coded.codes.dtype.itemsize * 8
+    yield _packed(coded, f"views of {bits} bits, nothing lost")
+    if bits == 16:
+        coded = replace(coded, codes=np.rint(coded.codes / np.float32(257)).astype(np.uint8))
+        yield _packed(coded, "preview: views of 8 bits instead of 16")
+    whole = coded.codes.shape[:2]
+    while True:
+        for quality in JPEG_QUALITIES:
+            yield _as_jpeg(coded, quality, whole)
+        if max(coded.codes.shape[:2]) <= 3:
+            return
+        coded = _thinned(coded)
+
+
+def _packed(coded: CodedViews, quality: str) -> ShrunkViews:
+    pieces = cut_into_pieces(coded)
+    data = [deflated(piece_bytes(coded, piece)) for piece in pieces]
+    return ShrunkViews(coded, pieces, data, "deflate", quality)
+
+
+def _as_jpeg(coded: CodedViews, quality: int, whole: tuple) -> ShrunkViews:
+    pieces = cut_into_pieces(coded, 0)  # one view each
+    views = coded.codes.reshape(-1, *coded.codes.shape[2:])
+    data = [_jpeg(views[first], quality) for first, _ in pieces]
+    decibels = np.mean([_psnr(views[k], data[i]) for i, (k, _) in enumerate(pieces[:9])])
+    words = f"preview: views as JPEG of quality {quality}, {decibels:.1f} dB"
+    if coded.codes.shape[:2] != whole:
+        words += f", {'{} × {}'.format(*coded.codes.shape[:2])} of the {'{} × {}'.format(*whole)}"
+    return ShrunkViews(coded, pieces, data, "jpeg", words)
+
+
+def _jpeg(view: np.ndarray, quality: int) -> bytes:
+    file = io.BytesIO()
+    image = Image.fromarray(view[..., 0] if view.shape[2] == 1 else view)
+    image.save(file, "JPEG", quality=quality, subsampling=0, optimize=True)
+    return file.getvalue()
+
+
+def _psnr(view: np.ndarray, jpeg: bytes) -> float:
+    decoded = np.asarray(Image.open(io.BytesIO(jpeg)), float).reshape(view.shape)
+    return 20 * np.log10(255 / max(np.sqrt(np.mean((decoded - view) ** 2)), 1e-3))
+
+
+def _thinned(coded: CodedViews) -> CodedViews:
+    """Every second row and column of views, counted from the middle outward."""
+    kept = [_every_second(len(at)) for at in coded.positions]
+    positions = tuple(at[some] for at, some in zip(coded.positions, kept, strict=True))
+    return replace(coded, codes=coded.codes[np.ix_(*kept)], positions=positions)
+
+
+def _every_second(count: int) -> list[int]:
+    """Choose indices that lie evenly to both sides; a few views stay as they are."""
+    if count <= 3:
+        return list(range(count))
+    outward = range(0, count // 2 + count % 2, 2)
+    middle = (count - 1) // 2
+    return sorted({middle - k for k in outward} | {count - 1 - middle + k for k in outward})

@@ -1,0 +1,129 @@
+// The controls beside the picture: native ones, so that keys, fingers and screen readers know them.
+
+import { command, depthOf, python } from "./words.js";
+
+const signed = (x, digits) => (x < 0 ? "−" : "+") + Math.abs(x).toFixed(digits);
+
+export class Controls {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.form = viewer.find(".lf-controls");
+    this.ranges = {};
+    this.count = 0;
+    const { views, slopes, source } = viewer.metadata;
+    const least = 1 / Math.max(...views);
+    const focus = this.group("Focus");
+    this.range(focus, "Slope", "slope", slopes[0], slopes[1], 0.01);
+    const aperture = this.group("Aperture");
+    this.choice(aperture, "Shape", "shape", { square: "square", round: "round" });
+    this.range(aperture, "Width", "width", least, 1, 0.01);
+    this.range(aperture, "Covered middle", "ring", 0, 1, 0.01);
+    const viewpoint = this.group("Viewpoint");
+    views.forEach((n, axis) => {
+      const name = ["Up and down", "Left and right"][axis];
+      this.range(viewpoint, name, `centre ${axis}`, -(n - 1) / 2, (n - 1) / 2, 0.05);
+    });
+    const shown = (this.shown = this.group("Display"));
+    this.range(shown, "Gain", "gain", 0.1, 8, 0.05);
+    this.range(shown, "Gamma", "gamma", 0.2, 5, 0.05);
+    const buttons = this.group("This picture");
+    if (source) {
+      this.button(buttons, "Copy command", () => this.copy(command));
+      this.button(buttons, "Copy Python", () => this.copy(python));
+    }
+    this.button(buttons, "Start again", () => viewer.set(viewer.first));
+    this.code = buttons.appendChild(document.createElement("code"));
+    this.form.addEventListener("submit", (event) => event.preventDefault());
+  }
+
+  /** Offer what a slope map allows, when it has come in. */
+  offerOverlays() {
+    const overlays = { none: "none", slope: "slope map (grey: not certain)", focus: "everything in focus" };
+    this.choice(this.shown, "Overlay", "overlay", overlays);
+    this.range(this.shown, "Opacity", "opacity", 0, 1, 0.05);
+  }
+
+  group(name) {
+    const group = this.form.appendChild(document.createElement("fieldset"));
+    group.appendChild(document.createElement("legend")).textContent = name;
+    return group;
+  }
+
+  labelled(group, text, control) {
+    const label = group.appendChild(document.createElement("label"));
+    label.append(text, control);
+    return label;
+  }
+
+  range(group, text, name, min, max, step) {
+    const input = Object.assign(document.createElement("input"), { type: "range", min, max });
+    input.step = step;
+    const label = this.labelled(group, text, input);
+    const output = label.appendChild(document.createElement("span"));
+    output.setAttribute("aria-hidden", "true"); // the control itself says it: aria-valuetext
+    this.ranges[name] = { input, output };
+    input.addEventListener("input", () => this.change(name, Number(input.value), true));
+    input.addEventListener("change", () => this.change(name, Number(input.value), false));
+  }
+
+  choice(group, text, name, options) {
+    const select = document.createElement("select");
+    for (const [value, words] of Object.entries(options)) select.add(new Option(words, value));
+    this.labelled(group, text, select);
+    this.ranges[name] = { input: select };
+    select.addEventListener("change", () => this.change(name, select.value, false));
+  }
+
+  button(group, text, action) {
+    const button = group.appendChild(document.createElement("button"));
+    Object.assign(button, { type: "button", textContent: text });
+    button.addEventListener("click", action);
+  }
+
+  change(name, value, dragging) {
+    const [field, axis] = name.split(" ");
+    const { centre } = this.viewer.state;
+    const changes = { [field]: axis ? centre.map((at, i) => (i === Number(axis) ? value : at)) : value };
+    this.viewer.set(changes, { dragging });
+  }
+
+  async copy(words) {
+    const text = words(this.viewer.metadata, this.viewer.state);
+    this.code.textContent = text;
+    try {
+      await navigator.clipboard.writeText(text);
+      this.viewer.say("Copied.");
+    } catch {
+      this.viewer.say("This browser does not let a page copy; the text stands below the buttons.");
+    }
+  }
+
+  /** Show the state that is drawn. */
+  show() {
+    const { state, metadata } = this.viewer;
+    for (const [name, { input, output }] of Object.entries(this.ranges)) {
+      const [field, axis] = name.split(" ");
+      const value = axis ? state[field][axis] : state[field];
+      if (field === "width") input.max = state.shape === "round" ? Math.SQRT2 : 1;
+      if (document.activeElement !== input || input.value !== String(value)) input.value = value;
+      if (!output) continue;
+      output.textContent = this.describe(field, value, metadata, state);
+      input.setAttribute("aria-valuetext", output.textContent);
+    }
+    const image = this.viewer.find(".lf-image");
+    image.setAttribute("aria-label", `${metadata.title}, refocused at slope ${signed(state.slope, 2)}`);
+  }
+
+  describe(field, value, { camera }, state) {
+    if (field === "slope" && camera) {
+      const depth = depthOf(camera, value);
+      const where = Number.isFinite(depth) ? `${signed(depth, 1)} mm` : "beyond infinity";
+      return `${signed(value, 2)}, ${where}`;
+    }
+    if (field === "slope" || field === "centre") return signed(value, 2);
+    if (field === "width" && camera && state.shape === "round") {
+      return `${value.toFixed(2)}, f/${(camera.f_number / value).toFixed(1)}`;
+    }
+    return value.toFixed(2);
+  }
+}

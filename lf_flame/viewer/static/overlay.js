@@ -1,0 +1,85 @@
+// What lies over the picture: the slope map, everything in focus, the box and the place.
+
+import { display, showable } from "./display.js";
+
+/** Slope map as it comes: slopes in float32, whether they are certain, the image in focus. */
+export function readMap(buffer, { size, channels }) {
+  const pixels = size[0] * size[1];
+  return {
+    width: size[1],
+    slope: new Float32Array(buffer, 0, pixels),
+    certain: new Uint8Array(buffer, 4 * pixels, pixels),
+    focus: new Uint8Array(buffer, 5 * pixels, pixels * channels), // 255 is white
+  };
+}
+
+/** Viridis (matplotlib) at nine places: even in lightness, and read by the colour-blind too. */
+const VIRIDIS = [
+  [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],
+  [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
+];
+
+export function viridis(part) {
+  const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1);
+  const below = Math.min(Math.floor(at), VIRIDIS.length - 2);
+  return VIRIDIS[below].map((x, c) => x + (at - below) * (VIRIDIS[below + 1][c] - x));
+}
+
+/** Slope of a place, or nothing where it is not certain. */
+export function slopeAt(map, row, column) {
+  const at = map ? row * map.width + column : 0;
+  return map?.certain[at] ? map.slope[at] : null;
+}
+
+/** Median slope of the certain pixels of a box, or nothing where there are none. */
+export function slopeOfRegion(map, [top, bottom, left, right]) {
+  const slopes = [];
+  for (let row = top; row < bottom; row++) {
+    for (let column = left; column < right; column++) {
+      const slope = slopeAt(map, row, column);
+      if (slope !== null) slopes.push(slope);
+    }
+  }
+  slopes.sort((a, b) => a - b);
+  return slopes.length ? slopes[Math.floor(slopes.length / 2)] : null;
+}
+
+function mapColours({ slope, certain, width }, [low, high]) {
+  const height = slope.length / width;
+  const image = new ImageData(width, height);
+  slope.forEach((value, i) => {
+    const colour = certain[i] ? viridis((value - low) / (high - low)) : [128, 128, 128];
+    image.data.set([...colour, 255], 4 * i);
+  });
+  return image;
+}
+
+function inFocus({ focus, width }, { channels }, { gain, gamma }) {
+  const show = display({ levels: 255, low: 0, high: 1, white: 1 }, gain, gamma);
+  return new ImageData(showable(focus, channels, show), width);
+}
+
+export function drawOverlay(canvas, metadata, state, { place }) {
+  const context = canvas.getContext("2d");
+  context.clearRect(0, 0, canvas.width, canvas.height);
+  const { map, slopes } = metadata;
+  if (state.overlay !== "none" && map) {
+    map.colours ??= mapColours(map, slopes);
+    const image = state.overlay === "slope" ? map.colours : inFocus(map, metadata, state);
+    context.putImageData(image, 0, 0);
+    canvas.style.opacity = state.overlay === "slope" ? state.opacity : 1;
+  } else canvas.style.opacity = 1;
+  context.lineWidth = 1;
+  for (const [colour, dash] of [["#000", []], ["#fff", [3, 3]]]) {
+    context.strokeStyle = colour;
+    context.setLineDash(dash);
+    if (state.region) {
+      const [top, bottom, left, right] = state.region;
+      context.strokeRect(left + 0.5, top + 0.5, right - left - 1, bottom - top - 1);
+    }
+    if (place) {
+      const [row, column] = place;
+      context.strokeRect(column - 2.5, row - 2.5, 6, 6);
+    }
+  }
+}

@@ -1,0 +1,25 @@
+// Where each view is read at a slope, and how much it counts; as in lf_flame/refocus/shift.py.
+// Whole lenslets and the part of one are kept apart, in double precision: a position as one float32
+// number would miss the fraction by 1e-4 at the far end of a large image.
+
+function shifts(positions, length, slope) {
+  return positions.map((at) => {
+    const shift = Math.min(Math.max(slope * at, -length), length);
+    const whole = Math.floor(shift);
+    return { whole, part: shift - whole };
+  });
+}
+
+/**
+ * Plan of one refocused image: shifts of the rows and columns of views, weights that sum to 1.
+ *
+ * positions: of the rows and of the columns of views, in view steps from the middle.
+ */
+export function planShifts({ positions, size }, slope, weights) {
+  const sum = weights.reduce((total, weight) => total + weight, 0);
+  return {
+    down: shifts(positions[0], size[0], slope),
+    across: shifts(positions[1], size[1], slope),
+    weights: weights.map((weight) => weight / sum),
+  };
+}
