@@ -9,6 +9,7 @@ from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
 from experiments.paper.commands import evaluate, slopes, tables
 from experiments.remaking.commands import results
+from experiments.screenshots.commands import screenshots
 from experiments.studies.commands import study
 from experiments.systems.commands import compare
 from experiments.texts.commands import texts
@@ -31,7 +32,7 @@ SECTIONS = [
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
-    cloup.Section("What the documents say", [results, texts]),
+    cloup.Section("What the documents say", [results, texts, screenshots]),
 ]
 
 

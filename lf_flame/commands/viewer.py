@@ -4,6 +4,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,7 +41,12 @@ SHOWING = cloup.option_group(
         show_default=True,
         help="Size of that file at most; what does not fit is carried coarser, and said so.",
     ),
-    cloup.option("--port", default=0, help="Port of the local page (default: any that is free)."),
+    cloup.option(
+        "--port",
+        type=click.IntRange(0, 65535),
+        default=0,
+        help="Port of the local page (default: any that is free).",
+    ),
     cloup.option("--no-browser", is_flag=True, help="Print the page's address, and open nothing."),
 )
 
@@ -138,7 +144,7 @@ def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
 @click.option(
     "--save",
     type=PATH,
-    help="Keep the light field too, as .npy: for the commands that the page copies.",
+    help="Keep the light field as well, as .npy; then the page copies commands that read it.",
 )
 def demo(slopes, no_map, title, save, **options) -> None:
     """Simulate flames before a wall, and look at them: nothing of your own is needed.
@@ -146,24 +152,26 @@ def demo(slopes, no_map, title, save, **options) -> None:
     Three flames stand at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
     -10 mm. Drag the focus from one to the other, or click on them.
     """
-    from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field
+    click.echo("simulating a plenoptic camera, 9 x 9 views ...", err=True)
+    changes = {"title": title, "slopes": slopes}
+    exhibit = replace(
+        demo_exhibit(str(save) if save else None),
+        with_map=not no_map,
+        **{name: value for name, value in changes.items() if value},
+    )
+    if save:
+        _save(exhibit.light_field, save)
+    show(exhibit, **options)
+
+
+def demo_exhibit(source: str | None = None) -> "Exhibit":
+    """Render the demo's scene, to be shown; source: what copied commands read, if it is saved."""
+    from lf_flame.viewer.demo import DEMO_CAMERA, DEPTHS_MM, demo_light_field
     from lf_flame.viewer.exhibit import Exhibit
 
-    click.echo("simulating a plenoptic camera, 9 x 9 views ...", err=True)
-    light_field = demo_light_field()
-    if save:
-        _save(light_field, save)
-    ends = tuple(DEMO_CAMERA.depth_to_slope(depth) for depth in (-14.0, 20.0))
-    exhibit = Exhibit(
-        light_field,
-        title or "Three flames before a wall",
-        slopes or ends,
-        0.0,
-        DEMO_CAMERA,
-        str(save) if save else None,
-        with_map=not no_map,
-    )
-    show(exhibit, **options)
+    near, far = (DEMO_CAMERA.depth_to_slope(depth) for depth in DEPTHS_MM)
+    title = "Three flames before a wall"
+    return Exhibit(demo_light_field(), title, (near, far), 0.0, DEMO_CAMERA, source)
 
 
 def _save(light_field, path: Path) -> None:

@@ -14,6 +14,12 @@ from lf_flame.simulation.rendering import render
 DEMO_CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(180, 270))
 """The paper's optics with fewer views and lenslets, so that it is rendered in seconds."""
 
+WALL_MM, BURNER_MM = 15.0, -10.0
+"""Depths of what has a pattern."""
+
+DEPTHS_MM = (-14.0, 20.0)
+"""Between which the focus is dragged."""
+
 CELL_MM = 0.1
 
 
@@ -33,11 +39,11 @@ def demo_scene(seed: int = 1) -> Scene:
     burner = _pattern((5.0, 34.0), 0.7, rng)
     return Scene(
         [
-            Layer(wall, depth_mm=15.0, size_mm=(20.0, 46.0), centre_mm=(-4.0, 0.0)),
+            Layer(wall, depth_mm=WALL_MM, size_mm=(20.0, 46.0), centre_mm=(-4.0, 0.0)),
             _flame(15.0, 2.2, 8.0, -9.0, rng),
             _flame(13.0, 2.0, 0.0, 0.0, rng),
             _flame(11.0, 1.8, -6.0, 8.0, rng),
-            Layer(burner, depth_mm=-10.0, size_mm=(5.0, 34.0), centre_mm=(9.3, 0.0)),
+            Layer(burner, depth_mm=BURNER_MM, size_mm=(5.0, 34.0), centre_mm=(9.3, 0.0)),
         ]
     )
 
@@ -45,8 +51,8 @@ def demo_scene(seed: int = 1) -> Scene:
 def _pattern(size_mm: tuple[float, float], brightness: float, rng: np.random.Generator):
     """Draw overlapping leaves: texture at every place."""
     leaves = DeadLeaves(leaves=900, smallest=3.0, largest=30.0, slopes=(0.0, 0.0), contrast=0.2)
-    cells = tuple(round(length / CELL_MM) for length in size_mm)
-    return brightness * leaves.draw((1, 1), cells, rng).views[0, 0]
+    height, width = (round(length / CELL_MM) for length in size_mm)
+    return brightness * leaves.draw((1, 1), (height, width), rng).views[0, 0]
 
 
 def _flame(height: float, radius: float, depth: float, right: float, rng) -> Layer:

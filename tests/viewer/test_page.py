@@ -106,6 +106,10 @@ def test_overlays_are_the_slope_map_and_the_image_in_focus(tab, two_planes, tmp_
     tab.page.get_by_label("Overlay").select_option("focus")
     tab.settle()
     shown = tab.canvas(".lf-over")
+    address = "#overlay=focus"
+    tab.open(written(two_planes, tmp_path), "webgl", address)
+    assert tab.page.evaluate("() => lfViewer.state.overlay") == "focus"
+    np.testing.assert_array_equal(tab.canvas(".lf-over"), shown)
     focused = np.rint(255 * np.clip(two_planes.focus_map.all_in_focus, 0, 1))
     assert np.abs(shown[..., 0] - focused).max() <= 1
     tab.page.get_by_label("Overlay").select_option("slope")

@@ -38,7 +38,7 @@ export class Controls {
 
   /** Offer what a slope map allows, when it has come in. */
   offerOverlays() {
-    const overlays = { none: "none", slope: "slope map (grey: not certain)", focus: "everything in focus" };
+    const overlays = { none: "none", slope: "slope map; grey: unsure", focus: "everything in focus" };
     this.choice(this.shown, "Overlay", "overlay", overlays);
     this.range(this.shown, "Opacity", "opacity", 0, 1, 0.05);
   }

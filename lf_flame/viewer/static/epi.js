@@ -3,13 +3,10 @@
 
 import { display, showable } from "./display.js";
 
-const SCALE = 3; // rows of pixels for one view
-
 function paint(canvas, values, height, width, channels, show) {
   const levels = showable(values, channels, show);
   Object.assign(canvas, { height, width });
   canvas.getContext("2d").putImageData(new ImageData(levels, width, height), 0, 0);
-  canvas.style.aspectRatio = `${width} / ${SCALE * height}`;
 }
 
 export function drawSlices(across, down, { codes, metadata, state }, row, column) {

@@ -31,7 +31,7 @@ export function checked(state, before, metadata) {
     }),
     gain: within("gain", 0.1, 32),
     gamma: within("gamma", 0.2, 5),
-    overlay: ["slope", "focus"].includes(state.overlay) && metadata.map ? state.overlay : "none",
+    overlay: ["slope", "focus"].includes(state.overlay) && metadata.has_map ? state.overlay : "none",
     opacity: within("opacity", 0, 1),
     region: regionWithin(state.region, size),
   };

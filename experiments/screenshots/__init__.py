@@ -1,0 +1,1 @@
+"""Pictures of the viewer for the documentation, taken in a real browser."""

@@ -1,0 +1,104 @@
+"""lf-flame view and lf-flame demo."""
+
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from lf_flame import read_light_field
+from lf_flame.commands.cli import commands
+from lf_flame.refocus import find_slope_range
+from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field
+
+
+@pytest.fixture
+def source(tmp_path, rng):
+    """A light field of one textured plane at slope 0.5."""
+    texture = rng.uniform(0, 255, (40, 60))
+    rows, columns = np.arange(30) + 5, np.arange(50) + 5
+    views = [
+        [
+            (texture[rows][:, columns] + texture[rows + v // 2][:, columns + u // 2]) / 2
+            for u in (-2, 0, 2)
+        ]
+        for v in (-2, 0, 2)
+    ]
+    np.save(tmp_path / "views.npy", np.array(views).astype(np.uint8))
+    return tmp_path / "views.npy"
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+def test_a_single_file_is_written(source, tmp_path):
+    out = tmp_path / "page.html"
+    result = run("view", source, "--single-file", out, "--slopes", -2, 2, "--title", "<b>")
+    assert result.exit_code == 0, result.output
+    assert "page.html is written, " in result.output
+    assert "views of 8 bits, nothing lost" in result.output
+    text = out.read_text(encoding="utf-8")
+    assert "<h1>&lt;b&gt;</h1>" in text
+    assert "<b>" not in text
+    assert len(text) < 1e6
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--single-file", "SOURCE"], "is read, and cannot be replaced"),
+        (["--slopes", "2", "-2"], "two slopes, the lower one first"),
+        (["--slopes", "nan", "2"], "two slopes, the lower one first"),
+        (["--slopes", "-400", "400"], "two slopes, the lower one first, from -30 to 30"),
+        (["--megabytes", "0"], "is not in the range"),
+        (["--port", "700000"], "is not in the range"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
+    before = source.read_bytes()
+    words = [str(source) if word == "SOURCE" else word for word in words]
+    result = run("view", source, "--single-file", tmp_path / "page.html", *words)
+    assert result.exit_code != 0
+    assert message in result.output + str(result.exception)
+    assert not (tmp_path / "page.html").exists()
+    assert source.read_bytes() == before
+
+
+def test_the_local_page_is_served_until_ctrl_c(source):
+    words = ["view", str(source), "--no-browser", "--slopes", "-2", "2"]
+    # A shell's "&" turns Ctrl-C off; Python's own handler turns it on again.
+    start = (
+        "import signal, runpy, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        f"sys.argv = {['lf-flame', *words]!r}; runpy.run_module('lf_flame', run_name='__main__')"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", start], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        url = process.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{16,}/", url), process.stderr.read()
+        with urllib.request.urlopen(url) as answer:
+            assert b"<h1>views.npy</h1>" in answer.read()
+        process.send_signal(signal.SIGINT)
+        rest, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0, errors
+    assert rest.endswith("Ended.\n")
+
+
+def test_the_demo_holds_what_its_help_says(tmp_path):
+    """The burner and the wall, whose patterns have a slope of their own, where they stand."""
+    found = find_slope_range(demo_light_field())
+    assert found.low < DEMO_CAMERA.depth_to_slope(-10.0) < DEMO_CAMERA.depth_to_slope(15.0)
+    assert DEMO_CAMERA.depth_to_slope(15.0) < found.high
+    result = run("demo", "--single-file", tmp_path / "d.html", "--save", tmp_path / "d.npy")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "d.html").stat().st_size < 10e6
+    assert read_light_field(tmp_path / "d.npy").views.shape == (9, 9, 180, 270)
