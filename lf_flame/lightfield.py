@@ -6,6 +6,7 @@ lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor ord
 """
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -90,3 +91,39 @@ class LightField:
     def photograph(self) -> np.ndarray:
         """The image an ordinary camera would take: the mean view, shape (t, s), float32."""
         return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+
+    def view(self, **options: Any) -> Any:
+        """Show the light field in a notebook, to be refocused while one drags.
+
+        Parameters
+        ----------
+        **options
+            Of `lf_flame.viewer.widget.light_field_widget`.
+
+        Returns
+        -------
+        lf_flame.viewer.widget.LightFieldWidget
+            Its slope, aperture, viewpoint and region can be read and set.
+
+        Raises
+        ------
+        InputError
+            If the light field cannot be shown.
+        """
+        # By name: the viewer stands above all that makes light fields.
+        widget = import_module("lf_flame.viewer.widget")
+        return widget.light_field_widget(self, **options)
+
+    def _repr_html_(self) -> str:
+        """Show the central view and the size in a notebook."""
+        from lf_flame._common.notebook_html import paragraph, picture
+
+        v, u, t, s = self.views.shape[:4]
+        colours = self.views.shape[4] if self.views.ndim == 5 else 1
+        middle = self.views[(v - 1) // 2, (u - 1) // 2].reshape(t, s, colours)
+        shown = middle if colours == 3 else middle.mean(axis=2)
+        white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
+        levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
+        kind = {1: "grey", 3: "colour"}.get(colours, f"{colours} channels")
+        words = f"Light field: {v} x {u} views of {t} x {s} pixels, {kind}"
+        return picture(levels, "Central view") + paragraph(words)

@@ -74,12 +74,12 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.read(source)
-    slopes, slope = _ends(light_field, slopes)
+    chosen = _choose_slopes(light_field, slopes)
     exhibit = Exhibit(
         light_field,
         title or source.resolve().name,
-        slopes,
-        slope,
+        (chosen.low, chosen.high),
+        chosen.slope,
         lens,
         str(source),
         reading.words(),
@@ -93,16 +93,14 @@ def _refuse_source(single_file: Path | None, source: Path) -> None:
         raise InputError(f"{source} is read, and cannot be replaced; name another file.")
 
 
-def _ends(light_field, slopes: tuple[float, float] | None) -> tuple[tuple[float, float], float]:
-    """Choose the ends of the slider, and where it stands at first."""
-    from lf_flame.refocus import find_slope_range
+def _choose_slopes(light_field, slopes: tuple[float, float] | None):
+    from lf_flame.viewer.exhibit import choose_slopes
 
-    if slopes:
-        return slopes, sum(slopes) / 2
-    found = find_slope_range(light_field)
-    doubt = "" if found.certain else "; not certain, --slopes FROM TO says better"
-    click.echo(f"slopes from {found.low:+.2f} to {found.high:+.2f}{doubt}", err=True)
-    return (found.low, found.high), found.slope
+    chosen = choose_slopes(light_field, slopes)
+    if slopes is None:
+        doubt = "" if chosen.certain else "; not certain, --slopes FROM TO says better"
+        click.echo(f"slopes from {chosen.low:+.2f} to {chosen.high:+.2f}{doubt}", err=True)
+    return chosen
 
 
 def show(

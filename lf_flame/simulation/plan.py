@@ -112,6 +112,17 @@ class EffectPlan:
         """Look up one effect by name."""
         return next(effect for effect in self.effects if effect.name == name)
 
+    def _repr_html_(self) -> str:
+        """Show the plan in a notebook, as `print` does."""
+        from lf_flame._common.notebook_html import paragraph, table
+
+        rows = [
+            (e.name, f"{e.bound:.2g}", "kept" if e.kept else "left out", e.criterion)
+            for e in self.effects
+        ]
+        words = f"tolerance {self.tolerance:g}, integrator: {self.integrator}"
+        return table(("effect", "bound", "decision", "criterion"), rows) + paragraph(words)
+
     def to_json(self) -> dict:
         """Values for a record beside an image or a data set."""
         lines = [

@@ -12,7 +12,13 @@ from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus import FocusMap, all_in_focus, farthest_slope
+from lf_flame.refocus import (
+    FocusMap,
+    SlopeRange,
+    all_in_focus,
+    farthest_slope,
+    find_slope_range,
+)
 from lf_flame.refocus.depth_from_focus import TRUSTED
 from lf_flame.viewer.coded_views import CodedViews, encode_views
 
@@ -119,6 +125,13 @@ class Exhibit:
             "pieces": [list(piece) for piece in pieces],
             "coding": coding,
         }
+
+
+def choose_slopes(light_field: LightField, slopes: tuple[float, float] | None) -> SlopeRange:
+    """Choose the ends of the slider, and where it stands at first: as asked, or as found."""
+    if slopes is None:
+        return find_slope_range(light_field)
+    return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
 
 
 def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, Any] | None:

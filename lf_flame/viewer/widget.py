@@ -1,0 +1,91 @@
+"""The viewer in a notebook: Jupyter, JupyterLab, VS Code, Colab, marimo, by anywidget."""
+
+from typing import Any
+
+import anywidget
+import traitlets
+
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.viewer.exhibit import Exhibit, choose_slopes, cut_into_pieces, piece_bytes
+from lf_flame.viewer.scripts import linked_script, read_static
+
+
+class LightFieldWidget(anywidget.AnyWidget):
+    """A viewer, whose state Python and the page share.
+
+    Attributes
+    ----------
+    slope : float
+    aperture : float
+        Its width, in widths of the full one.
+    shape : {"square", "round"}
+    viewpoint : (float, float)
+        Where the aperture's centre is, in views from the middle one.
+    region : (int, int, int, int) or None
+        First row and the one behind the last, first column and the one behind the last.
+    """
+
+    _esm = linked_script("widget.js")
+    _css = read_static("viewer.css")
+    metadata = traitlets.Dict().tag(sync=True)
+    slope = traitlets.Float().tag(sync=True)
+    aperture = traitlets.Float(1.0).tag(sync=True)
+    shape = traitlets.Enum(("square", "round"), "square").tag(sync=True)
+    viewpoint = traitlets.List(traitlets.Float(), [0.0, 0.0], 2, 2).tag(sync=True)
+    region = traitlets.List(traitlets.Int(), None, minlen=4, maxlen=4, allow_none=True).tag(
+        sync=True
+    )
+
+    def __init__(self, exhibit: Exhibit):
+        self._exhibit = exhibit
+        self._pieces = cut_into_pieces(exhibit.coded)
+        super().__init__(
+            metadata=exhibit.describe(exhibit.coded, self._pieces, "served"), slope=exhibit.slope
+        )
+        self.on_msg(self._answer)
+
+    def _answer(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        """Send what the page asks for, which it knows by name alone."""
+        name = str(content.get("ask")) if isinstance(content, dict) else ""
+        names = {f"views/{k}": piece for k, piece in enumerate(self._pieces)}
+        if name in names:
+            self.send({"answer": name}, [piece_bytes(self._exhibit.coded, names[name])])
+        elif name == "map" and self._exhibit.with_map:
+            self.send({"answer": name}, [self._exhibit.map_bytes()])
+
+
+def light_field_widget(
+    light_field: LightField,
+    slopes: tuple[float, float] | None = None,
+    camera: PlenopticCamera | None = None,
+    title: str = "Light field",
+    with_map: bool = True,
+) -> LightFieldWidget:
+    """Make a viewer for a notebook.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Grey or of three channels.
+    slopes : (float, float), optional
+        Ends of the slider, the lower one first. Default: as far as the scene reaches.
+    camera : PlenopticCamera, optional
+        Gives depths in mm and f-numbers.
+    title : str, optional
+    with_map : bool, optional
+        Whether there is a slope map, which takes some seconds.
+
+    Returns
+    -------
+    LightFieldWidget
+
+    Raises
+    ------
+    InputError
+        If the light field cannot be shown, or the slopes cannot be used.
+    """
+    chosen = choose_slopes(light_field, slopes)
+    ends = chosen.low, chosen.high
+    exhibit = Exhibit(light_field, title, ends, chosen.slope, camera, with_map=with_map)
+    return LightFieldWidget(exhibit)
