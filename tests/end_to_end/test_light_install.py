@@ -11,7 +11,7 @@ from lf_flame._common.threads import COMPILING
 
 ROOT = Path(__file__).parents[2]
 
-ABSENT = ("keras", "tensorflow", "jax", "pandas", "zarr")
+ABSENT = ("keras", "tensorflow", "jax", "pandas", "zarr", "anywidget")
 
 BLOCKER = f"""
 import sys
@@ -67,6 +67,7 @@ def test_simulation_and_refocusing_work(light):
         ["refocus", field, "--search", "--map", "-2", "2"],
         ["refocus-regions", field, "--region", "8", "30", "8", "30", "--slopes", "-2", "2"],
         ["convert", field, "views"],
+        ["view", field, "--single-file", "page.html"],
     ):
         result = run(light, *arguments)
         assert result.returncode == 0, (arguments, result.stderr)

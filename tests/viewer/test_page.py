@@ -79,6 +79,15 @@ def test_a_click_focuses_where_the_slope_is_certain(tab, two_planes, tmp_path, r
     assert state["region"] == pytest.approx([12, 25, 3, 22], abs=1)
 
 
+def test_a_tall_picture_fits_the_window_and_is_pointed_at_rightly(tab, make_exhibit, tmp_path):
+    tab.open(written(make_exhibit((3, 3, 90, 30)), tmp_path), "webgl")
+    box = tab.page.locator(".lf-over").bounding_box()
+    assert box["height"] == pytest.approx(0.75 * 900, abs=1)
+    assert box["width"] == pytest.approx(box["height"] / 3, abs=1)
+    tab.page.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + 0.1 * box["height"])
+    assert tab.page.evaluate("() => lfViewer.pointing.place") == [9, 27]
+
+
 def test_keys_move_the_place_and_focus(tab, two_planes, tmp_path):
     tab.open(written(two_planes, tmp_path), "webgl")
     tab.page.locator(".lf-over").focus()

@@ -14,6 +14,7 @@ export class SoftwareRenderer {
     const wide = codes instanceof Uint16Array;
     this.worker.postMessage({ shape, wide, length: codes.length });
     this.worker.onmessage = ({ data }) => this.finish(data);
+    this.worker.onerror = (event) => this.failed?.(event.message || "The page's worker did not start.");
   }
 
   /** Hand over views that have come in. */

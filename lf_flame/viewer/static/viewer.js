@@ -58,8 +58,11 @@ export class Viewer {
     const fast = renderer ? renderer === "webgl" : hasFastWebGL(shape);
     const Renderer = fast ? WebGLRenderer : SoftwareRenderer;
     this.renderer = new Renderer(this.find(".lf-image"), shape, this.codes);
+    this.renderer.failed = (words) => this.say(words);
     Object.assign(this.find(".lf-over"), { height: size[0], width: size[1] });
-    this.find(".lf-picture").style.aspectRatio = `${size[1]} / ${size[0]}`;
+    const picture = this.find(".lf-picture").style;
+    picture.aspectRatio = `${size[1]} / ${size[0]}`;
+    picture.width = `min(100%, ${(75 * size[1]) / size[0]}vh)`; // a tall one fits the window too
     this.controls = new Controls(this);
     this.pointing = new Pointing(this);
     this.ready = this.load(piece, slopeMap);
