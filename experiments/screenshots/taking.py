@@ -1,23 +1,16 @@
 """Taking pictures of pages: the demo, served and as one file."""
 
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Thread
 
-from playwright.sync_api import Browser, sync_playwright
-
+from experiments.browser import headless_browser, served
 from lf_flame._common.output_folders import output_folder
 from lf_flame.commands.viewer import demo_exhibit
-from lf_flame.errors import InputError
 from lf_flame.viewer.demo import BURNER_MM, DEMO_CAMERA, WALL_MM
 from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.page import single_page
-from lf_flame.viewer.server import ViewerServer
-
-BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 
 RECORD = "screenshots.json"
 
@@ -45,34 +38,15 @@ def take_screenshots(out: Path) -> list[Path]:
         If there is no browser.
     """
     exhibit = demo_exhibit("demo.npy")
-    with output_folder(out, RECORD) as folder, _browser() as browser:
+    with output_folder(out, RECORD) as folder, headless_browser() as browser:
         folder.facts["browser"] = f"Chromium {browser.version}"
-        with _served(exhibit) as url:
+        with served(exhibit) as url:
             for name, address in SERVED.items():
                 _take(browser, url + address, folder.path(name))
         with _written(exhibit) as url:
             for name, address in IN_ONE_FILE.items():
                 _take(browser, url + address, folder.path(name))
     return [out / name for name in (*SERVED, *IN_ONE_FILE)]
-
-
-@contextmanager
-def _browser() -> Iterator[Browser]:
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        raise InputError(f"Pictures of pages need a browser, one of {', '.join(BROWSERS)}.")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@contextmanager
-def _served(exhibit: Exhibit) -> Iterator[str]:
-    with ViewerServer(exhibit) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        yield server.url
-        server.shutdown()
 
 
 @contextmanager
@@ -83,7 +57,7 @@ def _written(exhibit: Exhibit) -> Iterator[str]:
         yield path.as_uri()
 
 
-def _take(browser: Browser, url: str, path: Path) -> None:
+def _take(browser, url: str, path: Path) -> None:
     page = browser.new_page(viewport={"width": 1100, "height": 720})
     page.goto(url)
     page.wait_for_function("() => globalThis.lfViewer")

@@ -1,30 +1,25 @@
 """A real browser, and light fields to look at in it."""
 
-import shutil
-
 import numpy as np
 import pytest
 
+from experiments.browser import BROWSERS, find_browser, headless_browser
 from lf_flame import LightField
 from lf_flame.viewer.exhibit import Exhibit
-
-BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
-
-# Software WebGL is off in headless Chromium unless it is asked for.
-FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="session")
 def chromium():
     """A headless browser."""
-    driver = pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
+    pytest.importorskip("playwright.sync_api", reason="browser tests need playwright")
+    if find_browser() is None:
         pytest.skip(f"browser tests need one of {', '.join(BROWSERS)}")
-    with driver.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=FLAGS)
+    with headless_browser() as browser:
         yield browser
-        browser.close()
+
+
+OF_READING = "GPU stall due to ReadPixels"
+"""What the browser says where a test, or the benchmark, reads a picture back."""
 
 
 class Tab:
@@ -34,13 +29,13 @@ class Tab:
         self.page = context.new_page()
         self.complaints, self.requests = [], []
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on(
-            "console",
-            lambda message: (
-                message.type in ("error", "warning") and self.complaints.append(message.text)
-            ),
-        )
+        self.page.on("console", self.hear)
         self.page.on("request", lambda request: self.requests.append(request.url))
+
+    def hear(self, message):
+        """Keep errors and warnings."""
+        if message.type in ("error", "warning") and OF_READING not in message.text:
+            self.complaints.append(message.text)
 
     def open(self, url, renderer=None, address=""):
         """Open a viewer, and wait until it shows all views."""

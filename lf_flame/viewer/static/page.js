@@ -32,14 +32,14 @@ async function benchmark() {
   while (performance.now() - begin < 3000) {
     const slope = low + ((high - low) * (frames % 50)) / 49;
     await new Promise((resolve) => {
-      renderer.drawn = resolve;
+      viewer.onDrawn = resolve;
       viewer.state = { ...state, slope };
       viewer.draw(true);
     });
     renderer.wait?.();
     frames += 1;
   }
-  renderer.drawn = undefined;
+  viewer.onDrawn = undefined;
   viewer.set(state);
   const rate = (1000 * frames) / (performance.now() - begin);
   viewer.say(`${rate.toFixed(1)} frames a second, drawn by ${renderer.name}`);

@@ -58,6 +58,7 @@ export class Viewer {
     const fast = renderer ? renderer === "webgl" : hasFastWebGL(shape);
     const Renderer = fast ? WebGLRenderer : SoftwareRenderer;
     this.renderer = new Renderer(this.find(".lf-image"), shape, this.codes);
+    this.renderer.drawn = () => this.note();
     this.renderer.failed = (words) => this.say(words);
     Object.assign(this.find(".lf-over"), { height: size[0], width: size[1] });
     const picture = this.find(".lf-picture").style;
@@ -121,6 +122,13 @@ export class Viewer {
       drawOverlay(this.find(".lf-over"), metadata, state, this.pointing);
       this.controls.show();
     });
+  }
+
+  /** Note when the first picture and that of all views were drawn, for whoever measures. */
+  note() {
+    const mark = this.loaded.includes(false) ? "lf-first-picture" : "lf-all-views";
+    if (!performance.getEntriesByName(mark).length) performance.mark(mark);
+    this.onDrawn?.();
   }
 
   /** Wait until nothing is left to be drawn. */

@@ -1,0 +1,82 @@
+"""How long the viewer's page takes to show a light field, and its frames a second.
+
+In a headless browser without a graphics processor: by JavaScript, as a page chooses there itself,
+and by WebGL2 on a software renderer, which says nothing of a real one (`?bench` behind the address
+of a page does).
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from experiments.benchmarks.report import write_table
+from experiments.browser import headless_browser, served
+from lf_flame._common.provenance import environment
+from lf_flame.lightfield import LightField
+from lf_flame.viewer.exhibit import Exhibit
+
+SHAPES = ((15, 15, 90, 180), (15, 15, 270, 540), (9, 9, 512, 512, 3))
+
+RENDERERS = ("javascript", "webgl")
+
+MARKS = ("lf-first-picture", "lf-all-views")
+
+
+def random_exhibit(shape: tuple[int, ...]) -> Exhibit:
+    """Make views of noise, of 8 bits."""
+    codes = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    views = LightField(codes / np.float32(255))
+    return Exhibit(views, "Noise", (-2.0, 2.0), 0.0, with_map=False)
+
+
+def measure_page(browser, url: str, renderer: str) -> dict[str, float]:
+    """Open a page; seconds from asking for it to the pictures, and frames a second."""
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(f"{url}?renderer={renderer}&bench")
+    page.wait_for_function("() => globalThis.lfViewer?.benchmark")
+    rate = page.evaluate("() => lfViewer.benchmark")
+    first, all_views = (
+        page.evaluate("(mark) => performance.getEntriesByName(mark)[0].startTime / 1000", mark)
+        for mark in MARKS
+    )
+    page.close()
+    return {"first picture": first, "all views": all_views, "frames a second": rate}
+
+
+def measure(repetitions: int) -> list[dict]:
+    """Open every light field by every renderer; of several times the median."""
+    rows = []
+    with headless_browser() as browser:
+        for shape in SHAPES:
+            exhibit = random_exhibit(shape)
+            with served(exhibit) as url:
+                for renderer in RENDERERS:
+                    sys.stderr.write(f"{shape} by {renderer} ...\n")
+                    runs = [measure_page(browser, url, renderer) for _ in range(repetitions)]
+                    row = {"views": " x ".join(map(str, shape)), "drawn by": renderer}
+                    rows.append(row | pd.DataFrame(runs).median().to_dict())
+    return rows
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--repetitions", type=int, default=3)
+    asked = parser.parse_args()
+    table = pd.DataFrame(measure(asked.repetitions))
+    notes = (
+        "Seconds from asking for the page, its views in the serving program's memory; frames while "
+        "one drags, those of JavaScript coarser where the views are large. No graphics processor. "
+    )
+    formats = ("", "", ".2f", ".2f", ".1f")
+    write_table(
+        asked.out / "viewer", "The viewer's page", table, formats, environment(), notes=notes
+    )
+
+
+if __name__ == "__main__":
+    main()
