@@ -98,6 +98,7 @@ def test_camera_prints_the_derived_numbers():
         assert number in shown
 
 
+@pytest.mark.slow
 def test_simulate_writes_what_it_says(tmp_path):
     imsave(tmp_path / "card.png", np.full((8, 8), 128, np.uint8), check_contrast=False)
     extra = '[[layers]]\nimage = "card.png"\ndepth_mm = -10.0\nsize_mm = [1.0, 1.0]\n'
@@ -322,6 +323,7 @@ def test_from_data_set_to_table(tmp_path):
     assert copied[2]["psnr_db"] > 80  # at 0 mm the input is the ground truth (deviation 5)
 
 
+@pytest.mark.slow
 def test_who_waits_for_the_compiler_is_told_so_once(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
     np.save(tmp_path / "field.npy", np.ones((2, 2, 4, 4), np.float32))

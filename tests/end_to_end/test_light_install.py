@@ -57,6 +57,7 @@ size_mm = [1.5, 1.5]
 """
 
 
+@pytest.mark.slow
 def test_simulation_and_refocusing_work(light):
     (light / "scene.toml").write_text(SCENE)
     field = "simulated/scene/light_field.npz"

@@ -180,6 +180,7 @@ def test_without_epochs_the_start_is_the_network(config, data, tmp_path):
     assert losses[1] == pytest.approx(losses[0], rel=0.01)  # no second beginning
 
 
+@pytest.mark.slow
 def test_fresh_scenes_are_learnt_from_beside_the_stored_ones_and_never_scored(
     config, data, tmp_path, monkeypatch
 ):

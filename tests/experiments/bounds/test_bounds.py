@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
@@ -11,6 +12,7 @@ from experiments.bounds.report import tabulate
 from lf_flame import InputError
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     def run(scenes):
         arguments = ["bounds", "--out", str(tmp_path), "--scenes", str(scenes), "--seed", "3"]

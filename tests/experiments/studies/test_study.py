@@ -147,6 +147,7 @@ def done(tmp_path_factory):
     return folder, *at_the_cut
 
 
+@pytest.mark.slow
 def test_variants_are_trained_alike_and_scored_on_the_same_samples(done, monkeypatch):
     monkeypatch.chdir(done[0])
     assert len(list(Path("work/data").iterdir())) == 1  # both variants share it
@@ -168,6 +169,7 @@ def test_variants_are_trained_alike_and_scored_on_the_same_samples(done, monkeyp
         assert (rows.bound_db.iloc[:2].to_numpy() > score(targets, mean).psnr_db.to_numpy()).all()
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_found_and_where_it_comes_from(done, monkeypatch):
     monkeypatch.chdir(done[0])
     table = pd.read_csv("out/tiny.csv")
@@ -188,6 +190,7 @@ def test_the_report_says_what_was_found_and_where_it_comes_from(done, monkeypatc
     assert {"tiny.png", "tiny_time.png"} <= {path.name for path in Path("out").iterdir()}
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_was_cut_off(done):
     folder, text, table, written = done
     assert "missing" in text
@@ -197,6 +200,7 @@ def test_a_study_goes_on_where_it_was_cut_off(done):
     assert not list(folder.rglob("checkpoint-*"))
 
 
+@pytest.mark.slow
 def test_a_changed_variant_is_refused(done, monkeypatch):
     monkeypatch.chdir(done[0])
     path = write(done[0], BARS.replace("batch_size = 1", "batch_size = 2"), TIMED)
