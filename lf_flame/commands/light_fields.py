@@ -3,7 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,9 +74,11 @@ SLOPES = cloup.option_group(
         "slope_map",
         nargs=2,
         type=float,
-        metavar="FROM TO",
-        help="Slope of each pixel, and all in focus; the slopes should reach beyond the scene's.",
+        metavar="FROM TO | auto",
+        help="Slope of each pixel, and all in focus; the slopes should reach beyond the scene's; "
+        "auto finds such.",
     ),
+    cloup.option("--map-auto", is_flag=True, hidden=True),
     cloup.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
     ),
@@ -190,11 +192,29 @@ class Focus:
     search: bool = False
     sweep: tuple[float, float] | None = None
     slope_map: tuple[float, float] | None = None
+    map_auto: bool = False
+
+    def with_ends(self, light_field: "LightField") -> "Focus":
+        """Find the ends of the slope map, where they are to be found, and tell them."""
+        if not self.map_auto:
+            return self
+        if self.slope_map:
+            raise InputError("--map auto and --map FROM TO cannot both be given.")
+        from lf_flame.refocus import find_slope_range
+
+        found = find_slope_range(light_field)
+        click.echo(f"slope map {found.describe()}", err=True)
+        return replace(self, slope_map=(found.low, found.high))
 
     @property
     def searches(self) -> bool:
         """Whether the sharpest slope is to be found: if asked for, or if nothing else is."""
-        return self.search or not (self.slopes or self.depths or self.sweep or self.slope_map)
+        return self.search or not (self.slopes or self.depths or self.sweep or self.maps)
+
+    @property
+    def maps(self) -> bool:
+        """Whether a slope map is asked for."""
+        return self.map_auto or self.slope_map is not None
 
     def asked_slopes(self, views: int, lens: "PlenopticCamera | None") -> list[float]:
         """Slopes of shift-and-sum for the numbers and depths that were given."""
@@ -224,7 +244,7 @@ class Appearance:
     movie: str = "gif"
     network: Path | None = None
 
-    def refuse_for_network(self, slope_map: tuple[float, float] | None) -> None:
+    def refuse_for_network(self, slope_map: bool) -> None:
         """Refuse what a network cannot do: it has its own aperture, and interpolates linearly."""
         plain = Appearance()
         changed = {
@@ -240,7 +260,7 @@ class Appearance:
             )
             if getattr(self, name) != getattr(plain, name)
         }
-        _refuse_options("a network", **changed, map=slope_map)
+        _refuse_options("a network", **changed, map=slope_map or None)
 
     def options(self, views: tuple[int, int], lens: "PlenopticCamera | None") -> dict[str, Any]:
         """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
@@ -264,7 +284,21 @@ def _pick(kind, options: dict):
     return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
 
 
-@cloup.command()
+class MapCommand(cloup.Command):
+    """A command that takes `--map auto` beside `--map FROM TO`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Make one word of the two that ask for a range to be found."""
+        joined: list[str] = []
+        for word in args:
+            if word == "auto" and joined[-1:] == ["--map"]:
+                joined[-1] = "--map-auto"
+            else:
+                joined.append("--map-auto" if word == "--map=auto" else word)
+        return super().parse_args(ctx, joined)
+
+
+@cloup.command(cls=MapCommand)
 @click.argument("source", type=PATH)
 @SLOPES
 @APPEARANCE
@@ -280,7 +314,7 @@ def refocus(source, camera, out, **options):
     \b
       lf-flame refocus buddha                              at the sharpest slope
       lf-flame refocus buddha --slope 1.2 --slope -0.4     at these slopes
-      lf-flame refocus buddha --sweep -1 2 --map -1 2      sweep.gif, slope map, all in focus
+      lf-flame refocus buddha --sweep -1 2 --map auto      sweep.gif, slope map, all in focus
       lf-flame refocus raw.png --white white.png           any plenoptic camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
@@ -296,10 +330,11 @@ def refocus(source, camera, out, **options):
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
     check_movie(f"sweep.{look.movie}")
     if look.network:
-        look.refuse_for_network(focus.slope_map)
+        look.refuse_for_network(focus.maps)
     with picture_folder(_folder_for(source, out), source) as folder:
         network = _open_network(look.network)
         light_field = reading.read(source)
+        focus = focus.with_ends(light_field)
         views = light_field.views.shape[:2]
         slopes = focus.asked_slopes(views[1], lens)
         job = RefocusJob(light_field, look.options(views, lens), network, **look.brightness)

@@ -98,8 +98,7 @@ def _choose_slopes(light_field, slopes: tuple[float, float] | None):
 
     chosen = choose_slopes(light_field, slopes)
     if slopes is None:
-        doubt = "" if chosen.certain else "; not certain, --slopes FROM TO says better"
-        click.echo(f"slopes from {chosen.low:+.2f} to {chosen.high:+.2f}{doubt}", err=True)
+        click.echo(f"{chosen.describe()} (--slopes FROM TO for others)", err=True)
     return chosen
 
 

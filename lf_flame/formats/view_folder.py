@@ -44,14 +44,11 @@ class ViewFolder:
             f"bottom right {self.files[-1, -1].name}",
             f"order {self.found.order}, {self.found.reason}",
         ]
-        if self.found.slopes:
-            low, high = self.found.slopes
-            lines.append(f"mostly sharp at slopes from about {low:.1f} to {high:.1f}")
-            if low > 0 and self.found.order == "row,col":
-                lines[-1] += (
-                    "; parallel cameras have slopes below 0: if the nearer things have the higher "
-                    "ones here, the order is -row,-col"
-                )
+        if self.found.slopes and self.found.slopes[0] > 0 and self.found.order == "row,col":
+            lines.append(
+                "most slopes are above 0, those of parallel cameras below: if the nearer things "
+                "have the higher ones here, the order is -row,-col"
+            )
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
         return "\n".join(lines)

@@ -1,6 +1,7 @@
 """From which slope to which the surfaces of a light field reach."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -13,8 +14,11 @@ SIDE = 192
 TILE = 12
 """Lenslets of a tile's side there, at least."""
 
-CERTAIN = 0.5
-"""Confidence of a tile from which its slope counts."""
+CERTAIN, ALONE = 0.5, 0.9
+"""Confidence from which a tile's slope counts, where a neighbour agrees and where none does."""
+
+AGREEING = 0.5
+"""Neighbours that agree differ by less. At an outline a tile may see what is not there."""
 
 MARGIN = 0.3
 """Slope by which the range reaches beyond the tiles: a peak at an end would not be trusted."""
@@ -42,6 +46,11 @@ class SlopeRange:
     slope: float
     certain: bool
 
+    def describe(self) -> str:
+        """Say in words from where to where, and whether that is certain."""
+        doubt = "" if self.certain else "; not certain, there is too little texture"
+        return f"from slope {self.low:+.2f} to {self.high:+.2f}{doubt}"
+
 
 def find_slope_range(views: Views) -> SlopeRange:
     """Find from which slope to which a scene reaches, by tiles of its views made smaller.
@@ -61,13 +70,26 @@ def find_slope_range(views: Views) -> SlopeRange:
     small = _averaged(views, block)
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
     found = find_sharpest_slopes(small, tiles=tiles)
-    sure = [block * one.slope for one in found if one.confidence >= CERTAIN]
-    if not sure:
+    slopes = block * np.array([one.slope for one in found]).reshape(tiles)
+    sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
+    if not sure.size:
         return SlopeRange(-min(3.0, limit), min(3.0, limit), 0.0, False)
-    low, high = min(sure) - MARGIN, max(sure) + MARGIN
-    middle = float(np.median(sure))
-    certain = len(sure) >= FEWEST * len(found)
-    return SlopeRange(max(low, -limit), min(high, limit), middle, certain)
+    low, high = float(sure.min()) - MARGIN, float(sure.max()) + MARGIN
+    certain = sure.size >= FEWEST * slopes.size
+    return SlopeRange(max(low, -limit), min(high, limit), float(np.median(sure)), certain)
+
+
+def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+    """Whether the slope of each tile counts, shape (rows, columns)."""
+    sure = confidence >= CERTAIN
+    rows, columns = slopes.shape
+    around = np.pad(np.where(sure, slopes, np.nan), 1, constant_values=np.nan)
+    agrees = np.zeros(slopes.shape, bool)
+    for down, right in product((0, 1, 2), repeat=2):
+        if (down, right) != (1, 1):
+            neighbour = around[down : down + rows, right : right + columns]
+            agrees |= np.abs(neighbour - slopes) < AGREEING
+    return sure & (agrees | (confidence >= ALONE))
 
 
 def _averaged(views: np.ndarray, block: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from lf_flame.formats import (
 )
 from lf_flame.formats.images import write_image
 from lf_flame.optics.slope_conventions import CONVENTIONS
-from lf_flame.refocus import refocus, round_aperture, shift_and_sum
+from lf_flame.refocus import find_slope_range, refocus, round_aperture, shift_and_sum
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.training import load_system
 
@@ -328,6 +328,21 @@ def test_mp4_without_its_encoder_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with pytest.raises(InputError, match="imageio-ffmpeg, which is not installed"):
         write_movie(tmp_path / "sweep.mp4", np.zeros((2, 4, 4), np.uint8))
+
+
+@pytest.mark.parametrize("words", [["--map", "auto"], ["--map=auto"]])
+def test_the_range_of_a_slope_map_is_found(folder, light_field, tmp_path, words):
+    result = run(folder, *words, "--out", tmp_path / "out")
+    found = find_slope_range(light_field)
+    assert f"slope map {found.describe()}" in result.output
+    record = json.loads((tmp_path / "out" / "refocus.json").read_text())
+    assert record["slope_map"] == [found.low, found.high]
+    assert (tmp_path / "out" / "slope_map.tif").exists()
+
+
+def test_two_ranges_of_a_slope_map_are_refused(folder, tmp_path):
+    with pytest.raises(InputError, match="cannot both be given"):
+        run(folder, "--map", "auto", "--map", -1, 1, "--out", tmp_path / "out")
 
 
 def test_an_f_number_without_a_camera_is_refused():

@@ -1,0 +1,63 @@
+"""The range of slopes, beside scenes whose depths are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
+from lf_flame.refocus import find_slope_range
+from lf_flame.refocus.slope_range import MARGIN, _certain
+from lf_flame.scenes.dead_leaves import DeadLeaves
+
+CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(96, 160))
+
+LEAVES = DeadLeaves(leaves=400, smallest=3.0, largest=30.0, slopes=(0.0, 0.0), contrast=0.2)
+
+
+def four_cards(rng):
+    """Cards with a pattern beside each other, at depths of their own."""
+    layers = []
+    for k, depth in enumerate(rng.uniform(-14, 18, 4)):
+        pattern = LEAVES.draw((1, 1), (60, 100), rng).views[0, 0]
+        centre = ((k // 2 - 0.5) * 6.4, (k % 2 - 0.5) * 10.6)
+        layers.append(Layer(pattern, depth_mm=depth, size_mm=(6.0, 10.0), centre_mm=centre))
+    return Scene(layers)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("enlarged", [1, 3])
+def test_it_reaches_from_the_nearest_to_the_farthest(seed, enlarged):
+    """Enlarged views, which are averaged again, have slopes as much larger."""
+    scene = four_cards(np.random.default_rng(seed))
+    views = render(scene, CAMERA).views.repeat(enlarged, 2).repeat(enlarged, 3)
+    slopes = [enlarged * CAMERA.depth_to_slope(depth) for depth in scene.depths_mm]
+    found = find_slope_range(LightField(views))
+    assert found.certain
+    assert found.low == pytest.approx(min(slopes) - MARGIN, abs=0.1 * enlarged)
+    assert found.high == pytest.approx(max(slopes) + MARGIN, abs=0.1 * enlarged)
+    assert found.low < found.slope < found.high
+
+
+@pytest.mark.parametrize("scene", ["flat", "smooth", "noise"])
+def test_where_nothing_tells_slopes_apart_it_is_not_certain(rng, scene):
+    views = {
+        "flat": np.full((5, 5, 40, 60), 0.5),
+        "smooth": np.broadcast_to(np.linspace(0.4, 0.6, 60), (5, 5, 40, 60)),
+        "noise": rng.uniform(size=(5, 5, 40, 60)),
+    }[scene]
+    found = find_slope_range(LightField(views))
+    assert not found.certain
+    assert found.low < found.slope < found.high
+
+
+def test_a_small_image_limits_it():
+    found = find_slope_range(LightField(np.ones((9, 9, 6, 6))))
+    assert (found.low, found.high) == (-1.5, 1.5)
+
+
+def test_a_tile_that_nobody_agrees_with_counts_only_if_it_is_very_certain():
+    slopes = np.array([[1.0, 1.2, 3.0], [1.1, -4.3, 3.0], [-2.0, 1.0, 0.0]])
+    confidence = np.array([[0.6, 0.6, 0.6], [0.4, 0.7, 0.6], [0.95, 0.6, 0.1]])
+    expected = [[True, True, True], [False, False, True], [True, False, False]]
+    np.testing.assert_array_equal(_certain(slopes, confidence), expected)
