@@ -116,7 +116,7 @@ latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trai
 STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
-scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours)
+scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (90 minutes)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
