@@ -126,8 +126,10 @@ export class Viewer {
 
   /** Note when the first picture and that of all views were drawn, for whoever measures. */
   note() {
-    const mark = this.loaded.includes(false) ? "lf-first-picture" : "lf-all-views";
-    if (!performance.getEntriesByName(mark).length) performance.mark(mark);
+    const marks = this.loaded.includes(false) ? ["lf-first-picture"] : ["lf-first-picture", "lf-all-views"];
+    for (const mark of marks) {
+      if (!performance.getEntriesByName(mark).length) performance.mark(mark);
+    }
     this.onDrawn?.();
   }
 
