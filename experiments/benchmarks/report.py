@@ -17,14 +17,16 @@ def write_table(
     record: dict,
     missing: str = "nan",
     notes: str = "",
+    repeated: str = "Best of some rounds in turn",
+    command: str = "make benchmarks",
 ) -> None:
     """Write a table as Markdown, CSV and, with the record of its making, JSON; print the first."""
     known = table.astype(object).where(table.notna(), None)
     text = (
         f"### {title}\n\n"
         + known.to_markdown(index=False, floatfmt=formats, missingval=missing)
-        + f"\n\n{notes}Best of some rounds in turn; {record['machine']}, revision "
-        f"{record['git_revision']}. Command: `make benchmarks`.\n"
+        + f"\n\n{notes}{repeated}; {record['machine']}, revision {record['git_revision']}. "
+        f"Command: `{command}`.\n"
     )
     with together(stem.parent, last=f"{stem.name}.json") as aside:
         write_text(aside / f"{stem.name}.md", text)

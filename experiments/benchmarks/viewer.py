@@ -74,7 +74,14 @@ def main() -> None:
     )
     formats = ("", "", ".2f", ".2f", ".1f")
     write_table(
-        asked.out / "viewer", "The viewer's page", table, formats, environment(), notes=notes
+        asked.out / "viewer",
+        "The viewer's page",
+        table,
+        formats,
+        environment(),
+        notes=notes,
+        repeated=f"Medians of {asked.repetitions}",
+        command="python -m experiments.benchmarks.viewer",
     )
 
 
