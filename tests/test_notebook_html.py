@@ -1,10 +1,13 @@
 """What light fields, scenes, plans and searches show in a notebook."""
 
+import base64
+import io
 import re
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from lf_flame import Layer, LightField, Scene, plan_effects
 from lf_flame.refocus import find_sharpest_slope
@@ -48,7 +51,9 @@ def test_a_light_field_shows_its_central_view_and_size(rng, shape):
 
 
 def test_a_dark_light_field_is_no_error():
-    shown(LightField(np.zeros((2, 2, 4, 4))))
+    _, seen = shown(LightField(np.zeros((2, 2, 4, 4))))
+    png = base64.b64decode(seen[0][1]["src"].partition(",")[2])
+    assert not np.asarray(Image.open(io.BytesIO(png))).any()
 
 
 def test_a_scene_shows_its_layers_where_they_are():

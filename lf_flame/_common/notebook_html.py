@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
+from tabulate import tabulate
 
 MOST_BYTES = 40_000
 """Of a picture: a notebook keeps all it has shown."""
@@ -45,12 +46,8 @@ def _as_png(image: Image.Image) -> bytes:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Make a table, its first column the name of each row."""
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in headings)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(str(x))}</td>" for x in row) + "</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    """Make a table, its first column the name of each row; what it says is text, no HTML."""
+    return tabulate(rows, headings, tablefmt="html", disable_numparse=True)
 
 
 def paragraph(words: str) -> str:

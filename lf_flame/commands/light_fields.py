@@ -152,10 +152,14 @@ class Reading:
     pitch: float | None = None
     layout: str | None = None
 
-    def words(self) -> list[str]:
-        """Give the options as words of a command, those that were given."""
-        given = [(name, getattr(self, name)) for name in self.__dataclass_fields__]
-        return [word for name, x in given if x is not None for word in (f"--{name}", str(x))]
+    def given(self) -> dict[str, Any]:
+        """Give the options that were given, paths as text."""
+        options = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {
+            name: str(x) if isinstance(x, Path) else x
+            for name, x in options.items()
+            if x is not None
+        }
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and tell what was found."""

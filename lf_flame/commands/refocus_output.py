@@ -15,16 +15,13 @@ from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.depth_from_focus import MAP_STEPS, TRUSTED
 from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure
 
 RECORD = "refocus.json"
 
 SWEEP_FRAMES = 41
 """Frames from one end of a sweep to the other; the movie goes there and back."""
-
-SLOPE_MAP_STEPS = 33
-"""Slopes of the stack from which a slope map is made."""
 
 
 @contextmanager
@@ -127,7 +124,7 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     float
         Share of the pixels whose slope is certain.
     """
-    slopes = np.linspace(*ends, SLOPE_MAP_STEPS)
+    slopes = np.linspace(*ends, MAP_STEPS)
     options = {k: job.options[k] for k in ("interpolation", "weights") if k in job.options}
     found = all_in_focus(job.light_field, slopes, **options)
     write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))

@@ -70,7 +70,7 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.viewer.exhibit import Exhibit
 
-    _refuse_source(options["single_file"], source)
+    _check_single_file(options["single_file"], (source, camera, options["white"]))
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.read(source)
@@ -82,15 +82,20 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
         chosen.slope,
         lens,
         str(source),
-        reading.words(),
+        reading.given(),
         with_map=not no_map,
     )
     show(exhibit, **options)
 
 
-def _refuse_source(single_file: Path | None, source: Path) -> None:
-    if single_file and single_file.resolve() == source.resolve():
-        raise InputError(f"{source} is read, and cannot be replaced; name another file.")
+def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] = ()) -> None:
+    """Refuse to write a page over what is read, or by a name that no browser takes for a page."""
+    if single_file is None:
+        return
+    if single_file.resolve() in {path.resolve() for path in read if path}:
+        raise InputError(f"{single_file} is read, and cannot be replaced; name another file.")
+    if single_file.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--single-file must end in .html, got {single_file}.")
 
 
 def _choose_slopes(light_field, slopes: tuple[float, float] | None):
@@ -149,6 +154,7 @@ def demo(slopes, no_map, title, save, **options) -> None:
     Three flames stand at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
     -10 mm. Drag the focus from one to the other, or click on them.
     """
+    _check_single_file(options["single_file"])
     click.echo("simulating a plenoptic camera, 9 x 9 views ...", err=True)
     changes = {"title": title, "slopes": slopes}
     exhibit = replace(

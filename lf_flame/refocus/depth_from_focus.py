@@ -33,6 +33,9 @@ FLOOR = 0.1
 TRUSTED = 0.2
 """Confidence from which a pixel keeps its own slope, and that slope is called certain."""
 
+MAP_STEPS = 33
+"""Slopes of the stack from which commands and pages make a slope map."""
+
 
 @dataclass(frozen=True, eq=False)
 class FocusMap:

@@ -12,6 +12,9 @@ from lf_flame.lightfield import LightField
 MOST_BYTES = 256 * 2**20
 """Of the codes: what browsers and graphics processors hold without trouble."""
 
+DARKEST = 1e-30
+"""Radiance of white at least: of a black light field too, codes must stay finite in float32."""
+
 
 @dataclass(frozen=True, eq=False)
 class CodedViews:
@@ -70,7 +73,7 @@ def encode_views(light_field: LightField) -> CodedViews:
             f"A viewer holds {MOST_BYTES:,} pixels at most, but this light field has "
             f"{views.size:,}."
         )
-    white = white_level(views)
+    white = max(white_level(views), DARKEST)
     low, high = min(0.0, float(views.min())), white
     positions = tuple(centred(n) for n in views.shape[:2])
     for kind in (np.uint8, np.uint16):

@@ -1,7 +1,7 @@
 """What a viewer shows: coded views in pieces, a slope map, and what the page must know."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -19,14 +19,11 @@ from lf_flame.refocus import (
     farthest_slope,
     find_slope_range,
 )
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.depth_from_focus import MAP_STEPS, TRUSTED
 from lf_flame.viewer.coded_views import CodedViews, encode_views
 
 PIECE_BYTES = 4 * 2**20
 """Of one answer at most, so that a page shows how far it is."""
-
-MAP_STEPS = 33
-"""Slopes of the stack from which the slope map is made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +42,8 @@ class Exhibit:
         Gives depths in mm and f-numbers.
     source : str, optional
         Path that a copied command names; without it none is offered.
-    reading : sequence of str, optional
-        Options of the command that say how the source is read.
+    reading : mapping, optional
+        Options by which the source is read: views, order, white, pitch, layout.
     with_map : bool, optional
         Whether there is a slope map.
 
@@ -62,7 +59,7 @@ class Exhibit:
     slope: float
     camera: PlenopticCamera | None = None
     source: str | None = None
-    reading: Sequence[str] = field(default=())
+    reading: Mapping[str, Any] = field(default_factory=dict)
     with_map: bool = True
 
     def __post_init__(self):
@@ -120,7 +117,7 @@ class Exhibit:
             "slope": float(self.slope),
             "camera": _describe_camera(self.camera, views),
             "source": self.source,
-            "reading": list(self.reading),
+            "reading": dict(self.reading),
             "has_map": self.with_map,
             "pieces": [list(piece) for piece in pieces],
             "coding": coding,

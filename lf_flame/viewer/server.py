@@ -1,12 +1,14 @@
 """The program that serves one page, on this machine and to whoever knows its token."""
 
 import secrets
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock
+from typing import Any
 
 from lf_flame.errors import InputError
 from lf_flame.viewer.exhibit import Exhibit, cut_into_pieces, piece_bytes
@@ -50,6 +52,11 @@ class ViewerServer(ThreadingHTTPServer):
         self._exhibit = exhibit
         self._map_lock = Lock()
         self._answers = self._known_answers()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Pass over pages that were closed before they had their answer; tell the rest."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
     @property
     def address(self) -> str:
@@ -110,7 +117,12 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_our_page():
             self._send(HTTPStatus.FORBIDDEN, _Answer(b"Another page asked.", "text/plain"))
             return
-        answer = self.server.answer(self.path)
+        try:
+            answer = self.server.answer(self.path)
+        except InputError as error:
+            answer = _Answer(str(error).encode(), "text/plain; charset=utf-8")
+            self._send(HTTPStatus.INTERNAL_SERVER_ERROR, answer)
+            return
         if answer is None:
             self._send(HTTPStatus.NOT_FOUND, _Answer(b"There is no such thing.", "text/plain"))
         else:

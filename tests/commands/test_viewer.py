@@ -52,6 +52,7 @@ def test_a_single_file_is_written(source, tmp_path):
     ("words", "message"),
     [
         (["--single-file", "SOURCE"], "is read, and cannot be replaced"),
+        (["--single-file", "SOURCE.png"], "must end in .html"),
         (["--slopes", "2", "-2"], "two slopes, the lower one first"),
         (["--slopes", "nan", "2"], "two slopes, the lower one first"),
         (["--slopes", "-400", "400"], "two slopes, the lower one first, from -30 to 30"),
@@ -61,7 +62,7 @@ def test_a_single_file_is_written(source, tmp_path):
 )
 def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
     before = source.read_bytes()
-    words = [str(source) if word == "SOURCE" else word for word in words]
+    words = [word.replace("SOURCE", str(source)) for word in words]
     result = run("view", source, "--single-file", tmp_path / "page.html", *words)
     assert result.exit_code != 0
     assert message in result.output + str(result.exception)

@@ -87,6 +87,24 @@ def test_answers_forbid_all_else(server):
     assert headers["Referrer-Policy"] == "no-referrer"
 
 
+def test_what_cannot_be_made_is_told_to_the_page(server, monkeypatch, capfd):
+    def refuse():
+        raise InputError("There is no room for a slope map.")
+
+    monkeypatch.setattr(type(server._exhibit), "map_bytes", lambda exhibit: refuse())
+    status, body, _ = ask(server, f"/{server.token}/map")
+    assert (status, body) == (500, b"There is no room for a slope map.")
+
+
+def test_a_page_that_is_closed_early_is_no_traceback(server, capfd):
+    for error, told in ((BrokenPipeError(), False), (ValueError("ours"), True)):
+        try:
+            raise error
+        except type(error):
+            server.handle_error(None, ("127.0.0.1", 1))
+        assert ("Traceback" in capfd.readouterr().err) is told
+
+
 def test_a_port_in_use_is_one_sentence(server, make_exhibit):
     with pytest.raises(InputError, match="cannot be opened"):
         ViewerServer(make_exhibit((3, 3, 8, 9)), server.server_port)

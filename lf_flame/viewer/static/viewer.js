@@ -86,15 +86,15 @@ export class Viewer {
         this.find(".lf-progress").value = this.loaded.filter(Boolean).length / this.loaded.length;
         this.draw();
       });
+      this.find(".lf-progress").hidden = true;
+      this.say("");
+      if (!slopeMap) return;
+      this.say("The slope map is being made ...");
+      metadata.map = readMap(await slopeMap(), metadata);
     } catch (error) {
       this.say(error.message);
       throw error;
     }
-    this.find(".lf-progress").hidden = true;
-    this.say("");
-    if (!slopeMap) return;
-    this.say("The slope map is being made ...");
-    metadata.map = readMap(await slopeMap(), metadata);
     this.say("");
     this.controls.offerOverlays();
     this.set({});

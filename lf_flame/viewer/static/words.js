@@ -8,7 +8,10 @@ const isWhole = ({ shape, width, ring, centre }) =>
 
 /** Call of the program, to be typed in a shell. */
 export function command(metadata, state) {
-  const words = ["lf-flame refocus", shellQuoted(metadata.source), ...metadata.reading.map(shellQuoted)];
+  const words = ["lf-flame refocus", shellQuoted(metadata.source)];
+  for (const [name, value] of Object.entries(metadata.reading)) {
+    words.push(`--${name}=${shellQuoted(String(value))}`);
+  }
   words.push(`--slope ${short(state.slope)}`);
   if (!isWhole(state)) {
     words.push(`--aperture ${short(state.width)}`);
@@ -23,10 +26,13 @@ export function command(metadata, state) {
 
 /** Lines of Python; JSON's strings are Python's. */
 export function python(metadata, state) {
+  const options = Object.entries(metadata.reading).map(([name, x]) => `${name}=${JSON.stringify(x)}`);
+  const called = [JSON.stringify(metadata.source), ...options].join(", ");
+  const raw = "white" in metadata.reading || "pitch" in metadata.reading;
   const lines = [
-    "from lf_flame import read_light_field",
+    `from lf_flame.formats import ${raw ? "read_raw" : "read_light_field"}`,
     "from lf_flame.refocus import refocus",
-    `light_field = read_light_field(${JSON.stringify(metadata.source)})`,
+    raw ? `light_field, _ = read_raw(${called})` : `light_field = read_light_field(${called})`,
   ];
   let weights = "";
   if (!isWhole(state)) {
@@ -39,6 +45,10 @@ export function python(metadata, state) {
     weights = ", weights=weights";
   }
   lines.push(`image = refocus(light_field, [${short(state.slope)}]${weights})[0]`);
+  if (state.gain !== 1 || state.gamma !== 1) {
+    const [factor, gamma] = [short(state.gain / metadata.white), short(state.gamma)];
+    lines.push(`image = (image * ${factor}).clip(0, 1) ** (1 / ${gamma})`);
+  }
   return lines.join("\n");
 }
 
