@@ -20,7 +20,7 @@ FLOORS = [
     ["scenes"],
     ["simulation"],
     ["formats", "refocus"],
-    ["projection", "viewer"],
+    ["projection", "tomography", "viewer"],
     ["datasets"],
     ["learning"],
     ["models", "systems"],

@@ -15,6 +15,7 @@ from lf_flame.commands import (
     program,
     simulation,
     systems,
+    tomography,
     verify,
     viewer,
 )
@@ -46,6 +47,7 @@ SECTIONS = [
             light_fields.convert,
         ],
     ),
+    cloup.Section("Emission by depth", [tomography.resolution, tomography.reconstruct]),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),
     cloup.Section("Refocusing systems", [systems.train_system]),

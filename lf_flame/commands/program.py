@@ -124,6 +124,10 @@ OPTIONAL = {
     **dict.fromkeys(("keras", "tensorflow", "pandas", "zarr"), LEARNING),
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
     **dict.fromkeys(("fsspec", "s3fs"), "This needs object stores: pip install 'lf_flame[s3]'"),
+    **dict.fromkeys(
+        ("pylops", "pyproximal"),
+        "Emission by depth needs its solvers: pip install 'lf_flame[tomography]'",
+    ),
     "anywidget": "This needs a notebook's parts: pip install 'lf_flame[jupyter]'",
     "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
     "torch": "This needs PyTorch, or another KERAS_BACKEND",

@@ -1,0 +1,121 @@
+"""Flames whose emission by depth is known, and light fields of them with noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.paths import DATA_SETS
+from lf_flame import LightField, render
+from lf_flame.datasets.config import read_config
+from lf_flame.datasets.sampling import draw_sample
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import Sensor, expose
+from lf_flame.scenes.flames import HOLLOW_AT_BURNER, flame_texture, radius_profile
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.tomography import FrustumGrid
+
+BLOCK = 3
+"""Lenslets to a pixel along each axis: 90 x 180 pixels, as the paper's images."""
+
+EXACT = 1e-6
+"""Tolerance at which phantoms are rendered."""
+
+
+def paper_flames(index: int = 0) -> tuple[Scene, PlenopticCamera]:
+    """Draw the four flames of a sample of the paper's flame data set, side by side."""
+    config = read_config(DATA_SETS[1])
+    scene, _ = draw_sample(config, index)
+    return scene, config.camera
+
+
+def overlapping_flames(depths_mm: Sequence[float]) -> Scene:
+    """Four flames of unlike size behind each other, so that every pixel holds several depths."""
+    heights, places = (28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0)
+    return Scene(
+        [
+            Layer(
+                flame_texture(height, 2.4),
+                depth,
+                (height, 2 * 3.2 * 2.4),
+                (14.0 - height / 2, place),
+            )
+            for depth, height, place in zip(depths_mm, heights, places, strict=True)
+        ]
+    )
+
+
+def volume_flame(
+    height_mm: float, radius_mm: float, slab_mm: float, reach_mm: float, cell_mm: float = 0.2
+) -> Scene:
+    """Cut an axisymmetric flame of the known profile into slabs along the line of sight.
+
+    ``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)``, as `lf_flame.scenes.flames` projects it in closed
+    form; scaled so that its projection along the line of sight is 1 at its brightest.
+    """
+    rows = round(height_mm / cell_mm)
+    columns = round(2 * reach_mm / cell_mm)
+    h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
+    x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * reach_mm
+    count = round(2 * reach_mm / slab_mm)
+    depths = (np.arange(count) + 0.5) * slab_mm - reach_mm
+    b, hollow = radius_mm * radius_profile(h), HOLLOW_AT_BURNER * (1 - h)
+    slabs = []
+    for depth in depths:
+        squared = (x**2 + depth**2) / b**2
+        slabs.append((1 + hollow * squared) * np.exp(-squared) * slab_mm)
+    peak = np.sum(slabs, axis=0).max()
+    size = (height_mm, 2 * reach_mm)
+    return Scene(
+        [
+            Layer(slab / peak, float(depth), size, (0.0, 0.0))
+            for slab, depth in zip(slabs, depths, strict=True)
+        ]
+    )
+
+
+def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
+    """Emission of a scene's layers, each in the plane nearest to it.
+
+    Returns
+    -------
+    ndarray of float64, shape (planes, rows, columns)
+        On the pixels of the central view.
+    """
+    planes = np.zeros(grid.shape)
+    for layer in scene.layers:
+        nearest = int(np.argmin(np.abs(np.subtract(grid.depths_mm, layer.depth_mm))))
+        planes[nearest] += grid.average(layer, nearest)
+    return grid.crop(planes)
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """Records a scene once, then with as much noise as is asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    """
+
+    scene: Scene
+    camera: PlenopticCamera
+
+    def __post_init__(self):
+        rendered = render(self.scene, self.camera, tolerance=EXACT)
+        object.__setattr__(self, "clean", rendered)
+        views, (t, s) = rendered.views, self.camera.lenslets
+        blocks = views.reshape(*views.shape[:2], t // BLOCK, BLOCK, s // BLOCK, BLOCK)
+        object.__setattr__(self, "peak", float(blocks.mean(axis=(3, 5)).max()))
+
+    def with_noise(self, share: float, rng: np.random.Generator) -> LightField:
+        """Add Gaussian noise of a share of the brightest pixel of 90 x 180 to those pixels."""
+        views = self.clean.views
+        lenslet = np.float32(share * self.peak * BLOCK)  # the mean of 3 x 3 has a third of it
+        return LightField(views + lenslet * rng.standard_normal(views.shape, dtype=np.float32))
+
+    def with_electrons(self, electrons: float, rng: np.random.Generator) -> LightField:
+        """Count photo-electrons, so many in the brightest pixel of 90 x 180."""
+        sensor = Sensor(exposure_e=electrons / BLOCK**2 / self.peak)
+        return LightField(expose(self.clean.views, sensor, {"shot_noise"}, rng))

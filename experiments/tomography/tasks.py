@@ -1,0 +1,228 @@
+"""Tasks of finding emission by depth, each with the simple rivals that people would try first."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pyproximal import Box
+from pyproximal.optimization.primal import ProximalGradient
+from pyproximal.proximal import Quadratic
+
+from experiments.tomography.phantoms import (
+    BLOCK,
+    Recorder,
+    overlapping_flames,
+    paper_flames,
+    truth_on,
+    volume_flame,
+)
+from lf_flame import PAPER_CAMERA, LightField
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography.reconstruction import planes_between
+
+DEPTHS_MM = (20.0, 10.0, 0.0, -10.0)
+EXCHANGED_MM = (-10.0, 20.0, 0.0, 10.0)
+
+GRADIENT_STEPS = 100
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table.
+
+    Attributes
+    ----------
+    task, noise, method : str
+    measure : str
+        What `value` is.
+    value : float
+    accepted : float or None
+        What the project wants to reach, at most.
+    seconds : float
+    """
+
+    task: str
+    noise: str
+    method: str
+    measure: str
+    value: float
+    accepted: float | None
+    seconds: float
+
+
+def relative_errors(found: np.ndarray, truth: np.ndarray) -> list[float]:
+    """Root-mean-square error of each plane relative to its root-mean-square emission."""
+    return [
+        float(np.linalg.norm(a - b) / np.linalg.norm(b)) for a, b in zip(found, truth, strict=True)
+    ]
+
+
+Method = Callable[[LightField, FrustumGrid], np.ndarray]
+
+
+def by_reconstruction(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    """Ours, as a user calls it, noise measured."""
+    return reconstruct(light_field, grid).emission
+
+
+def by_focal_stack(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    """Take refocused images for emission, as the paper's planes are read."""
+    stack = shift_and_sum(light_field, grid.slopes)
+    rows, columns = grid.pixels
+    return stack.reshape(len(stack), rows, BLOCK, columns, BLOCK).mean(axis=(2, 4))
+
+
+def by_clipping(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    """Fit without the bound at zero, and cut negative light off afterwards."""
+    return np.clip(reconstruct(light_field, grid, nonnegative=False).emission, 0, None)
+
+
+def by_gradients(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    """Take accelerated projected gradient steps (FISTA), without a penalty."""
+    operator = ProjectionOperator(grid)
+    rows, columns = grid.pixels
+    blocks = light_field.views.reshape(*operator.dimsd[:2], rows, BLOCK, columns, BLOCK)
+    views = blocks.mean(axis=(3, 5))
+    gram = operator.H @ operator
+    steepest = grid.camera.views**2 * grid.shape[0]  # of planes seen alike: the largest
+    fit = Quadratic(Op=gram, b=-(operator.H @ views.ravel()))
+    start = np.zeros(operator.shape[1], np.float32)
+    cells = ProximalGradient(
+        fit, Box(lower=0.0), start, tau=1 / steepest, niter=GRADIENT_STEPS, acceleration="fista"
+    )
+    return grid.crop(cells.reshape(grid.shape))
+
+
+OURS = "reconstruct"
+METHODS: dict[str, Method] = {
+    OURS: by_reconstruction,
+    "focal stack as emission": by_focal_stack,
+    "linear fit, negative light cut off": by_clipping,
+    f"{GRADIENT_STEPS} accelerated gradient steps": by_gradients,
+}
+
+Noise = dict[str, Callable[[Recorder, np.random.Generator], LightField]]
+
+NOISE: Noise = {
+    "none": lambda recorder, rng: recorder.clean,
+    "1 %": lambda recorder, rng: recorder.with_noise(0.01, rng),
+    "5 %": lambda recorder, rng: recorder.with_noise(0.05, rng),
+    "100 electrons": lambda recorder, rng: recorder.with_electrons(100, rng),
+}
+
+
+def planes_known(rng: np.random.Generator) -> Iterator[Row]:
+    """Find the paper's four flames, and four behind each other, at known depths."""
+    scene, camera = paper_flames()
+    wanted = {"1 %": 0.015, "5 %": 0.05, "100 electrons": 0.06}
+    scenes = {
+        "the paper's four flames": (scene, wanted, METHODS),
+        "four flames behind each other": (overlapping_flames(DEPTHS_MM), {}, METHODS),
+        "the same, exchanged": (
+            overlapping_flames(EXCHANGED_MM),
+            {},
+            {OURS: by_reconstruction},
+        ),
+    }
+    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    for task, (phantom, accepted, methods) in scenes.items():
+        recorder, truth = Recorder(phantom, camera), truth_on(grid, phantom)
+        for noise, record in NOISE.items():
+            light_field = record(recorder, rng)
+            for method, find in methods.items():
+                found, seconds = _timed(find, light_field, grid)
+                worst = max(relative_errors(found, truth))
+                limit = accepted.get(noise) if method == OURS else None
+                yield Row(task, noise, method, "worst plane's error", worst, limit, seconds)
+
+
+def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
+    """Find where the light of the same flames lies, at none of the depths of twenty planes."""
+    scene, camera = paper_flames()
+    recorder = Recorder(scene, camera)
+    grid = FrustumGrid(camera, planes_between(-15, 23, 2), BLOCK)
+    depths = np.array(grid.depths_mm)
+    known = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    truth = truth_on(known, scene)
+    for noise, limit in (("none", 0.1), ("1 %", 0.5)):
+        light_field = NOISE[noise](recorder, rng)
+        for method in (OURS, "focal stack as emission"):
+            found, seconds = _timed(METHODS[method], light_field, grid)
+            off = []
+            for depth, plane in zip(DEPTHS_MM, truth, strict=True):
+                light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=np.float64)
+                off.append(abs(float(light @ depths / light.sum()) - depth))
+            accepted = limit if method == OURS else None
+            yield Row(
+                "depth unknown, 20 planes", noise, method, "worst centroid, mm", max(off),
+                accepted, seconds,
+            )  # fmt: skip
+
+
+def thick_flame(rng: np.random.Generator) -> Iterator[Row]:
+    """Find a flame that is round in depth too, in thirteen planes."""
+    camera = PAPER_CAMERA
+    flame = volume_flame(25.0, 4.0, slab_mm=0.5, reach_mm=12.0)
+    grid = FrustumGrid(camera, planes_between(-12, 12, 2), BLOCK)
+    recorder, truth = Recorder(flame, camera), truth_on(grid, flame)
+    depths = np.array(grid.depths_mm)
+    true_width = _width(truth, depths)
+    for noise, limit in (("none", None), ("1 %", 0.2), ("5 %", 0.3)):
+        light_field = NOISE[noise](recorder, rng)
+        for method in (OURS, "focal stack as emission"):
+            found, seconds = _timed(METHODS[method], light_field, grid)
+            error = float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
+            accepted = limit if method == OURS else None
+            task = "thick flame, 13 planes"
+            yield Row(task, noise, method, "error of the volume", error, accepted, seconds)
+            bias = _width(found, depths) / true_width - 1
+            yield Row(task, noise, method, "width in depth, too wide by", bias, None, seconds)
+
+
+def disturbances(rng: np.random.Generator) -> Iterator[Row]:
+    """Find four flames at 1 % of noise, with a camera that is not quite as was said."""
+    scene, camera = paper_flames()
+    recorder = Recorder(scene, camera)
+    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    truth = truth_on(grid, scene)
+    noisy = recorder.with_noise(0.01, rng)
+    bright = np.float32(recorder.peak)
+    for share in (0.005, 0.02):
+        gains = 1 + share * rng.standard_normal((*noisy.views.shape[:2], 1, 1), dtype=np.float32)
+        yield _disturbed(
+            f"gains of views {share:.1%}", LightField(noisy.views * gains), grid, truth
+        )
+    for share in (0.02, 0.05):
+        lit = LightField(noisy.views + np.float32(share) * bright)
+        yield _disturbed(f"background {share:.0%} of the peak", lit, grid, truth)
+    for shift in (0.5, 2.0):
+        moved = replace(grid, depths_mm=[depth + shift for depth in DEPTHS_MM])
+        yield _disturbed(f"depths {shift:g} mm off", noisy, moved, truth)
+    for share in (0.01, 0.05):
+        # Slopes wrong by a share: the depths that have them.
+        wrong = [float(camera.slope_to_depth(slope * (1 + share))) for slope in grid.slopes]
+        yield _disturbed(f"slopes {share:.0%} off", noisy, replace(grid, depths_mm=wrong), truth)
+
+
+def _disturbed(what: str, light_field: LightField, grid: FrustumGrid, truth: np.ndarray) -> Row:
+    found, seconds = _timed(by_reconstruction, light_field, grid)
+    worst = max(relative_errors(found, truth))
+    return Row("disturbed", f"1 %, {what}", OURS, "worst plane's error", worst, None, seconds)
+
+
+def _width(planes: np.ndarray, depths: np.ndarray) -> float:
+    """Root-mean-square extent of the light along depth."""
+    light = planes.sum(axis=(1, 2), dtype=np.float64)
+    middle = light @ depths / light.sum()
+    return float(np.sqrt(light @ (depths - middle) ** 2 / light.sum()))
+
+
+def _timed(find: Method, light_field: LightField, grid: FrustumGrid) -> tuple[np.ndarray, float]:
+    begin = time.perf_counter()
+    found = find(light_field, grid)
+    return found, time.perf_counter() - begin
+
+
+TASKS = (planes_known, depth_unknown, thick_flame, disturbances)

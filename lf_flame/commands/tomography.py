@@ -1,0 +1,170 @@
+"""The commands that find emission by depth: resolution and reconstruct.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
+"""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame.commands.light_fields import READING, Reading
+from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.errors import InputError
+
+PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
+"""Lateral periods that a table shows if none is asked for."""
+
+
+def _read_camera(path: Path | None):
+    from lf_flame.optics.camera import PAPER_CAMERA
+    from lf_flame.scenes.scene_files import read_camera
+
+    return read_camera(path) if path else PAPER_CAMERA
+
+
+@cloup.command()
+@click.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
+@click.option(
+    "--thickness",
+    "thickness_mm",
+    type=click.FloatRange(min=0, min_open=True),
+    default=30.0,
+    show_default=True,
+    help="Extent in depth within which light is sought, in mm.",
+)
+@click.option(
+    "--period",
+    "periods",
+    multiple=True,
+    type=click.FloatRange(min=0, min_open=True),
+    help="Lateral period of detail, in mm; may be repeated.",
+)
+@click.option("--figure", type=PATH, help="PNG of the blur and of the singular values.")
+def resolution(camera, thickness_mm, periods, figure) -> None:
+    """Say what one light field can tell of depth, and what it cannot.
+
+    A camera sees the scene within the angle that its aperture spans, so fine detail has a depth and
+    an even glow has none. Without --camera, the paper's camera.
+    """
+    from lf_flame.commands.tomography_output import resolution_report
+
+    chosen, periods = _read_camera(camera), periods or PERIODS_MM
+    click.echo(resolution_report(chosen, thickness_mm, periods))
+    if figure:
+        from lf_flame._common import figures
+        from lf_flame.tomography.figures import resolution_figure
+
+        if figure.suffix.lower() != ".png":
+            raise InputError(f"--figure must end in .png, got {figure}.")
+        figures.save(resolution_figure(chosen, thickness_mm, periods), figure)
+        click.echo(f"\n{figure} is written")
+
+
+DEPTHS = cloup.option_group(
+    "Where emission is sought",
+    cloup.option(
+        "--depths",
+        nargs=3,
+        type=float,
+        metavar="FROM TO STEP",
+        help="Evenly spaced planes, both ends included, in mm from the focal plane.",
+    ),
+    cloup.option(
+        "--depth-mm",
+        "planes",
+        multiple=True,
+        type=float,
+        help="Depth of a plane; may be repeated, where planes are known.",
+    ),
+    cloup.option(
+        "--block",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        help="Lenslets along each axis that make one pixel: less noise, memory and time.",
+    ),
+)
+
+FITTING = cloup.option_group(
+    "How it is fitted",
+    cloup.option(
+        "--camera", type=FILE, help="TOML file with a [camera] table, or simulation.json."
+    ),
+    cloup.option("--dark", type=PATH, help="Light field without light, read as SOURCE; taken off."),
+    cloup.option(
+        "--noise",
+        type=click.FloatRange(min=0),
+        help="Standard deviation of a pixel's noise (default: measured).",
+    ),
+    cloup.option(
+        "--strength",
+        type=click.FloatRange(min=0),
+        help="Of the penalty on roughness (default: what the noise allows).",
+    ),
+    cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
+    cloup.option(
+        "--redraws",
+        type=click.IntRange(min=0),
+        default=20,
+        show_default=True,
+        help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
+    ),
+    cloup.option("--seed", default=0, show_default=True, help="Of those draws."),
+)
+
+
+@cloup.command()
+@click.argument("source", type=PATH)
+@DEPTHS
+@FITTING
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
+def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed, **options) -> None:
+    """Find the emission of each depth that explains a light field of a flame.
+
+    Refocused images cannot tell: each holds the blurred light of all other depths. SOURCE is read
+    as by `lf-flame refocus`; it must be grey, black at 0, divided by a white image, and its camera
+    known. What the result can resolve in depth, `lf-flame resolution` says; read that first.
+
+    \b
+      lf-flame simulate flames.toml
+      lf-flame reconstruct simulated/flames/light_field.npz \\
+          --camera simulated/flames/simulation.json --depth-mm 20 --depth-mm 10 --depth-mm 0
+      lf-flame reconstruct raw.png --white white.png --camera camera.toml --depths -12 12 2
+    """  # noqa: D301 - click reads the backspace
+    import numpy as np
+
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame.commands.tomography_output import RECORD, write_reconstruction
+    from lf_flame.lightfield import LightField
+    from lf_flame.tomography import FrustumGrid
+    from lf_flame.tomography import reconstruct as find_emission
+    from lf_flame.tomography.reconstruction import planes_between
+
+    if bool(depths) == bool(planes):
+        raise InputError(
+            "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
+        )
+    grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
+    reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    light_field = reading.read(source)
+    if dark:
+        black = reading.read(dark)
+        if black.views.shape != light_field.views.shape:
+            raise InputError(
+                f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
+                f"{black.views.shape}."
+            )
+        light_field = LightField(light_field.views - black.views)
+    with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
+        rng = np.random.default_rng(seed)
+        found = find_emission(light_field, grid, whole_curve=l_curve, rng=rng, **options)
+        write_reconstruction(found, light_field, folder)
+        folder.facts |= {"source": str(source), "seed": seed, "redraws": options["redraws"]}
+    for warning in found.warnings:
+        click.echo(f"Warning: {warning}", err=True)
+    click.echo(
+        f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
+        f"trust.png and {RECORD} are in {folder.folder}"
+    )

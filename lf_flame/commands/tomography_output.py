@@ -1,0 +1,109 @@
+"""Emission by depth as the files that a user looks at."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from tabulate import tabulate
+
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.formats import write_focal_stack
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography.figures import depth_figure, slices_figure, trust_figure
+from lf_flame.tomography.reconstruction import Reconstruction
+from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
+
+RECORD = "reconstruct.json"
+
+
+def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
+    """Tell what a camera can tell of depth, as a table for the terminal."""
+    rows = [
+        (
+            f"{period:g}",
+            f"{depth_blur(camera, period):.3g}",
+            f"{depth_modes(camera, period, thickness_mm):.1f}",
+        )
+        for period in periods_mm
+    ]
+    columns = [
+        "lateral period (mm)", "blur in depth (mm)", f"numbers within {thickness_mm:g} mm of depth",
+    ]  # fmt: skip
+    table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
+    width = angular_width(camera)
+    return (
+        f"The views span {width:.4f} rad ({np.degrees(width):.1f} degrees), seen from the focal "
+        f"plane.\nDetail is blurred in depth over its lateral period divided by that.\n\n"
+        f"{table}\n\nWhere the last column is near 1, a light field says where light is across, "
+        f"and not in depth;\nwhat a reconstruction shows of it in depth comes from its prior."
+    )
+
+
+def write_reconstruction(
+    found: Reconstruction, light_field: LightField, folder: OutputFolder
+) -> None:
+    """Write ``emission.tif`` and what tells how far to trust it.
+
+    Also ``sigma.tif``, where light fields were drawn anew, ``depth.csv`` and ``depth.png`` (light
+    against depth), ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of
+    each view, L-curve).
+    """
+    write_focal_stack(found.emission, found.grid.slopes, folder.path("emission.tif"))
+    if found.sigma is not None:
+        write_focal_stack(
+            found.sigma.astype(np.float32), found.grid.slopes, folder.path("sigma.tif")
+        )
+    light, error = light_by_depth(found)
+    _write_depths(folder.path("depth.csv"), found, light, error)
+    figures.save(depth_figure(found, light, error), folder.path("depth.png"))
+    figures.save(trust_figure(found), folder.path("trust.png"))
+    figures.save(slices_figure(found, _focal_stack(found, light_field)), folder.path("slices.png"))
+    grid = found.grid
+    folder.facts |= {
+        "camera": to_json(grid.camera),
+        "depths_mm": list(grid.depths_mm),
+        "block": grid.block,
+        "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
+        "unit": "radiance that each plane adds along the line of sight, as of the light field",
+        "noise": found.noise,
+        "strength": found.strength,
+        "tried": [to_json(tried) for tried in found.tried],
+        "sigma_of_linear_fit": found.sigma_linear.tolist(),
+        "warnings": list(found.warnings),
+    }
+
+
+def light_by_depth(found: Reconstruction) -> tuple[np.ndarray, np.ndarray | None]:
+    """Add up each plane's emission over its area, and the error of that.
+
+    Returns
+    -------
+    light : ndarray of float64, shape (planes,)
+        In radiance times mm^2.
+    error : ndarray, shape (planes,), or None
+        Standard deviation, where light fields were drawn anew.
+    """
+    areas = np.array([found.grid.cell_mm(depth) ** 2 for depth in found.grid.depths_mm])
+    light = found.emission.sum(axis=(1, 2), dtype=np.float64) * areas
+    return light, None if found.light_sigma is None else found.light_sigma * areas
+
+
+def _write_depths(path: Path, found: Reconstruction, light: np.ndarray, error) -> None:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"])
+        for k, depth in enumerate(found.grid.depths_mm):
+            writer.writerow(
+                [depth, found.grid.slopes[k], light[k], "" if error is None else error[k]]
+            )
+
+
+def _focal_stack(found: Reconstruction, light_field: LightField) -> np.ndarray:
+    stack = shift_and_sum(light_field, found.grid.slopes)
+    (rows, columns), block = found.grid.pixels, found.grid.block
+    return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))

@@ -1,0 +1,165 @@
+"""Pictures of emission by depth, and of how far to trust it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lf_flame._common.figures import subplots
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.tomography.frequency_gram import FEW_PLANES
+from lf_flame.tomography.resolution import (
+    angular_width,
+    depth_blur,
+    depth_modes,
+    depth_singular_values,
+    finest_period,
+)
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.reconstruction import Reconstruction
+
+MOST_SHOWN = 8
+"""Planes that a picture shows side by side."""
+
+
+def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: Sequence[float]):
+    """Depth blur against lateral period, and how fast singular values fall.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    thickness_mm : float
+        Extent along depth within which light is sought, about the focal plane.
+    periods_mm : sequence of float
+        Whose singular values are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, (left, right) = subplots(1, 2, figsize=(10.5, 4.2), layout="constrained")
+    finest = finest_period(camera)
+    lengths = np.geomspace(finest, max(100 * finest, *periods_mm), 100)
+    left.loglog(lengths, depth_blur(camera, lengths), color="C0")
+    left.axhline(thickness_mm, color="C7", linestyle="--", linewidth=1)
+    left.annotate(
+        f"{thickness_mm:g} mm: beyond, one number for all depths",
+        (lengths[0], thickness_mm), textcoords="offset points", xytext=(2, 4), fontsize=8,
+    )  # fmt: skip
+    left.set_xlabel("lateral period in the focal plane (mm)")
+    left.set_ylabel("blur in depth (mm)")
+    left.set_title(f"period / {angular_width(camera):.3f} rad", fontsize=10)
+    left.grid(alpha=0.3, which="both")
+    depths = np.linspace(-thickness_mm / 2, thickness_mm / 2, 64)
+    for number, period in enumerate(periods_mm):
+        values = depth_singular_values(camera, period, depths)[:12]
+        modes = depth_modes(camera, period, thickness_mm)
+        label = f"{period:g} mm: {modes:.1f} modes"
+        right.semilogy(1 + np.arange(len(values)), values, "o-", color=f"C{number}", label=label)
+    right.axhline(0.01, color="C7", linestyle="--", linewidth=1)
+    right.set_ylim(1e-4, 1.5)
+    right.set_xlabel("number of the singular value")
+    right.set_ylabel("relative to the largest")
+    right.set_title(f"light within {thickness_mm:g} mm of depth", fontsize=10)
+    right.legend(fontsize=8, title="lateral period", title_fontsize=8)
+    right.grid(alpha=0.3)
+    return figure
+
+
+def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
+    """Planes of the emission above the refocused images at the same depths, on scales of their own.
+
+    Parameters
+    ----------
+    found : Reconstruction
+    focal_stack : ndarray, shape (planes, rows, columns)
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    count = len(found.emission)
+    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+    rows, columns = found.grid.pixels
+    width = min(3.2, 14 / len(shown))
+    size = (width * len(shown), 2 * width * rows / columns + 1.2)
+    figure, axes = subplots(2, len(shown), figsize=size, layout="constrained", squeeze=False)
+    for line, (images, word) in enumerate(
+        ((found.emission, "emission"), (focal_stack, "refocused"))
+    ):
+        white = max(float(images[shown].max()), 1e-30)
+        for axis, plane in zip(axes[line], shown, strict=True):
+            picture = axis.imshow(images[plane], cmap="inferno", vmin=0, vmax=white)
+            axis.set_title(f"{word}, {found.grid.depths_mm[plane]:+g} mm", fontsize=8)
+            axis.axis("off")
+        figure.colorbar(picture, ax=list(axes[line]), shrink=0.8, label="radiance")
+    return figure
+
+
+def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray | None):
+    """Light against depth, its error bars, and the blur that detail of three sizes has there.
+
+    Parameters
+    ----------
+    found : Reconstruction
+    light, error : ndarray, shape (planes,)
+        `error` may be None.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, (top, bottom) = subplots(
+        2, 1, figsize=(7, 4.4), layout="constrained", sharex=True, height_ratios=(4, 1)
+    )
+    depths = np.array(found.grid.depths_mm)
+    bars = None if error is None else 1.96 * error
+    line = "o-" if len(depths) > FEW_PLANES else "o"  # sheets are no curve
+    top.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
+    top.set_ylabel("light of the plane\n(radiance x mm$^2$)")
+    top.set_ylim(bottom=0)
+    top.grid(alpha=0.3)
+    middle = (depths.min() + depths.max()) / 2
+    for number, period in enumerate((10.0, 3.0, 1.0)):
+        blur = depth_blur(found.grid.camera, period)
+        bottom.barh(number, blur, left=middle - blur / 2, color="C7", height=0.5)
+        words = f"{period:g} mm detail: {blur:.1f} mm"
+        bottom.annotate(words, (middle + blur / 2, number), xytext=(4, -3),
+                        textcoords="offset points", fontsize=8)  # fmt: skip
+    bottom.set_yticks([])
+    bottom.set_ylabel("blur", fontsize=9)
+    bottom.set_xlabel("depth from the focal plane (mm)")
+    bottom.margins(x=0.3)
+    return figure
+
+
+def trust_figure(found: "Reconstruction"):
+    """Residual of each view beside the L-curve, the strength that was taken marked.
+
+    Parameters
+    ----------
+    found : Reconstruction
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure, (left, right) = subplots(1, 2, figsize=(10, 4), layout="constrained")
+    picture = left.imshow(found.chi_squared, cmap="viridis", vmin=0)
+    left.set_title("chi-squared of each view", fontsize=10)
+    left.set_xlabel("u")
+    left.set_ylabel("v")
+    figure.colorbar(picture, ax=left)
+    if found.tried:
+        strengths = [tried.strength for tried in found.tried]
+        misfits = [max(tried.misfit, 1e-3) for tried in found.tried]
+        expected = [max(tried.expected, 1e-3) for tried in found.tried]
+        right.loglog(strengths, misfits, "o-", label="residual")
+        right.loglog(strengths, expected, "--", color="C7", label="what noise leaves")
+        right.axvline(found.strength, color="C1", linewidth=1, label="taken")
+        right.legend(fontsize=8)
+    right.set_xlabel("strength of the penalty")
+    right.set_ylabel("squared residual, relative to noise")
+    right.grid(alpha=0.3)
+    return figure

@@ -1,0 +1,164 @@
+"""Where emission is sought: slabs of cells whose lateral size grows with their distance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation.slabs import Plane
+
+MOST_PLANES = 200
+"""Planes beyond which the matrices by frequency fill the memory."""
+
+NOT_MODELLED = (
+    "aperture_diameter_mm",
+    "rim_diameter_mm",
+    "chromatic_shift",
+    "lenslet_rotation_rad",
+    "lenslet_pitch_error",
+)
+"""Of the camera: what would make the views more than sums of shifted planes."""
+
+
+@dataclass(frozen=True)
+class FrustumGrid:
+    """Planes of cells before a camera; a cell is a pixel of the central view, at every depth.
+
+    So each view sees a plane as the central view does, shifted by the plane's slope for each view
+    step, and blurred: all of the inversion rests on that.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+        With the ideal aperture that matches the lenslets.
+    depths_mm : sequence of float
+        Depths of the planes from the focal plane, in mm; rising or falling, no two alike.
+    block : int, optional
+        Lenslets along each axis that make one pixel, and one cell.
+
+    Raises
+    ------
+    InputError
+        If a depth cannot be used, the lenslets are no multiple of the block, or the camera is not
+        ideal.
+    """
+
+    camera: PlenopticCamera
+    depths_mm: Sequence[float]
+    block: int = 1
+    slopes: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        depths = _checked_depths(self.depths_mm)
+        object.__setattr__(self, "depths_mm", tuple(depths.tolist()))
+        object.__setattr__(self, "slopes", np.asarray(self.camera.depth_to_slope(depths)))
+        lenslets = self.camera.lenslets
+        if self.block < 1 or any(count % self.block for count in lenslets):
+            raise InputError(
+                f"block must be 1 or more lenslets and divide the {lenslets[0]} x {lenslets[1]} "
+                f"lenslets, got {self.block}."
+            )
+        for name in NOT_MODELLED:
+            if getattr(self.camera, name):
+                raise InputError(
+                    f"Emission by depth needs a camera without {name} (got "
+                    f"{getattr(self.camera, name)}): its views are not sums of shifted planes."
+                )
+        if not self.camera.falloff_corrected:
+            raise InputError(
+                "Emission by depth needs images divided by a white image (falloff_corrected)."
+            )
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Rows and columns of a view, in blocks of lenslets."""
+        rows, columns = (count // self.block for count in self.camera.lenslets)
+        return rows, columns
+
+    @cached_property
+    def reach(self) -> int:
+        """Cells from a pixel to the farthest cell that any view sees there."""
+        steepest = float(np.abs(self.slopes).max())
+        lenslets = steepest * (self.camera.views - 1) / 2 + (1 + steepest) / 2
+        return int(np.ceil(lenslets / self.block)) + 1
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Planes, rows and columns of cells: all that any view sees."""
+        rows, columns = (count + 2 * self.reach for count in self.pixels)
+        return len(self.depths_mm), rows, columns
+
+    def crop(self, cells: np.ndarray) -> np.ndarray:
+        """Cut the last two axes of cells down to what the central view sees."""
+        return cells[..., self.reach : -self.reach, self.reach : -self.reach]
+
+    def cell_mm(self, depth_mm: float) -> float:
+        """Side of a cell at a depth, in mm."""
+        rows_mm, _ = self.camera.field_mm(depth_mm)
+        return rows_mm / self.pixels[0]
+
+    def edges_mm(self, plane: int, axis: int) -> np.ndarray:
+        """Edges of a plane's cells along an axis, in mm from the optical axis."""
+        count = self.shape[1 + axis]
+        return (np.arange(count + 1) - count / 2) * self.cell_mm(self.depths_mm[plane])
+
+    def empty_plane(self, plane: int) -> Plane:
+        """Give a plane's cells, without light, as the simulation takes them."""
+        depth, cells = self.depths_mm[plane], np.zeros(self.shape[1:])
+        side = self.cell_mm(depth)
+        size = (side * self.shape[1], side * self.shape[2])
+        return Plane(cells, None, depth, Layer(cells, depth, size))
+
+    def scene(self, cells: ArrayLike) -> Scene:
+        """Make a scene of cells, each an even glow.
+
+        Parameters
+        ----------
+        cells : array_like, shape (planes, rows, columns)
+            0 or above.
+        """
+        sides = (self.cell_mm(depth) for depth in self.depths_mm)
+        return Scene(
+            [
+                Layer(plane, depth, (side * self.shape[1], side * self.shape[2]))
+                for plane, depth, side in zip(np.asarray(cells), self.depths_mm, sides, strict=True)
+            ]
+        )
+
+    def average(self, layer: Layer, plane: int) -> np.ndarray:
+        """Average a layer over the cells of a plane, as if it stood at that plane's depth.
+
+        Returns
+        -------
+        ndarray of float64, shape (rows, columns)
+        """
+        down = _shares(layer.cell_edges_mm(0), self.edges_mm(plane, 0))
+        across = _shares(layer.cell_edges_mm(1), self.edges_mm(plane, 1))
+        return down @ layer.texture @ across.T
+
+
+def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
+    depths = np.atleast_1d(np.asarray(depths_mm, float))
+    if depths.ndim != 1 or not 1 <= depths.size <= MOST_PLANES or not np.isfinite(depths).all():
+        raise InputError(
+            f"depths_mm must be 1 to {MOST_PLANES} finite depths in mm, got {depths_mm}."
+        )
+    steps = np.diff(depths)
+    if not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError(
+            f"depths_mm must rise or fall, no two alike: planes at one depth cannot be told "
+            f"apart; got {depths.tolist()}."
+        )
+    return depths
+
+
+def _shares(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Share of each wanted cell that each given one covers, shape (wanted, given)."""
+    low = np.maximum(edges[None, :-1], wanted[:-1, None])
+    high = np.minimum(edges[None, 1:], wanted[1:, None])
+    return np.clip(high - low, 0, None) / np.diff(wanted)[:, None]

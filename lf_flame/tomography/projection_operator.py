@@ -1,0 +1,82 @@
+"""The light field of cells in space as a linear operator, with its exact adjoint.
+
+A pixel's share of each cell is the closed-form integral by which scenes are rendered
+(`lf_flame.simulation.exact`), so that operator and simulation are one. Along each axis those
+shares are a banded matrix for each plane, K; the light field is the sum of ``Ky X Kx'`` over the
+planes, and the adjoint is made of the transposed bands.
+"""
+
+import numpy as np
+from pylops import LinearOperator
+from scipy import sparse
+
+from lf_flame.errors import InputError
+from lf_flame.simulation.exact import bundle_bands
+from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.tomography.frustum_grid import FrustumGrid
+
+
+class ProjectionOperator(LinearOperator):
+    """From the emission of cells, flattened (plane, row, column), to views (v, u, t, s).
+
+    Parameters
+    ----------
+    grid : FrustumGrid
+    dtype : {"float32", "float64"}, optional
+        In which all is stored and summed.
+
+    Raises
+    ------
+    InputError
+        If the type is another.
+    """
+
+    def __init__(self, grid: FrustumGrid, dtype: str = "float32"):
+        if np.dtype(dtype) not in (np.float32, np.float64):
+            raise InputError(f"dtype must be float32 or float64, got {dtype}.")
+        views = grid.camera.views
+        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=(views, views, *grid.pixels))
+        self._across = [plane_bands(grid, p, 1).astype(dtype) for p in range(grid.shape[0])]
+        down = [plane_bands(grid, p, 0).astype(dtype) for p in range(grid.shape[0])]
+        self._down = sparse.hstack(down, format="csr")
+        self._up = self._down.T.tocsr()
+        self._back = [bands.T.tocsr() for bands in self._across]
+
+    def _matvec(self, x: np.ndarray) -> np.ndarray:
+        cells = x.reshape(self.dims).astype(self.dtype, copy=False)
+        lines = [(bands @ plane.T).T for bands, plane in zip(self._across, cells, strict=True)]
+        v, u, t, s = self.dimsd
+        raw = self._down @ np.ascontiguousarray(np.concatenate(lines))
+        return raw.reshape(v, t, u, s).transpose(0, 2, 1, 3).ravel()
+
+    def _rmatvec(self, y: np.ndarray) -> np.ndarray:
+        views = y.reshape(self.dimsd).astype(self.dtype, copy=False)
+        v, u, t, s = self.dimsd
+        raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        planes, rows, columns = self.dims
+        lines = (self._up @ raw).reshape(planes, rows, u * s)
+        cells = [
+            (bands @ np.ascontiguousarray(line.T)).T
+            for bands, line in zip(self._back, lines, strict=True)
+        ]
+        return np.stack(cells).ravel()
+
+
+def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:
+    """Share of each pixel's ray bundles that meets each line of cells, along one axis.
+
+    Returns
+    -------
+    scipy.sparse.csr_array of float64, shape (views * pixels, cells)
+        Row ``view * pixels + pixel``; the mean over a pixel's lenslets.
+    """
+    start, weight = bundle_bands(grid.empty_plane(plane), OpticalPass(grid.camera), axis)
+    views, lenslets, band = weight.shape
+    pixels = lenslets // grid.block
+    rows = np.repeat(np.arange(views * pixels), grid.block * band)
+    columns = (start[..., None] + np.arange(band)).ravel()
+    shape = (views * pixels, grid.shape[1 + axis])
+    bands = sparse.coo_array((weight.ravel() / grid.block, (rows, columns)), shape=shape)
+    bands.sum_duplicates()
+    bands.eliminate_zeros()
+    return bands.tocsr()

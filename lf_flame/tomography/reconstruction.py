@@ -1,0 +1,303 @@
+"""Emission by depth from one light field: fit, strength of the penalty, error bars, warnings."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.tomography.data_checks import check_data
+from lf_flame.tomography.frequency_gram import FEW_PLANES, ROUGHNESS_ORDER, FrequencyGram
+from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
+from lf_flame.tomography.penalised_fit import RIDGE, RangeFit
+from lf_flame.tomography.projection_operator import ProjectionOperator
+from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
+
+ITERATIONS = {FEW_PLANES: 80, MOST_PLANES: 300}
+"""Of the splitting, for the solution, by the number of planes up to which it holds. For each
+strength that is tried a quarter of them, from the last one's."""
+
+NOISE_BLOCK = 5
+"""Pixels along each axis over which the noise of a place is averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Emission by depth, and how far to trust it.
+
+    Attributes
+    ----------
+    grid : FrustumGrid
+    emission : ndarray of float32, shape (planes, rows, columns)
+        Radiance that each plane adds along the line of sight, in the unit of the light field;
+        rows and columns are the pixels of the central view. `per_mm` is emission by volume.
+    sigma : ndarray of float32, shape of `emission`, or None
+        Standard deviation of each cell by the light field's noise, from fits to light fields drawn
+        anew; None where none was drawn. The penalty's pull is not in it.
+    light_sigma : ndarray of float64, shape (planes,), or None
+        The same of the sum over each plane's cells.
+    sigma_linear : ndarray of float64, shape (planes,)
+        That of each plane's cells by the covariance, were light allowed to be negative: how much
+        the bound at zero adds to what the light field itself tells.
+    noise : float
+        Standard deviation of the noise of a pixel, stated or measured, in the same unit.
+    strength : float
+        Of the penalty that was taken.
+    tried : tuple of TriedStrength
+        The L-curve: what was tried to find it, weakest first.
+    chi_squared : ndarray of float64, shape (v, u)
+        Mean squared residual of each view, in units of the noise's variance.
+    warnings : tuple of str
+        Where data and model disagree.
+    """
+
+    grid: FrustumGrid
+    emission: np.ndarray
+    sigma: np.ndarray | None
+    light_sigma: np.ndarray | None
+    sigma_linear: np.ndarray
+    noise: float
+    strength: float
+    tried: tuple[TriedStrength, ...]
+    chi_squared: np.ndarray
+    warnings: tuple[str, ...]
+
+    @property
+    def spacing_mm(self) -> float | None:
+        """Distance between neighbouring planes, where all are as far apart."""
+        steps = np.abs(np.diff(self.grid.depths_mm))
+        return float(steps[0]) if steps.size and np.ptp(steps) <= 1e-6 * steps[0] else None
+
+    @property
+    def per_mm(self) -> np.ndarray:
+        """Emission by length of the line of sight: each plane's over the planes' distance.
+
+        Radiance per mm, shape of `emission`; times 4 pi, power per volume where the light field
+        is in radiance.
+
+        Raises
+        ------
+        InputError
+            If the planes are not evenly spaced.
+        """
+        if self.spacing_mm is None:
+            raise InputError(
+                f"Emission by volume needs two or more evenly spaced planes, got the depths "
+                f"{list(self.grid.depths_mm)}."
+            )
+        return self.emission / np.float32(self.spacing_mm)
+
+
+def reconstruct(
+    light_field: LightField,
+    grid: FrustumGrid,
+    noise: float | None = None,
+    strength: float | None = None,
+    order: int = ROUGHNESS_ORDER,
+    nonnegative: bool = True,
+    iterations: int | None = None,
+    whole_curve: bool = False,
+    redraws: int = 0,
+    rng: np.random.Generator | None = None,
+) -> Reconstruction:
+    """Find the emission of the planes of a grid that explains a light field.
+
+    Least squares with a penalty on roughness and no negative light. The strength of the penalty
+    follows the discrepancy principle (Morozov 1966): the residual is to be what noise leaves, less
+    the degrees of freedom that the fit itself takes up (Wahba, SIAM J. Numer. Anal. 14, 651, 1977),
+    here the trace of the linear fit times the share of cells above zero. Where the model's own
+    error keeps the residual above that, the strength is taken at which it is least above it.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Grey, of the grid's camera; black level subtracted, divided by a white image.
+    grid : FrustumGrid
+    noise : float, optional
+        Standard deviation of a pixel's noise, after averaging over blocks, in the unit of the
+        light field. Default: measured, as what no emission on the grid explains.
+    strength : float, optional
+        Of the penalty, instead of the principle's.
+    order : int, optional
+        Of the differences that are penalised: 1 to 4.
+    nonnegative : bool, optional
+    iterations : int, optional
+        Of the splitting that keeps light from being negative. Default: 80, and 300 for more than 8
+        planes, whose light is harder to tell apart.
+    whole_curve : bool, optional
+        Whether all strengths are tried, for the L-curve, instead of the few that are needed.
+    redraws : int, optional
+        Light fields of the found emission that are drawn with new noise and fitted again, for
+        `Reconstruction.sigma`: 0, or 2 and more.
+    rng : numpy.random.Generator, optional
+        Needed for redraws.
+
+    Returns
+    -------
+    Reconstruction
+
+    Raises
+    ------
+    InputError
+        If light field and grid do not fit, or a value cannot be used.
+    """
+    if iterations is None:
+        iterations = next(n for most, n in ITERATIONS.items() if len(grid.depths_mm) <= most)
+    _check_options(noise, strength, order, iterations)
+    _check_redraws(redraws, rng)
+    views = _averaged(light_field, grid)
+    operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
+    problem = RangeFit(gram, *_seen(operator, views))
+    measured = problem.measure_noise()
+    sd = measured if noise is None else float(noise)
+    share = noise_by_cell(operator, views, problem.unpenalised())
+    search = StrengthSearch(
+        problem, _variance(sd), share, order, nonnegative, max(1, iterations // 4)
+    )
+    if whole_curve:
+        search.try_all()
+    chosen = search.find() if strength is None else float(strength)
+    cells = problem.solve(chosen, order, nonnegative, iterations, search.nearest(chosen)).cells
+    fitted = operator.matvec(cells.ravel()).reshape(views.shape)
+    residual = np.square(views - fitted, dtype=np.float64)
+    chi_squared = residual.mean(axis=(2, 3)) / _variance(sd)
+    sigma = light_sigma = None
+    if rng is not None and redraws:
+        draws = _redraw(operator, fitted, sd, redraws, rng)
+        options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
+        again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) for draw in draws]
+        sigma = np.std(again, axis=0, ddof=1)
+        light_sigma = np.std(np.sum(again, axis=(2, 3), dtype=np.float64), axis=0, ddof=1)
+    return Reconstruction(
+        grid=grid,
+        emission=np.ascontiguousarray(grid.crop(cells)),
+        sigma=sigma,
+        light_sigma=light_sigma,
+        sigma_linear=standard_errors(gram, sd, chosen, order),
+        noise=sd,
+        strength=chosen,
+        tried=tuple(search.tried[key] for key in sorted(search.tried)),
+        chi_squared=chi_squared,
+        warnings=check_data(views, chi_squared, sd, measured, noise is not None),
+    )
+
+
+Seen = tuple[np.ndarray, float, int]
+"""Filtered focal stack of a light field, sum of its squares, number of its pixels."""
+
+
+def _seen(operator: ProjectionOperator, views: np.ndarray) -> Seen:
+    stack = operator.rmatvec(views.ravel()).reshape(operator.dims)
+    return stack, float(np.sum(np.square(views, dtype=np.float64))), views.size
+
+
+def _redraw(
+    operator: ProjectionOperator, fitted: np.ndarray, sd: float, count: int, rng
+) -> Iterator[Seen]:
+    """Draw light fields of the fitted emission with noise anew."""
+    for _ in range(count):
+        noise = rng.standard_normal(fitted.shape, dtype=np.float32)
+        yield _seen(operator, fitted + np.float32(sd) * noise)
+
+
+def noise_by_cell(operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Share of the noise by place: bright pixels have more of it, as light comes in portions.
+
+    Parameters
+    ----------
+    operator : ProjectionOperator
+    views : ndarray, shape (v, u, t, s)
+    cells : ndarray, shape (planes, rows, columns)
+        That explain all of the light field which any can.
+
+    Returns
+    -------
+    ndarray of float64, shape (rows, columns)
+        Their sum is 1.
+    """
+    rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
+    power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
+    smooth = ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest")
+    reach = (operator.dims[1] - views.shape[2]) // 2
+    spread = np.pad(smooth, reach, mode="edge")
+    return spread / max(float(spread.sum()), float(np.finfo(np.float64).tiny))
+
+
+def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
+    """Estimate the standard deviation of each plane's cells in the linear fit, by its covariance.
+
+    With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
+    frequency; a cell's variance is its mean over the frequencies.
+
+    Returns
+    -------
+    ndarray of float64, shape (planes,)
+    """
+    values, _ = gram.decomposition
+    shrunk = gram.gains / (values + gram.penalty(strength, order) + RIDGE * gram.scale) ** 2
+    diagonal = np.diagonal(gram.compose(shrunk), axis1=-2, axis2=-1)
+    mean = np.sum(gram.multiplicity[..., None] * diagonal, axis=(0, 1)) / np.prod(gram.size)
+    return noise * np.sqrt(np.clip(mean, 0, None))
+
+
+def _variance(sd: float) -> float:
+    """Variance of the noise, above 0 so that it may divide."""
+    return max(sd**2, float(np.finfo(np.float32).tiny))
+
+
+def _averaged(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    """Average blocks of lenslets, float32 with float64 sums."""
+    views, camera, block = light_field.views, grid.camera, grid.block
+    wanted = (camera.views, camera.views, *camera.lenslets)
+    if views.shape != wanted:
+        raise InputError(
+            f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
+            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}."
+        )
+    if block == 1:
+        return views
+    t, s = grid.pixels
+    cells = views.reshape(*views.shape[:2], t, block, s, block)
+    return cells.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)
+
+
+def _check_options(
+    noise: float | None, strength: float | None, order: int, iterations: int
+) -> None:
+    for name, value in (("noise", noise), ("strength", strength)):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
+    if order not in (1, 2, 3, 4):
+        raise InputError(f"order must be 1, 2, 3 or 4, got {order}.")
+    if iterations < 1:
+        raise InputError(f"iterations must be 1 or more, got {iterations}.")
+
+
+def _check_redraws(redraws: int, rng: np.random.Generator | None) -> None:
+    if redraws < 0 or redraws == 1 or (redraws and rng is None):
+        raise InputError(
+            f"redraws must be 0, or 2 and more with a generator rng, got {redraws} and "
+            f"{'no generator' if rng is None else 'one'}."
+        )
+
+
+def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[float]:
+    """Depths of evenly spaced planes, both ends included.
+
+    Raises
+    ------
+    InputError
+        If the step does not lead from one end to the other.
+    """
+    if not (np.isfinite([from_mm, to_mm, step_mm]).all() and step_mm > 0):
+        raise InputError(
+            f"Depths need finite ends and a step above 0 mm, got {from_mm}, {to_mm}, {step_mm}."
+        )
+    count = round(abs(to_mm - from_mm) / step_mm)
+    if abs(count * step_mm - abs(to_mm - from_mm)) > 1e-6 * step_mm:
+        raise InputError(
+            f"The step of {step_mm} mm must divide the way from {from_mm} to {to_mm} mm."
+        )
+    return [float(depth) for depth in np.linspace(from_mm, to_mm, count + 1)]

@@ -1,0 +1,106 @@
+"""What one light field can tell of depth: less, the coarser the detail.
+
+A plenoptic camera sees the scene within the angle that its aperture spans. Of detail with the
+lateral frequency k it records depth frequencies within ``k theta / 2`` only; what lies beyond is
+the missing cone (for limited angles in general: Tuy, SIAM J. Appl. Math. 43, 546, 1983; Natterer,
+The Mathematics of Computerized Tomography, chapter 6). So depth is blurred over ``1 / (k theta)``,
+and an even glow has no depth at all.
+"""
+
+import numpy as np
+
+from lf_flame._common.arrays import centred
+from lf_flame._common.number import Number
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+
+
+def angular_width(camera: PlenopticCamera) -> float:
+    """Angle that the recorded views span, seen from the focal plane, in rad."""
+    return camera.views * camera.view_step_mm / camera.focus_distance_mm
+
+
+def finest_period(camera: PlenopticCamera, block: int = 1) -> float:
+    """Shortest period that the central view can hold, in mm in the focal plane: two pixels."""
+    rows_mm, _ = camera.field_mm(0.0)
+    return 2 * block * rows_mm / camera.lenslets[0]
+
+
+def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
+    """Distance in depth over which detail is blurred: ``period / theta``.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    period_mm : float or ndarray
+        Lateral period of the detail in the focal plane, above 0.
+
+    Returns
+    -------
+    float or ndarray
+        In mm.
+
+    Raises
+    ------
+    InputError
+        If a period is not above 0.
+    """
+    return _checked(period_mm) / angular_width(camera)
+
+
+def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float) -> Number:
+    """Count what can be told apart of detail along depth: ``1 + thickness / blur``.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    period_mm : float or ndarray
+    thickness_mm : float
+        Extent along depth within which light is sought, 0 or above.
+    """
+    if not thickness_mm >= 0:
+        raise InputError(f"thickness_mm must be 0 or above, got {thickness_mm}.")
+    return 1 + thickness_mm / depth_blur(camera, period_mm)
+
+
+def depth_singular_values(
+    camera: PlenopticCamera, period_mm: float, depths_mm: np.ndarray
+) -> np.ndarray:
+    """Singular values of the light field of some planes that glow with one lateral period.
+
+    In closed form: view u sees a plane shifted by its slope times u, blurred over a lenslet and
+    over the slope.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    period_mm : float
+        In the focal plane, across; the glow grows with distance as the grid's cells do.
+    depths_mm : array_like, shape (planes,)
+
+    Returns
+    -------
+    ndarray of float64, shape (planes,)
+        Relative to the largest, falling: noise of this share of the signal drowns what follows.
+
+    Raises
+    ------
+    InputError
+        If the period is not above 0.
+    """
+    rows_mm, _ = camera.field_mm(0.0)
+    frequency = rows_mm / camera.lenslets[0] / float(_checked(period_mm))
+    slopes = np.atleast_1d(camera.depth_to_slope(np.asarray(depths_mm, float)))
+    turns = np.outer(centred(camera.views), slopes) * frequency
+    seen = np.exp(-2j * np.pi * turns) * np.sinc(frequency * slopes)
+    values = np.linalg.svd(seen, compute_uv=False)
+    shown = np.zeros(len(slopes))
+    shown[: len(values)] = values / values[0]
+    return shown
+
+
+def _checked(period_mm):
+    periods = np.asarray(period_mm, float)
+    if not np.all(periods > 0):
+        raise InputError(f"period_mm must be above 0, got {period_mm}.")
+    return periods if periods.ndim else float(periods)

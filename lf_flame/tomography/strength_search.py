@@ -1,0 +1,118 @@
+"""How strong the penalty is to be: as strong as noise allows, by the discrepancy principle."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lf_flame.tomography.penalised_fit import RangeFit
+
+STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
+"""Strengths of the penalty that are tried: from none that is felt to a smear."""
+
+FIRST = 13
+"""Index of the strength that is tried first: a strong one, as weaker fits need a start nearby."""
+
+
+@dataclass(frozen=True)
+class TriedStrength:
+    """A strength of the penalty and what came of it.
+
+    Attributes
+    ----------
+    strength : float
+    misfit : float
+        Squared residual in the operator's range, in units of the noise's share there: 1 is what
+        noise alone would leave of a perfect solution.
+    expected : float
+        The misfit that noise leaves of a solution with so many degrees of freedom.
+    roughness : float
+        Root-mean-square third difference of the emission, relative to its peak.
+    """
+
+    strength: float
+    misfit: float
+    expected: float
+    roughness: float
+
+
+class StrengthSearch:
+    """Tries strengths, and remembers what came of them.
+
+    Parameters
+    ----------
+    problem : RangeFit
+    variance : float
+        Of the noise of a pixel, above 0.
+    noise_share : ndarray, shape (rows, columns)
+        Share of the noise that each cell of a plane sees; their sum is 1.
+    order : int
+        Of the differences that are penalised.
+    nonnegative : bool
+    iterations : int
+        For each strength, from the nearest one's solution.
+    """
+
+    def __init__(
+        self,
+        problem: RangeFit,
+        variance: float,
+        noise_share: np.ndarray,
+        order: int,
+        nonnegative: bool,
+        iterations: int,
+    ):
+        self.tried: dict[float, TriedStrength] = {}
+        self._cells: dict[float, np.ndarray] = {}
+        self._problem, self._noise_share = problem, noise_share
+        self._variance = variance
+        self._options = (order, nonnegative, iterations)
+
+    def find(self) -> float:
+        """Find the strongest whose residual is what noise leaves, or else stands least above it."""
+        here = FIRST
+        while self._excess(here) <= 0 and self._excess(here + 1) <= 0:
+            here += 1
+        while self._excess(here) > 0 and self._excess(here - 1) < self._excess(here):
+            here -= 1
+        return STRENGTHS[here]
+
+    def try_all(self) -> None:
+        """Try every strength, strongest first."""
+        for strength in reversed(STRENGTHS):
+            self.attempt(strength)
+
+    def nearest(self, strength: float) -> np.ndarray | None:
+        """Cells of the tried fit that is nearest, to start from."""
+        if not self._cells:
+            return None
+        least = STRENGTHS[0]
+        key = min(self._cells, key=lambda tried: abs(math.log(tried / max(strength, least))))
+        return self._cells[key]
+
+    def attempt(self, strength: float) -> TriedStrength:
+        """Fit with a strength, unless that is done."""
+        if strength not in self.tried:
+            order, nonnegative, iterations = self._options
+            start = self.nearest(strength)
+            fit = self._problem.solve(strength, order, nonnegative, iterations, start)
+            free = self._problem.count_modes(strength, order) / self._problem.modes
+            if nonnegative:
+                free *= float(np.sum((fit.cells > 0).mean(axis=0) * self._noise_share))
+            self._cells[strength] = fit.cells
+            misfit = fit.misfit / (self._variance * self._problem.modes)
+            self.tried[strength] = TriedStrength(strength, misfit, 1 - free, roughness(fit.cells))
+        return self.tried[strength]
+
+    def _excess(self, index: int) -> float:
+        if not 0 <= index < len(STRENGTHS):
+            return math.inf
+        tried = self.attempt(STRENGTHS[index])
+        return tried.misfit - tried.expected
+
+
+def roughness(cells: np.ndarray) -> float:
+    """Root-mean-square third difference along rows and columns, relative to the peak."""
+    peak = max(float(cells.max()), float(np.finfo(np.float32).tiny))
+    squares = [np.mean(np.square(np.diff(cells, 3, axis) / peak)) for axis in (1, 2)]
+    return float(np.sqrt(sum(squares)))

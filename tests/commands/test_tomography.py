@@ -1,0 +1,145 @@
+"""lf-flame resolution and lf-flame reconstruct."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+
+from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame.commands.cli import commands
+from lf_flame.scenes.flames import flame_texture
+
+CAMERA = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 5
+lenslets = [48, 60]
+"""
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+@pytest.fixture
+def camera_file(tmp_path):
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    return tmp_path / "camera.toml"
+
+
+@pytest.fixture(scope="module")
+def flames():
+    """Views of two flames, of 1 and 0.5 in brightness, at 6 and -4 mm."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    texture = flame_texture(4.0, 0.4, cell_mm=0.05)
+    near, far = ((-4.0, 0.5, 1.2), (6.0, 1.0, -1.0))
+    layers = [
+        Layer(brightness * texture, depth, (4.0, 2.56), (0.0, x))
+        for depth, brightness, x in (far, near)
+    ]
+    views = render(Scene(layers), camera, tolerance=1e-6).views
+    noise = np.random.default_rng(0).standard_normal(views.shape, dtype=np.float32)
+    return views + np.float32(0.01) * noise
+
+
+@pytest.fixture
+def source(flames, tmp_path):
+    np.save(tmp_path / "flames.npy", flames)
+    return tmp_path / "flames.npy"
+
+
+def test_resolution_is_told_as_a_table_and_a_picture(tmp_path):
+    figure = tmp_path / "resolution.png"
+    result = run("resolution", "--period", 1, "--period", 10, "--figure", figure)
+    assert result.exit_code == 0, result.output
+    # 1 mm / 0.239 rad, and 1 + 30 mm / 4.18 mm
+    assert re.search(r"^1 +4\.18 +8\.2$", result.output, re.MULTILINE)
+    assert re.search(r"^10 +41\.8 +1\.7$", result.output, re.MULTILINE)
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_half_the_views_blur_twice_as_far(camera_file):
+    result = run("resolution", "--camera", camera_file, "--period", 1)
+    # The aperture is the same: five views of thrice the pixel.
+    assert re.search(r"^1 +4\.18 ", result.output, re.MULTILINE)
+
+
+def test_emission_is_found_and_written(source, camera_file, tmp_path):
+    out = tmp_path / "found"
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--out", out]
+    result = run("reconstruct", source, *words, "--redraws", 3)
+    assert result.exit_code == 0, result.output
+    emission = tifffile.imread(out / "emission.tif")
+    assert emission.shape == (2, 48, 60)
+    assert emission.max(axis=(1, 2)) == pytest.approx([1.0, 0.5], rel=0.1)
+    assert tifffile.imread(out / "sigma.tif").shape == (2, 48, 60)
+    rows = list(csv.DictReader((out / "depth.csv").open()))
+    lights = [float(row["light_radiance_mm2"]) for row in rows]
+    texture = flame_texture(4.0, 0.4, cell_mm=0.05)
+    wanted = texture.mean() * 4.0 * 2.56
+    assert lights == pytest.approx([wanted, wanted / 2], rel=0.05)
+    assert all(float(row["standard_deviation"]) > 0 for row in rows)
+    record = json.loads((out / "reconstruct.json").read_text())
+    assert record["noise"] == pytest.approx(0.01, rel=0.05)
+    assert record["depths_mm"] == [6, -4]
+    assert {"slices.png", "depth.png", "trust.png"} <= set(record["files"])
+    assert run("verify", out).exit_code == 0
+
+
+def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
+    np.save(tmp_path / "bright.npy", flames + np.float32(0.1))
+    np.save(tmp_path / "dark.npy", np.full_like(flames, 0.1))
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--redraws", 0]
+    plain, cleaned, left = (tmp_path / name for name in ("plain", "cleaned", "left"))
+    assert run("reconstruct", source, *words, "--out", plain).exit_code == 0
+    bright = tmp_path / "bright.npy"
+    dark = ["--dark", tmp_path / "dark.npy"]
+    assert run("reconstruct", bright, *words, *dark, "--out", cleaned).exit_code == 0
+    same = [tifffile.imread(folder / "emission.tif") for folder in (plain, cleaned)]
+    assert same[1] == pytest.approx(same[0], abs=1e-3)
+    result = run("reconstruct", bright, *words, "--out", left)
+    assert "subtract the dark frame" in result.output
+    assert not (plain / "sigma.tif").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "either --depths FROM TO STEP or --depth-mm"),
+        (["--depths", 0, 4, 2, "--depth-mm", 1], "either --depths"),
+        (["--depths", 0, 4, 3], "must divide"),
+        (["--depth-mm", 0, "--depth-mm", 0], "no two alike"),
+        (["--depth-mm", -326], "main lens"),
+        (["--depth-mm", 0, "--block", 7], "divide the 48 x 60"),
+        (["--depth-mm", 0, "--redraws", 1], "redraws must be"),
+        (["--depth-mm", 0, "--noise", "nan"], "noise must be"),
+        (["--depth-mm", 0, "--dark", "SMALL"], "--dark must be of the shape"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(
+    source, camera_file, tmp_path, words, message
+):
+    np.save(tmp_path / "small.npy", np.zeros((5, 5, 8, 8), np.float32))
+    words = [tmp_path / "small.npy" if word == "SMALL" else word for word in words]
+    out = tmp_path / "out"
+    result = run("reconstruct", source, "--camera", camera_file, "--out", out, *words)
+    assert result.exit_code != 0
+    assert message in f"{result.output} {result.exception}"
+    assert not out.exists() or not any(out.iterdir())
+
+
+def test_a_light_field_of_another_camera_is_refused(source):
+    result = run("reconstruct", source, "--depth-mm", 0)
+    assert "270 x 540 lenslets" in str(result.exception)
+
+
+def test_a_figure_is_a_png(tmp_path):
+    result = run("resolution", "--figure", tmp_path / "resolution.txt")
+    assert "must end in .png" in str(result.exception)

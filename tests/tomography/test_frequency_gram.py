@@ -1,0 +1,111 @@
+"""The Gram matrix by frequency, against the operator and against its closed form."""
+
+import numpy as np
+import pytest
+
+from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator
+from lf_flame.tomography.frequency_gram import DEPTH_WEIGHT, depth_roughness
+
+DEPTHS = [18.0, 4.0, 0.0, -9.0]
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def grid(request, camera):
+    return FrustumGrid(camera, DEPTHS, request.param)
+
+
+def apply_by_frequency(gram, cells):
+    spectrum = gram.transform(gram.spread(cells))
+    seen = np.matmul(gram.matrices, spectrum[..., None])[..., 0]
+    torus = np.fft.irfft2(np.moveaxis(seen, -1, 0), s=gram.size, axes=(1, 2))
+    return gram.gather(torus)
+
+
+def test_it_equals_the_adjoint_of_the_operator_after_the_operator(grid):
+    """Of cells whose light no view loses beyond its edge."""
+    operator, gram = ProjectionOperator(grid, "float64"), FrequencyGram(grid)
+    cells, far = np.zeros(grid.shape), 2 * grid.reach
+    middle = (slice(None), slice(far, -far), slice(far, -far))
+    cells[middle] = np.random.default_rng(0).random(cells[middle].shape)
+    seen = operator.rmatvec(operator.matvec(cells.ravel())).reshape(grid.shape)
+    assert apply_by_frequency(gram, cells) == pytest.approx(seen, abs=1e-9 * seen.max())
+
+
+def test_it_has_the_closed_form(grid):
+    """Products of the Fourier transforms of boxes, with those that sampling folds onto them."""
+    gram, views, block = FrequencyGram(grid), grid.camera.views, grid.block
+    row, column = 3, 5
+    down, across = (
+        folded_products(number / length, grid, views, block)
+        for number, length in ((row, gram.size[0]), (column, gram.size[1]))
+    )
+    wanted = (down * across).real
+    # The folded series is cut off; its terms fall as the third power.
+    assert gram.matrices[row, column] == pytest.approx(wanted, abs=1e-6 * gram.scale)
+
+
+def folded_products(frequency, grid, views, block, terms=20_000):
+    """Sum over the views of products of two planes' transfer functions.
+
+    A pixel's rays reach its lenslet in parallel, so the main lens makes them cross in its focal
+    plane, 150 mm before it: from there their width grows, that of the cells from the lens.
+    """
+    folded = frequency + np.arange(-terms, terms + 1)  # cycles per cell
+    lenslets = folded / block
+    comb = np.mean(np.exp(2j * np.pi * np.outer(lenslets, np.arange(block) - (block - 1) / 2)), 1)
+    steps = np.arange(views) - (views - 1) / 2
+    seen = np.empty((views, len(grid.slopes)), complex)
+    for plane, (slope, depth) in enumerate(zip(grid.slopes, grid.depths_mm, strict=True)):
+        width = ((326 + depth) / 150 - 1) / ((326 + depth) * (1 / 150 - 1 / 326))
+        lenslet = np.sinc(lenslets * width)
+        box = np.sinc(folded) * lenslet * comb.real * np.sinc(slope * lenslets)
+        seen[:, plane] = np.exp(-2j * np.pi * slope * np.outer(steps, lenslets)) @ box
+    return np.einsum("vp,vq->pq", np.conj(seen), seen)
+
+
+def test_an_even_glow_has_no_depth(grid):
+    gram = FrequencyGram(grid)
+    assert gram.matrices[0, 0] == pytest.approx(gram.scale)
+    values = np.linalg.eigvalsh(gram.matrices[0, 0])
+    assert values[:-1] == pytest.approx(0, abs=1e-9 * gram.scale)
+
+
+def test_inner_products_by_frequency_are_those_of_cells(grid):
+    gram, rng = FrequencyGram(grid), np.random.default_rng(1)
+    a, b = rng.standard_normal((2, *grid.shape))
+    spectra = (gram.transform(gram.spread(x)) for x in (a, b))
+    assert gram.inner(*spectra) == pytest.approx(np.vdot(a, b), rel=1e-10)
+
+
+def test_the_penalty_is_on_third_differences(camera):
+    """Of a wave across, against differences taken cell by cell on the torus."""
+    grid = FrustumGrid(camera, [0.0])
+    gram = FrequencyGram(grid)
+    number = 7
+    wave = np.cos(2 * np.pi * number * np.arange(gram.size[1]) / gram.size[1])
+    differences = wave
+    for _ in range(3):
+        differences = np.roll(differences, -1) - differences
+    wanted = np.sum(differences**2) / np.sum(wave**2)
+    assert gram.penalty(1.0)[0, number, 0] / gram.scale == pytest.approx(wanted, rel=1e-10)
+    assert gram.penalty(2.0, 1)[0, number, 0] == pytest.approx(
+        2 * gram.scale * 4 * np.sin(np.pi * number / gram.size[1]) ** 2
+    )
+
+
+def test_decomposition_composes_what_it_took_apart(camera):
+    """Many planes have a penalty along depth as well, which leaves parabolas alone."""
+    grid = FrustumGrid(camera, np.linspace(-8, 8, 9))
+    gram = FrequencyGram(grid)
+    rough = depth_roughness(grid)
+    values, _ = gram.decomposition
+    wanted = gram.matrices + DEPTH_WEIGHT * gram.scale * rough
+    assert gram.compose(values) == pytest.approx(wanted, abs=1e-9 * gram.scale)
+    assert rough @ np.arange(9.0) ** 2 == pytest.approx(0, abs=1e-9)
+    assert rough @ np.arange(9.0) ** 3 != pytest.approx(0, abs=1)
+    assert np.sum(gram.gains) == pytest.approx(np.trace(gram.matrices, axis1=2, axis2=3).sum())
+
+
+@pytest.mark.parametrize("depths", [[0.0], DEPTHS, [0, 1, 2, 3, 4, 5, 6, 7, 9]])
+def test_sheets_and_uneven_planes_have_no_penalty_along_depth(camera, depths):
+    assert not depth_roughness(FrustumGrid(camera, depths)).any()

@@ -1,0 +1,93 @@
+"""The grid's geometry, against similar triangles and areas by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, InputError, Layer
+from lf_flame.tomography import FrustumGrid
+
+
+def test_cells_grow_with_distance_from_the_main_lens():
+    """By similar triangles through the middle of the lens: a lenslet's pitch times 326 / i0."""
+    grid = FrustumGrid(PAPER_CAMERA, [20.0, -10.0], 3)
+    image_distance = 1 / (1 / 150 - 1 / 326)
+    for depth in (20.0, 0.0, -10.0):
+        wanted = 3 * 0.112 * (326 + depth) / image_distance
+        assert grid.cell_mm(depth) == pytest.approx(wanted, rel=1e-12)
+    edges = grid.edges_mm(0, 1)
+    assert np.diff(edges) == pytest.approx(grid.cell_mm(20.0))
+    assert edges[0] == pytest.approx(-edges[-1])
+
+
+def test_the_grid_holds_all_that_any_view_sees(camera):
+    """The outermost view's outermost ray, by two points: on the lens and in the focal plane."""
+    grid = FrustumGrid(camera, [25.0, -9.0])
+    half_lens = camera.view_step_mm * camera.views / 2
+    half_field = camera.field_mm(0.0)[1] / 2
+    for plane, depth in enumerate(grid.depths_mm):
+        farthest = half_field + (half_lens + half_field) * abs(depth) / 326
+        assert grid.edges_mm(plane, 1)[-1] >= farthest
+
+
+def test_averaging_keeps_light_and_place(camera):
+    grid = FrustumGrid(camera, [5.0, 0.0], 2)
+    texture = np.random.default_rng(0).random((9, 7))
+    layer = Layer(texture, 5.0, (2.0, 3.0), (0.4, -0.7))
+    cells = grid.average(layer, 0)
+    assert cells.shape == grid.shape[1:]
+    area = grid.cell_mm(5.0) ** 2
+    assert cells.sum() * area == pytest.approx(texture.mean() * 6.0, rel=1e-12)
+    for axis, wanted in ((0, 0.4), (1, -0.7)):
+        edges = grid.edges_mm(0, axis)
+        light = cells.sum(axis=1 - axis)
+        cell_middles = layer.cell_edges_mm(axis)[:-1] + np.diff(layer.cell_edges_mm(axis)) / 2
+        inside = texture.sum(axis=1 - axis)
+        found = light @ ((edges[1:] + edges[:-1]) / 2) / light.sum()
+        assert found == pytest.approx(inside @ cell_middles / inside.sum(), abs=0.02)
+        assert abs(found - wanted) < 0.5
+
+
+def test_a_constant_stays_constant_under_averaging(camera):
+    grid = FrustumGrid(camera, [5.0])
+    layer = Layer(np.full((3, 3), 0.7), 5.0, (50.0, 50.0))
+    assert grid.average(layer, 0) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(
+    ("depths", "block", "says"),
+    [
+        ([5.0, 5.0], 1, "no two alike"),
+        ([5.0, 0.0, 3.0], 1, "rise or fall"),
+        ([float("nan")], 1, "finite"),
+        ([], 1, "1 to 200"),
+        ([-400.0], 1, "main lens"),
+        ([0.0], 5, "divide the 72 x 84"),
+        ([0.0], 0, "block"),
+    ],
+)
+def test_bad_grids_are_refused(camera, depths, block, says):
+    with pytest.raises(InputError, match=says):
+        FrustumGrid(camera, depths, block)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"aperture_diameter_mm": 70.0},
+        {"chromatic_shift": 0.01},
+        {"lenslet_rotation_rad": 1e-3},
+        {"lenslet_pitch_error": 1e-3},
+        {"falloff_corrected": False},
+    ],
+)
+def test_cameras_whose_views_are_no_shifted_sums_are_refused(camera, change):
+    with pytest.raises(InputError, match=next(iter(change))):
+        FrustumGrid(replace(camera, **change), [0.0])
+
+
+def test_one_plane_in_focus_is_a_grid(camera):
+    grid = FrustumGrid(camera, [0.0])
+    assert grid.shape[0] == 1
+    assert grid.slopes == pytest.approx([0.0])

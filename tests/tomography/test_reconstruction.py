@@ -1,0 +1,214 @@
+"""Emission found again from light fields that the simulation made, where naive ways fail."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, LightField
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.reconstruction import planes_between
+
+DEPTHS = (3.0, 0.0, -4.0)
+
+
+@pytest.fixture(scope="module")
+def grid(camera):
+    return FrustumGrid(camera, DEPTHS)
+
+
+@pytest.fixture(scope="module")
+def truth(grid, flames):
+    return np.stack(
+        [grid.crop(grid.average(layer, plane)) for plane, layer in enumerate(flames.layers)]
+    )
+
+
+def worst_error(found, truth):
+    return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
+
+
+@pytest.mark.parametrize(("share", "limit"), [(0.0, 0.02), (0.01, 0.025), (0.05, 0.06)])
+def test_planes_are_found_where_refocused_images_are_wrong(grid, truth, clean, noisy, share, limit):
+    light_field = noisy(share) if share else clean
+    found = reconstruct(light_field, grid)
+    assert worst_error(found.emission, truth) < limit
+    assert found.emission.min() >= 0
+    assert worst_error(shift_and_sum(light_field, grid.slopes), truth) > 1.2
+    assert found.warnings == ()
+
+
+def test_noise_is_measured_within_some_per_cent(grid, clean, noisy):
+    for share in (0.01, 0.05):
+        found = reconstruct(noisy(share), grid)
+        assert found.noise == pytest.approx(share * clean.views.max(), rel=0.02)
+        assert found.chi_squared.shape == (7, 7)
+        assert found.chi_squared.mean() == pytest.approx(1, abs=0.05)
+
+
+def test_a_bound_at_zero_is_no_cutting_off_afterwards(grid, truth, noisy):
+    linear = reconstruct(noisy(0.05), grid, nonnegative=False)
+    assert linear.emission.min() < -0.05 * linear.emission.max()
+    ours = worst_error(reconstruct(noisy(0.05), grid).emission, truth)
+    assert worst_error(np.clip(linear.emission, 0, None), truth) > 2 * ours
+
+
+def test_more_noise_asks_for_a_stronger_penalty(grid, noisy):
+    strengths = [reconstruct(noisy(share), grid).strength for share in (0.005, 0.05, 0.3)]
+    assert strengths == sorted(strengths)
+    assert strengths[0] < strengths[-1]
+
+
+def test_the_strength_is_near_the_best(grid, truth, noisy):
+    """Within 1.5 times of the error of the best of all that are tried."""
+    for share in (0.01, 0.1):
+        light_field = noisy(share)
+        curve = reconstruct(light_field, grid, whole_curve=True)
+        errors = [
+            worst_error(reconstruct(light_field, grid, strength=one.strength).emission, truth)
+            for one in curve.tried[::2]
+        ]
+        assert worst_error(curve.emission, truth) < 1.5 * min(errors)
+
+
+def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, noisy):
+    """Of eight light fields whose noise is drawn apart, within what eight of them can tell."""
+    options = {"strength": 0.01}
+    found = reconstruct(noisy(0.05, 1), grid, redraws=12, rng=np.random.default_rng(5), **options)
+    others = [reconstruct(noisy(0.05, seed), grid, **options) for seed in range(2, 10)]
+    lit = found.emission > 0.2 * found.emission.max()
+    scatter = np.std([other.emission for other in others], axis=0, ddof=1)[lit]
+    ratio = np.sqrt(np.mean(found.sigma[lit] ** 2) / np.mean(scatter**2))
+    assert ratio == pytest.approx(1, abs=0.2)
+    sums = np.std([other.emission.sum(axis=(1, 2)) for other in others], axis=0, ddof=1)
+    assert np.all(found.light_sigma > 0.3 * sums)
+    assert np.all(found.light_sigma < 3 * sums)
+
+
+def test_the_covariance_is_that_of_linear_fits(camera, grid, noisy, clean):
+    options = {"strength": 0.01, "nonnegative": False}
+    found = reconstruct(noisy(0.05), grid, **options)
+    others = [reconstruct(noisy(0.05, seed), grid, **options) for seed in range(1, 9)]
+    middle = slice(20, -20)
+    cells = np.array([other.emission[:, middle, middle] for other in others])
+    scatter = np.sqrt(np.mean(np.var(cells, axis=0, ddof=1), axis=(1, 2)))
+    assert found.sigma_linear == pytest.approx(scatter, rel=0.25)
+
+
+def test_draws_are_those_of_the_generator(grid, noisy):
+    runs = [
+        reconstruct(noisy(0.05), grid, redraws=2, rng=np.random.default_rng(seed)).sigma
+        for seed in (1, 1, 2)
+    ]
+    assert np.array_equal(runs[0], runs[1])
+    assert not np.array_equal(runs[0], runs[2])
+
+
+def test_a_glow_without_detail_is_shared_among_depths_and_not_told(camera):
+    """An even field: no depth is right, and the total is."""
+    grid = FrustumGrid(camera, [6.0, -6.0])
+    found = reconstruct(LightField(np.full((7, 7, 72, 84), 0.5, np.float32)), grid)
+    middle = found.emission[:, 30:40, 30:50]
+    assert middle.sum(axis=0) == pytest.approx(0.5, rel=0.05)
+    assert found.warnings
+
+
+def test_depths_of_light_are_found_on_a_stack(camera, flames, clean):
+    grid = FrustumGrid(camera, planes_between(-8.5, 7.5, 1))
+    found = reconstruct(clean, grid)
+    depths = np.array(grid.depths_mm)
+    right = FrustumGrid(camera, DEPTHS)
+    for plane, layer in enumerate(flames.layers):
+        cells = right.crop(right.average(layer, plane))
+        light = found.emission[:, cells > 0.3 * cells.max()].sum(axis=1, dtype=np.float64)
+        near = np.abs(depths - layer.depth_mm) < 3
+        assert light[near] @ depths[near] / light[near].sum() == pytest.approx(
+            layer.depth_mm, abs=0.5
+        )
+    assert found.per_mm == pytest.approx(found.emission)
+
+
+def test_emission_by_volume_needs_even_planes(grid, clean):
+    with pytest.raises(InputError, match="evenly spaced"):
+        _ = reconstruct(clean, grid).per_mm
+
+
+def test_one_plane_in_focus_is_found(camera, clean):
+    grid = FrustumGrid(camera, [0.0])
+    even = LightField(np.broadcast_to(clean.views[3, 3], clean.views.shape).copy())
+    found = reconstruct(even, grid)
+    assert found.emission[0] == pytest.approx(
+        clean.views[3, 3], abs=2e-3 * float(clean.views.max())
+    )
+
+
+def test_blocks_average_the_light_field(camera, flames, clean):
+    grid = FrustumGrid(camera, DEPTHS, 2)
+    truth = np.stack([grid.crop(grid.average(one, p)) for p, one in enumerate(flames.layers)])
+    assert worst_error(reconstruct(clean, grid).emission, truth) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda views: views + np.float32(0.05), "subtract the dark"),
+        (lambda views: np.minimum(views, np.float32(0.6)), "saturated"),
+        (lambda views: np.roll(views, 30, axis=3), "edge"),
+    ],
+)
+def test_disagreements_are_said(grid, clean, change, says):
+    found = reconstruct(LightField(change(clean.views)), grid)
+    assert any(says in warning for warning in found.warnings), found.warnings
+
+
+def test_a_dim_view_is_named(grid, noisy):
+    views = noisy(0.005).views.copy()
+    views[1, 5] *= np.float32(0.8)
+    found = reconstruct(LightField(views), grid)
+    assert any("View 1, 5" in warning for warning in found.warnings), found.warnings
+
+
+def test_wrong_depths_are_noticed_where_the_noise_is_stated(camera, noisy, clean):
+    wrong = FrustumGrid(camera, [13.0, 9.0, -9.0])
+    found = reconstruct(noisy(0.005), wrong, noise=0.005 * float(clean.views.max()))
+    assert any("stated noise" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"noise": -1.0}, "noise must be"),
+        ({"noise": float("nan")}, "noise must be"),
+        ({"strength": float("inf")}, "strength must be"),
+        ({"order": 5}, "order must be"),
+        ({"iterations": 0}, "iterations must be"),
+        ({"redraws": 1}, "redraws must be"),
+        ({"redraws": 5}, "no generator"),
+    ],
+)
+def test_bad_options_are_refused(grid, clean, options, says):
+    with pytest.raises(InputError, match=says):
+        reconstruct(clean, grid, **options)
+
+
+def test_another_camera_s_light_field_is_refused(grid, clean):
+    wide = replace(grid.camera, lenslets=(72, 90))
+    with pytest.raises(InputError, match="72 x 90"):
+        reconstruct(clean, FrustumGrid(wide, DEPTHS))
+    with pytest.raises(InputError, match="grey"):
+        reconstruct(LightField(np.repeat(clean.views[..., None], 3, axis=4)), grid)
+
+
+def test_evenly_spaced_planes():
+    assert planes_between(-4, 4, 2) == [-4, -2, 0, 2, 4]
+    assert planes_between(1, -1, 1) == [1, 0, -1]
+    assert planes_between(2, 2, 1) == [2]
+    for bad in ((0, 1, 0.3), (0, 1, 0), (0, 1, -1), (0, float("inf"), 1)):
+        with pytest.raises(InputError):
+            planes_between(*bad)
+
+
+def test_darkness_gives_darkness(grid, camera):
+    found = reconstruct(LightField(np.zeros((7, 7, 72, 84), np.float32)), grid)
+    assert not found.emission.any()

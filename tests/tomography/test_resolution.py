@@ -1,0 +1,63 @@
+"""What can be resolved in depth, against rays by hand and against singular values."""
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, InputError
+from lf_flame.tomography import (
+    FrequencyGram,
+    FrustumGrid,
+    depth_blur,
+    depth_modes,
+    depth_singular_values,
+)
+from lf_flame.tomography.resolution import angular_width, finest_period
+
+
+def test_the_angle_is_that_of_the_aperture():
+    """15 pixels' images on the lens; the aperture that matches the lenslets is 77.8 mm wide."""
+    aperture = 0.112 / 0.4 / (1 / 150 - 1 / 326)
+    # The micro-image pitch is larger than the lenslets' by 0.4 mm / 277.84 mm.
+    wanted = aperture * (1 + 0.4 * (1 / 150 - 1 / 326)) / 326
+    assert angular_width(PAPER_CAMERA) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_blur_and_modes_of_the_paper_camera():
+    """The figures of the rule 1 / (k theta), from an aperture of 77.8 mm at 326 mm."""
+    periods = np.array([0.26, 0.5, 1, 2, 5, 10])
+    assert depth_blur(PAPER_CAMERA, periods) == pytest.approx(periods * 326 / 77.9, rel=2e-3)
+    assert finest_period(PAPER_CAMERA) == pytest.approx(2 * 0.1314, rel=1e-3)
+    assert depth_modes(PAPER_CAMERA, 1.0, 30.0) == pytest.approx(8.17, abs=0.01)
+    assert depth_modes(PAPER_CAMERA, 10.0, 0.0) == 1
+
+
+def test_singular_values_are_those_of_the_operator(camera):
+    """Against the eigenvalues of the Gram matrix of a fine wave across, and an even one down."""
+    depths = np.linspace(-10, 10, 6)
+    gram = FrequencyGram(FrustumGrid(camera, depths))
+    column = 9
+    period = gram.size[1] / column * FrustumGrid(camera, depths).cell_mm(0.0)
+    values = np.linalg.eigvalsh(gram.matrices[0, column])[::-1]
+    wanted = np.sqrt(np.clip(values, 0, None) / values[0])
+    found = depth_singular_values(camera, period, depths)
+    assert found[:4] == pytest.approx(wanted[:4], rel=0.02)
+    assert np.all(np.diff(found) <= 0)
+
+
+def test_as_many_singular_values_count_as_there_are_modes():
+    depths = np.linspace(-15, 15, 80)
+    for period in (0.5, 1.0, 2.0):
+        values = depth_singular_values(PAPER_CAMERA, period, depths)
+        counted = np.count_nonzero(values > 0.5)
+        assert counted == pytest.approx(depth_modes(PAPER_CAMERA, period, 30.0), abs=1.5)
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0, float("nan")])
+def test_periods_must_be_above_zero(period):
+    with pytest.raises(InputError, match="above 0"):
+        depth_blur(PAPER_CAMERA, period)
+
+
+def test_a_thickness_must_not_be_negative():
+    with pytest.raises(InputError, match="thickness_mm"):
+        depth_modes(PAPER_CAMERA, 1.0, -1.0)
