@@ -58,7 +58,7 @@ MAKING = cloup.option_group(
         type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
         default="linear",
         show_default=True,
-        help="sinc is exact for band-limited views. But for linear, the page asks for each picture.",
+        help="Between pixels. By all but linear, the page asks this program for each picture.",
     ),
     cloup.option(
         "--network",
