@@ -29,6 +29,7 @@ const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
 function render({ model, el }) {
   const metadata = { ...model.get("metadata") };
+  el.addEventListener("keydown", (event) => event.stopPropagation()); // else JupyterLab takes arrows
   const viewer = new Viewer(el, metadata, asked(asker(model), metadata));
   const take = () => {
     const changes = {};
