@@ -19,9 +19,6 @@ NAMES = ("slope", "shape", "width", "ring", "v", "u", "block")
 NUMBER = re.compile(r"-?\d{1,9}(\.\d{1,30})?(e-\d{1,2})?", re.ASCII)
 """As browsers write the numbers that may be asked for."""
 
-LONGEST = 300
-"""Letters of a query."""
-
 BLOCKS = (4, 3, 2)
 """Sides of the blocks that are averaged while one drags, the best one first."""
 
@@ -94,7 +91,7 @@ def parse_place(query: str) -> tuple[int, int]:
 
 
 def _values(query: str, names: tuple[str, ...]) -> dict[str, str]:
-    parts = [part.partition("=") for part in query.split("&")] if len(query) <= LONGEST else []
+    parts = [part.partition("=") for part in query.split("&")]
     if sorted(name for name, _, _ in parts) != sorted(names):
         raise InputError(f"What is asked for is told by {', '.join(names)}, each once.")
     return {name: value for name, _, value in parts}

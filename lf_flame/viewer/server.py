@@ -104,6 +104,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     server: ViewerServer
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True  # else an answer's body waits 40 ms for the browser's receipt
 
     def do_GET(self) -> None:
         """Answer a request, or refuse it."""

@@ -290,6 +290,15 @@ def test_numbers_as_browsers_write_them_are_read():
     assert (found.slope, found.v, found.u) == (-1.2345678901234567e-07, -0.5, 0.0)
 
 
+def test_a_network_has_its_own_aperture(make_exhibit):
+    whole = {"shape": "square", "width": "1", "v": "0", "u": "0"}
+    with serving(make_exhibit((5, 5, 30, 40), network=ShiftAndSum())) as server:
+        assert ask(server, f"/{server.token}/plane?{query(**whole)}")[0] == 200
+        for name, other in (("shape", "round"), ("width", "0.9"), ("v", "1"), ("ring", "0.1")):
+            status, body = ask(server, f"/{server.token}/plane?{query(**whole | {name: other})}")
+            assert (status, body) == (400, b"A network has its own aperture.")
+
+
 @pytest.mark.parametrize("digit", ["٣", "Ù£", " 1", "1\n"])
 def test_only_plain_digits_are_numbers(digit):
     with pytest.raises(InputError, match="slope must be a plain number"):
