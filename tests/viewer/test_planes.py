@@ -361,6 +361,16 @@ def test_slow_planes_are_coarse_while_dragging(opened, make_exhibit, monkeypatch
     assert tab.canvas().shape == (131, 150, 3)
 
 
+def test_fast_planes_are_whole_while_dragging(opened, make_exhibit):
+    exhibit = make_exhibit((3, 3, 131, 150), most_bytes=1)
+    tab = opened(exhibit)
+    tab.page.evaluate("() => { lfViewer.renderer.took = 20; }")  # whatever the first one took
+    tab.page.evaluate("() => lfViewer.set({ slope: 1.2 }, { dragging: true })")
+    tab.settle()
+    assert tab.canvas().shape == (131, 150, 3)
+    assert planes_asked(tab)[-1].endswith("block=1")
+
+
 def test_small_images_are_never_coarse(make_exhibit):
     assert make_exhibit((3, 3, 60, 500), most_bytes=1).planes.coarse == 1
     assert make_exhibit((3, 3, 100, 500), most_bytes=1).planes.coarse == 3
