@@ -1,4 +1,4 @@
-"""Taking pictures of pages: the demo, served and as one file."""
+"""Taking pictures: the demo, served, as one file and in a notebook; light fields of one's own."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,6 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from experiments.browser import headless_browser, served
+from experiments.screenshots.notebook import open_notebook
+from experiments.screenshots.sources import SHOWN, make_sources, viewed
 from lf_flame._common.output_folders import output_folder
 from lf_flame.commands.viewer import demo_exhibit
 from lf_flame.viewer.demo import BURNER_MM, DEMO_CAMERA, WALL_MM
@@ -25,17 +27,32 @@ SERVED = {
 
 IN_ONE_FILE = {"viewer_single_file.png": "#slope=0&shape=round&width=0.25"}
 
+NOTEBOOK = "viewer_notebook.png"
+
+CELLS = [
+    "from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field\n\n"
+    "widget = demo_light_field().view(camera=DEMO_CAMERA)\n"
+    "widget",
+]
+"""Of the notebook."""
+
 PLACE = {"x": 350, "y": 430}
 """Of the pointer, in the picture."""
 
 
-def take_screenshots(out: Path) -> list[Path]:
+def take_screenshots(out: Path, jupyter: Path | None) -> list[Path]:
     """Take all pictures into a folder, beside a record.
+
+    Parameters
+    ----------
+    out : Path
+    jupyter : Path, optional
+        JupyterLab's program; without it, there is no picture of a notebook.
 
     Raises
     ------
     InputError
-        If there is no browser.
+        If there is no browser, or JupyterLab does not start.
     """
     exhibit = demo_exhibit("demo.npy")
     with output_folder(out, RECORD) as folder, headless_browser() as browser:
@@ -46,7 +63,18 @@ def take_screenshots(out: Path) -> list[Path]:
         with _written(exhibit) as url:
             for name, address in IN_ONE_FILE.items():
                 _take(browser, url + address, folder.path(name))
-    return [out / name for name in (*SERVED, *IN_ONE_FILE)]
+        with TemporaryDirectory() as aside:
+            make_sources(Path(aside))
+            for name, (words, address) in SHOWN.items():
+                with viewed(Path(aside), words) as url:
+                    _take(browser, url + address, folder.path(name))
+        if jupyter:
+            with open_notebook(browser, jupyter, CELLS) as notebook:
+                notebook.run_cells()
+                notebook.run(f"widget.slope = {NEAR}")
+                notebook.page.wait_for_timeout(500)
+                notebook.page.screenshot(path=folder.path(NOTEBOOK))
+    return sorted(out / name for name in folder.files)
 
 
 @contextmanager

@@ -132,7 +132,7 @@ def _refuse_options(what: str, **options: Any) -> None:
             raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
 
 
-def _open_network(path: Path | None):
+def open_network(path: Path | None):
     """Load a trained system; nothing where none is asked for."""
     if path is None:
         return None
@@ -336,7 +336,7 @@ def refocus(source, camera, out, **options):
     if look.network:
         look.refuse_for_network(focus.maps)
     with picture_folder(_folder_for(source, out), source) as folder:
-        network = _open_network(look.network)
+        network = open_network(look.network)
         light_field = reading.read(source)
         focus = focus.with_ends(light_field)
         views = light_field.views.shape[:2]
@@ -439,7 +439,7 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
     from lf_flame.systems.region_refocus import refocus_regions
 
     with picture_folder(_folder_for(source, out, "-regions"), source) as folder:
-        unet = _open_network(network)
+        unet = open_network(network)
         _refuse_other_network(network, unet)
         dense = not (cross or unet)
         folder.facts |= {

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 import cloup
 
-from lf_flame.commands.light_fields import READING, Reading
-from lf_flame.commands.options import FILE, PATH
+from lf_flame.commands.light_fields import READING, Reading, open_network
+from lf_flame.commands.options import FILE, PATH, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,12 +51,31 @@ SHOWING = cloup.option_group(
 )
 
 
+MAKING = cloup.option_group(
+    "How the pictures are made",
+    cloup.option(
+        "--interpolation",
+        type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
+        default="linear",
+        show_default=True,
+        help="Between pixels. By all but linear, the page asks this program for each picture.",
+    ),
+    cloup.option(
+        "--network",
+        type=UsablePath(exists=True, path_type=Path),
+        help="Refocus with this run of train-system, or with RefocusNet by its authors' weights "
+        "(.npz), as `lf-flame refocus` does.",
+    ),
+)
+
+
 @cloup.command()
 @click.argument("source", type=PATH)
 @SHOWING
+@MAKING
 @cloup.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
 @READING
-def view(source, slopes, no_map, title, camera, **options) -> None:
+def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
     SOURCE is read as by `lf-flame refocus`. The page is served by this machine to itself alone,
@@ -66,15 +85,18 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
       lf-flame view buddha                             a folder of views
       lf-flame view raw.png --white white.png          any plenoptic camera
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
+      lf-flame view buddha --network RUN               each picture by a trained network
     """  # noqa: D301 - click reads the backspace
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.viewer.exhibit import Exhibit
 
     _check_single_file(options["single_file"], (source, camera, options["white"]))
+    _check_making(options["single_file"], network, interpolation)
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    system = open_network(network)
     light_field = reading.read(source)
-    chosen = _choose_slopes(light_field, slopes)
+    chosen = _choose_slopes(light_field, slopes, system)
     exhibit = Exhibit(
         light_field,
         title or source.resolve().name,
@@ -84,8 +106,21 @@ def view(source, slopes, no_map, title, camera, **options) -> None:
         str(source),
         reading.given(),
         with_map=not no_map,
+        interpolation=interpolation,
+        network=system,
+        network_source=str(network) if network else None,
     )
     show(exhibit, **options)
+
+
+def _check_making(single_file: Path | None, network: Path | None, interpolation: str) -> None:
+    """Refuse, before anything is read, what cannot be done together."""
+    from lf_flame.viewer.page import refuse_planes_in_one_file
+
+    if network and interpolation != "linear":
+        raise InputError("--interpolation does not apply to a network.")
+    if single_file:
+        refuse_planes_in_one_file(network is not None, interpolation)
 
 
 def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] = ()) -> None:
@@ -98,10 +133,10 @@ def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] =
         raise InputError(f"--single-file must end in .html, got {single_file}.")
 
 
-def _choose_slopes(light_field, slopes: tuple[float, float] | None):
+def _choose_slopes(light_field, slopes: tuple[float, float] | None, network=None):
     from lf_flame.viewer.exhibit import choose_slopes
 
-    chosen = choose_slopes(light_field, slopes)
+    chosen = choose_slopes(light_field, slopes, network)
     if slopes is None:
         click.echo(f"{chosen.describe()} (--slopes FROM TO for others)", err=True)
     return chosen

@@ -47,38 +47,51 @@ class CodedViews:
         return np.float32(self.low) + self.codes / np.float32(self.levels / (self.high - self.low))
 
 
-def encode_views(light_field: LightField) -> CodedViews:
+def check_channels(light_field: LightField) -> None:
+    """Refuse what is neither grey nor of three colours."""
+    channels = light_field.views.shape[4] if light_field.views.ndim == 5 else 1
+    if channels not in (1, 3):
+        raise InputError(f"A picture has 1 or 3 channels, but this light field {channels}.")
+
+
+def shown_white(light_field: LightField) -> float:
+    """Radiance that is shown as white, above 0."""
+    return max(white_level(light_field.views), DARKEST)
+
+
+def encode_views(light_field: LightField, most_bytes: int | None = None) -> CodedViews:
     """Bring views to 8 bits where nothing is lost by it, to 16 bits elsewhere.
 
     Parameters
     ----------
     light_field : LightField
         Grey or of three channels.
+    most_bytes : int, optional
+        Of the codes. Default: `MOST_BYTES`.
 
     Returns
     -------
     CodedViews
-        Of more than 128 Mi pixels, always 8 bits.
+        Where 16 bits would be more bytes than that, always 8 bits.
 
     Raises
     ------
     InputError
-        If the light field has another number of channels, or more than 256 Mi pixels.
+        If the light field has another number of channels, or more pixels than bytes are allowed.
     """
+    most = MOST_BYTES if most_bytes is None else most_bytes
+    check_channels(light_field)
     views = light_field.views if light_field.views.ndim == 5 else light_field.views[..., None]
-    if views.shape[4] not in (1, 3):
-        raise InputError(f"A picture has 1 or 3 channels, but this light field {views.shape[4]}.")
-    if views.size > MOST_BYTES:
+    if views.size > most:
         raise InputError(
-            f"A viewer holds {MOST_BYTES:,} pixels at most, but this light field has "
-            f"{views.size:,}."
+            f"A page holds {most:,} pixels at most, but this light field has {views.size:,}."
         )
-    white = max(white_level(views), DARKEST)
+    white = shown_white(light_field)
     low, high = min(0.0, float(views.min())), white
     positions = tuple(centred(n) for n in views.shape[:2])
     for kind in (np.uint8, np.uint16):
         coded = CodedViews(_codes(views, low, high, kind), low, high, white, positions)
-        if 2 * views.size > MOST_BYTES or np.array_equal(coded.radiance(), views):
+        if 2 * views.size > most or np.array_equal(coded.radiance(), views):
             break
     return coded
 

@@ -36,7 +36,7 @@ def demo_scene(seed: int = 1) -> Scene:
     """
     rng = np.random.default_rng(seed)
     wall = _pattern((20.0, 46.0), 0.3, rng)
-    burner = _pattern((5.0, 34.0), 0.7, rng)
+    burner = _pattern((5.0, 34.0), 0.63, rng)
     return Scene(
         [
             Layer(wall, depth_mm=WALL_MM, size_mm=(20.0, 46.0), centre_mm=(-4.0, 0.0)),

@@ -20,7 +20,15 @@ from lf_flame.refocus import (
     find_slope_range,
 )
 from lf_flame.refocus.depth_from_focus import MAP_STEPS, TRUSTED
-from lf_flame.viewer.coded_views import CodedViews, encode_views
+from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
+from lf_flame.viewer.coded_views import (
+    MOST_BYTES,
+    CodedViews,
+    check_channels,
+    encode_views,
+    shown_white,
+)
+from lf_flame.viewer.planes import PlaneMaker
 
 PIECE_BYTES = 4 * 2**20
 """Of one answer at most, so that a page shows how far it is."""
@@ -46,11 +54,21 @@ class Exhibit:
         Options by which the source is read: views, order, white, pitch, layout.
     with_map : bool, optional
         Whether there is a slope map.
+    interpolation : {"linear", "nearest", "cubic", "sinc"}
+        Pages sum linearly; by another one the program makes their planes.
+    network : lf_flame.systems.base.RefocusingSystem, optional
+        Which makes the planes instead.
+    network_source : str, optional
+        Path of the network that a copied command names.
+    most_bytes : int
+        That a page takes; of a larger light field the program makes the planes.
 
     Raises
     ------
     InputError
-        If the slopes are not two finite numbers that rise, or shift a view by more than the image.
+        If the slopes are not two finite numbers that rise, or shift a view by more than the image;
+        if the light field is neither grey nor of three channels; if the interpolation is unknown,
+        or the network cannot take the light field or the slopes.
     """
 
     light_field: LightField
@@ -61,19 +79,50 @@ class Exhibit:
     source: str | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
     with_map: bool = True
+    interpolation: str = "linear"
+    network: Any = None
+    network_source: str | None = None
+    most_bytes: int = MOST_BYTES
 
     def __post_init__(self):
+        check_channels(self.light_field)
+        check_interpolation(self.interpolation, (*INTERPOLATIONS, "sinc"))
         limit = farthest_slope(self.light_field.views)
         if not -limit <= self.slopes[0] < self.slopes[1] <= limit:
             raise InputError(
                 f"A viewer needs two slopes, the lower one first, from {-limit:g} to {limit:g}, "
                 f"got {self.slopes[0]:g} and {self.slopes[1]:g}."
             )
+        if self.network is not None:
+            if self.interpolation != "linear":
+                raise InputError("An interpolation does not apply to a network.")
+            self.network.check(self.light_field.views, self.slopes)
 
     @cached_property
     def coded(self) -> CodedViews:
         """The views as codes."""
-        return encode_views(self.light_field)
+        return encode_views(self.light_field, self.most_bytes)
+
+    @property
+    def why_planes(self) -> str:
+        """Why the program makes the planes that a page shows; empty where the page sums views."""
+        if self.network is not None:
+            return f"refocused by {self.network.name}"
+        if self.interpolation != "linear":
+            return f"{self.interpolation} interpolation"
+        if self.light_field.views.size > self.most_bytes:
+            return "too large for a page, which asks for each picture"
+        return ""
+
+    @cached_property
+    def planes(self) -> PlaneMaker:
+        """What makes them."""
+        return PlaneMaker(self.light_field, self.slopes, self.interpolation, self.network)
+
+    @cached_property
+    def white(self) -> float:
+        """Radiance that is shown as white."""
+        return shown_white(self.light_field)
 
     @cached_property
     def focus_map(self) -> FocusMap:
@@ -88,7 +137,7 @@ class Exhibit:
         """
         found = self.focus_map
         certain = (found.confidence >= TRUSTED).astype(np.uint8)
-        image = to_preview(found.all_in_focus, self.coded.white)
+        image = to_preview(found.all_in_focus, self.white)
         return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
 
     def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
@@ -103,32 +152,65 @@ class Exhibit:
         coding : {"served", "deflate", "jpeg"}
         """
         views, size = coded.codes.shape[:2], coded.codes.shape[2:4]
-        return {
-            "title": self.title,
-            "views": list(views),
+        return self._describe(views, size, coded.codes.shape[4]) | {
             "positions": [list(map(float, at)) for at in coded.positions],
-            "size": list(size),
-            "channels": coded.codes.shape[4],
             "levels": coded.levels,
             "low": coded.low,
             "high": coded.high,
             "white": coded.white,
+            "pieces": [list(piece) for piece in pieces],
+            "coding": coding,
+        }
+
+    def describe_served(self) -> dict:
+        """Tell what a page must know that asks a program: for the views, or for planes."""
+        if not self.why_planes:
+            return self.describe(self.coded, cut_into_pieces(self.coded), "served")
+        shape = self.light_field.views.shape
+        return self._describe(shape[:2], shape[2:4], self.planes.channels) | {
+            "levels": 1,
+            "low": 0.0,
+            "high": 1.0,
+            "white": self.white,
+            "pieces": [],
+            "coding": "planes",
+            "coarse": self.planes.coarse,
+            "own_aperture": self.network is not None,
+        }
+
+    def _describe(self, views: tuple, size: tuple, channels: int) -> dict:
+        """Tell what does not depend on how a page gets it."""
+        making = {"network": self.network_source, "interpolation": self.interpolation}
+        return {
+            "title": self.title,
+            "views": list(views),
+            "size": list(size),
+            "channels": channels,
             "slopes": list(map(float, self.slopes)),
             "slope": float(self.slope),
             "camera": _describe_camera(self.camera, views),
             "source": self.source,
             "reading": dict(self.reading),
+            "making": {name: x for name, x in making.items() if x not in (None, "linear")},
             "has_map": self.with_map,
-            "pieces": [list(piece) for piece in pieces],
-            "coding": coding,
         }
 
 
-def choose_slopes(light_field: LightField, slopes: tuple[float, float] | None) -> SlopeRange:
-    """Choose the ends of the slider, and where it stands at first: as asked, or as found."""
-    if slopes is None:
-        return find_slope_range(light_field)
-    return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
+def choose_slopes(
+    light_field: LightField, slopes: tuple[float, float] | None, network: Any = None
+) -> SlopeRange:
+    """Choose the ends of the slider, and where it stands at first: as asked, or as found.
+
+    What is found is cut to the slopes that a network can do.
+    """
+    if slopes is not None:
+        return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
+    found = find_slope_range(light_field)
+    if network is None:
+        return found
+    can = network.slope_range(*light_field.views.shape[:2])
+    low, high, slope = (float(np.clip(x, *can)) for x in (found.low, found.high, found.slope))
+    return SlopeRange(low, high, slope, found.certain)
 
 
 def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, Any] | None:

@@ -4,7 +4,8 @@ import base64
 import html
 import json
 
-from lf_flame.viewer.exhibit import Exhibit, cut_into_pieces, deflated
+from lf_flame.errors import InputError
+from lf_flame.viewer.exhibit import Exhibit, deflated
 from lf_flame.viewer.preview import shrink
 from lf_flame.viewer.scripts import page_frame, read_static, script_url
 
@@ -23,11 +24,11 @@ FILE_POLICY = (
 
 
 def served_page(exhibit: Exhibit) -> str:
-    """Make the page that asks the program which serves it for the views."""
-    metadata = exhibit.describe(exhibit.coded, cut_into_pieces(exhibit.coded), "served")
+    """Make the page that asks the program which serves it for the views, or for planes."""
+    metadata = exhibit.describe_served()
     return page_frame().substitute(
         title=html.escape(exhibit.title),
-        description=html.escape(describe(metadata, "")),
+        description=html.escape(describe(metadata, exhibit.why_planes)),
         policy="",
         style='<link rel="stylesheet" href="static/viewer.css">',
         data=_json_block(metadata),
@@ -53,8 +54,9 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
     Raises
     ------
     InputError
-        If even a few coarse views would be too large.
+        If even a few coarse views would be too large, or a program would have to make the planes.
     """
+    refuse_planes_in_one_file(exhibit.network is not None, exhibit.interpolation)
     slope_map = deflated(exhibit.map_bytes()) if exhibit.with_map else b""
     script = f'<script type="module">import "{script_url("page.js")}";</script>'
     style = read_static("viewer.css")
@@ -74,6 +76,22 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
         script=script,
     )
     return page, shrunk.quality
+
+
+def refuse_planes_in_one_file(network: bool, interpolation: str) -> None:
+    """Refuse what only a program can do.
+
+    Raises
+    ------
+    InputError
+        If there is a network, or another interpolation than that of pages.
+    """
+    if network or interpolation != "linear":
+        what = "A network" if network else f"Interpolation {interpolation!r}"
+        raise InputError(
+            f"{what} needs the program, and a single file asks none; leave out --single-file, or "
+            f"this."
+        )
 
 
 def describe(metadata: dict, quality: str) -> str:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Lock
 from typing import Any
 
 from lf_flame.errors import InputError
-from lf_flame.viewer.exhibit import Exhibit, cut_into_pieces, piece_bytes
+from lf_flame.viewer.exhibit import Exhibit
 from lf_flame.viewer.page import SERVED_POLICY, served_page
+from lf_flame.viewer.page_data import PageData
 from lf_flame.viewer.scripts import MEDIA_TYPES, read_static, static_names
 
 HOST = "127.0.0.1"
@@ -22,6 +22,7 @@ HOST = "127.0.0.1"
 class _Answer:
     body: bytes
     media_type: str = "application/octet-stream"
+    status: HTTPStatus = HTTPStatus.OK
 
 
 class ViewerServer(ThreadingHTTPServer):
@@ -50,8 +51,10 @@ class ViewerServer(ThreadingHTTPServer):
             raise InputError(f"Port {port} cannot be opened: {error.strerror}.") from None
         self.token = secrets.token_urlsafe(16)
         self._exhibit = exhibit
-        self._map_lock = Lock()
-        self._answers = self._known_answers()
+        self._data = PageData(exhibit)
+        self._answers: dict[str, Callable[[], _Answer]] = {"": partial(_page, exhibit)}
+        for name in static_names():
+            self._answers[f"static/{name}"] = partial(_static, name)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Pass over pages that were closed before they had their answer; tell the rest."""
@@ -68,37 +71,27 @@ class ViewerServer(ThreadingHTTPServer):
         """Address of the page, token included."""
         return f"http://{self.address}/{self.token}/"
 
-    def _known_answers(self) -> dict[str, Callable[[], _Answer]]:
-        """List what is answered to each name, made when it is asked for."""
-        exhibit = self._exhibit
-        answers: dict[str, Callable[[], _Answer]] = {"": partial(_page, exhibit)}
-        for name in static_names():
-            answers[f"static/{name}"] = partial(_static, name)
-        for number, piece in enumerate(cut_into_pieces(exhibit.coded)):
-            answers[f"views/{number}"] = partial(_views, exhibit, piece)
-        if exhibit.with_map:
-            answers["map"] = self._slope_map
-        return answers
-
-    def _slope_map(self) -> _Answer:
-        with self._map_lock:  # made once, however many pages ask
-            return _Answer(self._exhibit.map_bytes())
-
     def answer(self, path: str) -> _Answer | None:
         """Give what a path asks for; nothing, without the token or for an unknown name."""
-        start, _, name = path.partition("?")[0].removeprefix("/").partition("/")
+        named, _, query = path.partition("?")
+        start, _, name = named.removeprefix("/").partition("/")
         if not secrets.compare_digest(start.encode(), self.token.encode()):
             return None
-        found = self._answers.get(name)
-        return found() if found else None
+        if name in self._answers:
+            return self._answers[name]()
+        make = self._data.find(name, query)
+        if make is None:
+            return None
+        try:
+            return _Answer(make())
+        except InputError as error:
+            asked = name in self._data.questions
+            status = HTTPStatus.BAD_REQUEST if asked else HTTPStatus.INTERNAL_SERVER_ERROR
+            return _Answer(str(error).encode(), "text/plain; charset=utf-8", status)
 
 
 def _page(exhibit: Exhibit) -> _Answer:
     return _Answer(served_page(exhibit).encode(), "text/html; charset=utf-8")
-
-
-def _views(exhibit: Exhibit, piece: tuple[int, int]) -> _Answer:
-    return _Answer(piece_bytes(exhibit.coded, piece))
 
 
 def _static(name: str) -> _Answer:
@@ -111,22 +104,15 @@ class _Handler(BaseHTTPRequestHandler):
 
     server: ViewerServer
     protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True  # else an answer's body waits 40 ms for the browser's receipt
 
     def do_GET(self) -> None:
         """Answer a request, or refuse it."""
         if not self._is_our_page():
-            self._send(HTTPStatus.FORBIDDEN, _Answer(b"Another page asked.", "text/plain"))
+            self._send(_Answer(b"Another page asked.", "text/plain", HTTPStatus.FORBIDDEN))
             return
-        try:
-            answer = self.server.answer(self.path)
-        except InputError as error:
-            answer = _Answer(str(error).encode(), "text/plain; charset=utf-8")
-            self._send(HTTPStatus.INTERNAL_SERVER_ERROR, answer)
-            return
-        if answer is None:
-            self._send(HTTPStatus.NOT_FOUND, _Answer(b"There is no such thing.", "text/plain"))
-        else:
-            self._send(HTTPStatus.OK, answer)
+        missing = _Answer(b"There is no such thing.", "text/plain", HTTPStatus.NOT_FOUND)
+        self._send(self.server.answer(self.path) or missing)
 
     def _is_our_page(self) -> bool:
         """Whether the request was meant for this server, and not sent by another site's page."""
@@ -138,8 +124,8 @@ class _Handler(BaseHTTPRequestHandler):
             and site in ("same-origin", "none")
         )
 
-    def _send(self, status: HTTPStatus, answer: _Answer) -> None:
-        self.send_response(status)
+    def _send(self, answer: _Answer) -> None:
+        self.send_response(answer.status)
         self.send_header("Content-Type", answer.media_type)
         self.send_header("Content-Length", str(len(answer.body)))
         self.send_header("Content-Security-Policy", SERVED_POLICY)

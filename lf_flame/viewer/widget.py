@@ -5,9 +5,11 @@ from typing import Any
 import anywidget
 import traitlets
 
+from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.viewer.exhibit import Exhibit, choose_slopes, cut_into_pieces, piece_bytes
+from lf_flame.viewer.exhibit import Exhibit, choose_slopes
+from lf_flame.viewer.page_data import PageData
 from lf_flame.viewer.scripts import linked_script, read_static
 
 
@@ -39,20 +41,21 @@ class LightFieldWidget(anywidget.AnyWidget):
 
     def __init__(self, exhibit: Exhibit):
         self._exhibit = exhibit
-        self._pieces = cut_into_pieces(exhibit.coded)
-        super().__init__(
-            metadata=exhibit.describe(exhibit.coded, self._pieces, "served"), slope=exhibit.slope
-        )
+        self._data = PageData(exhibit)
+        super().__init__(metadata=exhibit.describe_served(), slope=exhibit.slope)
         self.on_msg(self._answer)
 
     def _answer(self, _widget: Any, content: Any, _buffers: Any) -> None:
         """Send what the page asks for, which it knows by name alone."""
-        name = str(content.get("ask")) if isinstance(content, dict) else ""
-        names = {f"views/{k}": piece for k, piece in enumerate(self._pieces)}
-        if name in names:
-            self.send({"answer": name}, [piece_bytes(self._exhibit.coded, names[name])])
-        elif name == "map" and self._exhibit.with_map:
-            self.send({"answer": name}, [self._exhibit.map_bytes()])
+        asked = str(content.get("ask")) if isinstance(content, dict) else ""
+        name, _, query = asked.partition("?")
+        make = self._data.find(name, query)
+        if make is None:
+            return
+        try:
+            self.send({"answer": asked}, [make()])
+        except InputError as error:
+            self.send({"answer": asked, "error": str(error)}, [])
 
 
 def light_field_widget(
@@ -61,6 +64,8 @@ def light_field_widget(
     camera: PlenopticCamera | None = None,
     title: str = "Light field",
     with_map: bool = True,
+    interpolation: str = "linear",
+    network: Any = None,
 ) -> LightFieldWidget:
     """Make a viewer for a notebook.
 
@@ -75,6 +80,10 @@ def light_field_widget(
     title : str, optional
     with_map : bool, optional
         Whether there is a slope map, which takes some seconds.
+    interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
+        Of `lf_flame.refocus.refocus`. By another than "linear" Python makes each picture.
+    network : lf_flame.systems.base.RefocusingSystem, optional
+        That makes each picture, in Python: of `lf_flame.systems.training.load_system`.
 
     Returns
     -------
@@ -83,9 +92,18 @@ def light_field_widget(
     Raises
     ------
     InputError
-        If the light field cannot be shown, or the slopes cannot be used.
+        If the light field cannot be shown, or the slopes, the interpolation or the network cannot
+        be used.
     """
-    chosen = choose_slopes(light_field, slopes)
-    ends = chosen.low, chosen.high
-    exhibit = Exhibit(light_field, title, ends, chosen.slope, camera, with_map=with_map)
+    chosen = choose_slopes(light_field, slopes, network)
+    exhibit = Exhibit(
+        light_field,
+        title,
+        (chosen.low, chosen.high),
+        chosen.slope,
+        camera,
+        with_map=with_map,
+        interpolation=interpolation,
+        network=network,
+    )
     return LightFieldWidget(exhibit)

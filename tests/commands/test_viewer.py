@@ -58,6 +58,10 @@ def test_a_single_file_is_written(source, tmp_path):
         (["--slopes", "-400", "400"], "two slopes, the lower one first, from -30 to 30"),
         (["--megabytes", "0"], "is not in the range"),
         (["--port", "700000"], "is not in the range"),
+        (["--interpolation", "sinc"], "'sinc' needs the program, and a single file asks none"),
+        (["--network", "."], "A network needs the program, and a single file asks none"),
+        (["--network", ".", "--interpolation", "cubic"], "does not apply to a network"),
+        (["--interpolation", "best"], "is not one of"),
     ],
 )
 def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
@@ -70,8 +74,14 @@ def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
     assert source.read_bytes() == before
 
 
-def test_the_local_page_is_served_until_ctrl_c(source):
-    words = ["view", str(source), "--no-browser", "--slopes", "-2", "2"]
+def test_what_is_no_network_is_one_sentence(source, tmp_path):
+    result = run("view", source, "--network", tmp_path)
+    assert "no finished run" in str(result.exception)
+
+
+@pytest.mark.parametrize("more", [[], ["--interpolation", "sinc"]])
+def test_the_local_page_is_served_until_ctrl_c(source, more):
+    words = ["view", str(source), "--no-browser", "--slopes", "-2", "2", *more]
     # A shell's "&" turns Ctrl-C off; Python's own handler turns it on again.
     start = (
         "import signal, runpy, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
@@ -84,7 +94,9 @@ def test_the_local_page_is_served_until_ctrl_c(source):
         url = process.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{16,}/", url), process.stderr.read()
         with urllib.request.urlopen(url) as answer:
-            assert b"<h1>views.npy</h1>" in answer.read()
+            page = answer.read()
+        assert b"<h1>views.npy</h1>" in page
+        assert (b"sinc interpolation" in page) == bool(more)
         process.send_signal(signal.SIGINT)
         rest, errors = process.communicate(timeout=60)
     finally:

@@ -10,7 +10,7 @@ export class Controls {
     this.form = viewer.find(".lf-controls");
     this.ranges = {};
     this.count = 0;
-    const { views, slopes, source } = viewer.metadata;
+    const { views, slopes, source, own_aperture } = viewer.metadata;
     const least = 1 / Math.max(...views);
     const focus = this.group("Focus");
     this.range(focus, "Slope", "slope", slopes[0], slopes[1], 0.01);
@@ -23,6 +23,11 @@ export class Controls {
       const name = ["Up and down", "Left and right"][axis];
       this.range(viewpoint, name, `centre ${axis}`, -(n - 1) / 2, (n - 1) / 2, 0.05);
     });
+    if (own_aperture) {
+      for (const group of [aperture, viewpoint]) group.disabled = true;
+      const why = aperture.appendChild(document.createElement("p"));
+      why.textContent = "The network has an aperture and a viewpoint of its own.";
+    }
     const shown = (this.shown = this.group("Display"));
     this.range(shown, "Gain", "gain", 0.1, 8, 0.05);
     this.range(shown, "Gamma", "gamma", 0.2, 5, 0.05);

@@ -5,6 +5,13 @@ export function display({ levels, low, high, white }, gain, gamma) {
   return { scale: (gain * (high - low)) / white / levels, offset: (gain * low) / white, exponent: 1 / gamma };
 }
 
+/** Put values in codes on a canvas, which takes their size. */
+export function paint(canvas, values, [height, width], channels, show) {
+  const levels = showable(values, channels, show);
+  Object.assign(canvas, { height, width });
+  canvas.getContext("2d").putImageData(new ImageData(levels, width, height), 0, 0);
+}
+
 /** Levels of RGBA for values in codes. */
 export function showable(values, channels, { scale, offset, exponent }) {
   const pixels = values.length / channels;

@@ -1,26 +1,18 @@
 // Epipolar-plane images: one row of the picture in the views beside each other, one column in those
 // above each other. A surface is a straight line in them, its tilt the slope.
 
-import { display, showable } from "./display.js";
+import { paint } from "./display.js";
 
-function paint(canvas, values, height, width, channels, show) {
-  const levels = showable(values, channels, show);
-  Object.assign(canvas, { height, width });
-  canvas.getContext("2d").putImageData(new ImageData(levels, width, height), 0, 0);
-}
-
-export function drawSlices(across, down, { codes, metadata, state }, row, column) {
-  const { views, size, channels } = metadata;
+/** Rows beside each other, shape (u, s, channels), and columns above each other, (v, t, channels). */
+export function slicesOf(codes, { views, size, channels }, row, column) {
   const [height, width] = size;
   const line = width * channels;
-  const show = display(metadata, state.gain, state.gamma);
   const [v, u] = views.map((n) => Math.floor((n - 1) / 2));
   const beside = new Float32Array(views[1] * line);
   for (let i = 0; i < views[1]; i++) {
     const from = ((v * views[1] + i) * height + row) * line;
     beside.set(codes.subarray(from, from + line), i * line);
   }
-  paint(across, beside, views[1], width, channels, show);
   const above = new Float32Array(views[0] * height * channels);
   for (let i = 0; i < views[0]; i++) {
     for (let t = 0; t < height; t++) {
@@ -28,5 +20,17 @@ export function drawSlices(across, down, { codes, metadata, state }, row, column
       for (let c = 0; c < channels; c++) above[(i * height + t) * channels + c] = codes[from + c];
     }
   }
-  paint(down, above, views[0], height, channels, show);
+  return [beside, above];
+}
+
+/** Slices as the program gives them, one after the other in float32. */
+export function readSlices(buffer, { views, size, channels }) {
+  const values = new Float32Array(buffer);
+  const cut = views[1] * size[1] * channels;
+  return [values.subarray(0, cut), values.subarray(cut)];
+}
+
+export function drawSlices(canvases, slices, { views, size, channels }, show) {
+  const sizes = [[views[1], size[1]], [views[0], size[0]]];
+  canvases.forEach((canvas, i) => paint(canvas, slices[i], sizes[i], channels, show));
 }

@@ -1,13 +1,14 @@
 // A page with one viewer: reads what the page carries, and keeps the state in the address.
 
-import { embedded, served } from "./source.js";
+import { asked, embedded, fetcher } from "./source.js";
 import { fromAddress, toAddress } from "./state.js";
 import { Viewer } from "./viewer.js";
 
 const read = (id) => document.getElementById(id)?.textContent;
 const metadata = JSON.parse(read("lf-metadata"));
-const source =
-  metadata.coding === "served" ? served(document.baseURI, metadata) : embedded(read, metadata);
+const source = ["served", "planes"].includes(metadata.coding)
+  ? asked(fetcher(document.baseURI), metadata)
+  : embedded(read, metadata);
 const query = new URLSearchParams(location.search);
 const options = { address: location.hash, renderer: query.get("renderer") };
 const viewer = new Viewer(document.getElementById("lf-viewer"), metadata, source, options);

@@ -35,14 +35,26 @@ export function embedded(text, { coding, channels, has_map }) {
   };
 }
 
-/** What the local program serves. */
-export function served(base, { has_map }) {
-  const get = async (name) => {
-    const answer = await fetch(new URL(name, base));
+/** What a program gives that is asked for it by name. */
+export function asked(get, { has_map }) {
+  return {
+    piece: (number) => get(`views/${number}`),
+    slopeMap: has_map && (() => get("map")),
+    middle: () => get("middle"),
+    plane: (query) => get(`plane?${query}`),
+    slices: (row, column) => get(`slices?row=${row}&column=${column}`),
+  };
+}
+
+/** Ask the program that serves the page. */
+export function fetcher(base) {
+  return async (name) => {
+    const answer = await fetch(new URL(name, base)).catch(() => {
+      throw new Error("The program that serves this page does not answer; it may have ended.");
+    });
     if (!answer.ok) throw new Error(await answer.text());
     return answer.arrayBuffer();
   };
-  return { piece: (number) => get(`views/${number}`), slopeMap: has_map && (() => get("map")) };
 }
 
 /** Fill codes piece by piece; tell after each which views have come in. */

@@ -2,17 +2,21 @@
 
 const number = (text) => (text.trim() === "" ? NaN : Number(text));
 
+/** The full aperture. */
+const WHOLE = { shape: "square", width: 1, ring: 0, centre: [0, 0] };
+
 /** The picture that a page opens with. */
 export function initialState({ slope }) {
   return {
-    slope, shape: "square", width: 1, ring: 0, centre: [0, 0],
+    slope, ...WHOLE,
     gain: 1, gamma: 1, overlay: "none", opacity: 0.6, region: null,
   };
 }
 
 /** Bring each value into its range; what is no number becomes what it was before. */
 export function checked(state, before, metadata) {
-  const { views, size, slopes } = metadata;
+  const { views, size, slopes, own_aperture } = metadata;
+  if (own_aperture) state = { ...state, ...WHOLE };
   const least = 1 / Math.max(...views);
   const within = (name, low, high) => {
     const value = Number(state[name]);

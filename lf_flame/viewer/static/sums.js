@@ -94,10 +94,10 @@ if (typeof WorkerGlobalScope !== "undefined" && self instanceof WorkerGlobalScop
     } else if (data.block > 1) {
       coarse ??= binned(codes, shape, data.block);
       const image = refocus(coarse.codes, coarse.shape, data.plan);
-      self.postMessage({ image, size: coarse.shape.size }, [image.buffer]);
+      self.postMessage({ image }, [image.buffer]);
     } else {
       const image = refocus(codes, shape, data.plan);
-      self.postMessage({ image, size: shape.size }, [image.buffer]);
+      self.postMessage({ image }, [image.buffer]);
     }
   };
 }

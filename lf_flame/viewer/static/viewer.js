@@ -3,8 +3,10 @@
 import { apertureWeights } from "./aperture.js";
 import { Controls } from "./controls.js";
 import { display } from "./display.js";
-import { drawSlices } from "./epi.js";
+import { drawSlices, readSlices, slicesOf } from "./epi.js";
+import { Latest } from "./latest.js";
 import { drawOverlay, readMap, slopeAt, slopeOfRegion } from "./overlay.js";
+import { PlaneRenderer } from "./planes.js";
 import { Pointing } from "./pointing.js";
 import { SoftwareRenderer } from "./software.js";
 import { load } from "./source.js";
@@ -41,56 +43,62 @@ export class Viewer {
   /**
    * Fill an element with the viewer.
    *
-   * metadata: of lf_flame/viewer/exhibit.py; piece, slopeMap: of source.js; options: the address to
-   * open with, a renderer to insist on ("webgl" or "javascript").
+   * metadata: of lf_flame/viewer/exhibit.py; source: of source.js; options: the address to open
+   * with, a renderer to insist on ("webgl" or "javascript").
    */
-  constructor(element, metadata, { piece, slopeMap }, { address = "", renderer } = {}) {
+  constructor(element, metadata, source, { address = "", renderer } = {}) {
     element.classList.add("lf-viewer");
     element.innerHTML = MARKUP;
-    Object.assign(this, { element, metadata, listeners: [] });
+    Object.assign(this, { element, metadata, source, listeners: [] });
     this.first = initialState(metadata);
     this.state = fromAddress(address, this.first, metadata);
-    const { views, positions, size, channels, levels } = metadata;
-    const shape = { views, positions, size, channels, levels };
-    const length = views[0] * views[1] * size[0] * size[1] * channels;
-    this.codes = new (levels > 255 ? Uint16Array : Uint8Array)(length);
-    this.loaded = Array(views[0] * views[1]).fill(false);
-    const fast = renderer ? renderer === "webgl" : hasFastWebGL(shape);
-    const Renderer = fast ? WebGLRenderer : SoftwareRenderer;
-    this.renderer = new Renderer(this.find(".lf-image"), shape, this.codes);
+    const { size } = metadata;
+    this.renderer = this.chooseRenderer(renderer);
     this.renderer.drawn = () => this.note();
-    this.renderer.failed = (words) => this.say(words);
+    this.renderer.failed = (words) => this.say(words, true);
     Object.assign(this.find(".lf-over"), { height: size[0], width: size[1] });
     const picture = this.find(".lf-picture").style;
     picture.aspectRatio = `${size[1]} / ${size[0]}`;
     picture.width = `min(100%, ${(75 * size[1]) / size[0]}vh)`; // a tall one fits the window too
     this.controls = new Controls(this);
     this.pointing = new Pointing(this);
-    this.ready = this.load(piece, slopeMap);
+    this.ready = this.load();
+  }
+
+  /** What draws; where the program makes the planes, no view is kept here. */
+  chooseRenderer(asked) {
+    const { views, positions, size, channels, levels, coding, coarse } = this.metadata;
+    const shape = { views, positions, size, channels, levels };
+    const canvas = this.find(".lf-image");
+    this.loaded = [];
+    if (coding === "planes") return new PlaneRenderer(canvas, shape, this.source, coarse);
+    const length = views[0] * views[1] * size[0] * size[1] * channels;
+    this.codes = new (levels > 255 ? Uint16Array : Uint8Array)(length);
+    this.loaded = Array(views[0] * views[1]).fill(false);
+    const fast = asked ? asked === "webgl" : hasFastWebGL(shape);
+    return new (fast ? WebGLRenderer : SoftwareRenderer)(canvas, shape, this.codes);
   }
 
   find(selector) {
     return this.element.querySelector(selector);
   }
 
-  say(words) {
+  /** Say something; a trouble is unsaid by the next picture. */
+  say(words, trouble = false) {
     this.find(".lf-status").textContent = words;
+    this.trouble = trouble;
   }
 
-  async load(piece, slopeMap) {
-    const { metadata } = this;
+  async load() {
+    const { metadata, source } = this;
     try {
-      await load(metadata, piece, this.codes, (first, count) => {
-        this.renderer.add(first, count);
-        this.loaded.fill(true, first, first + count);
-        this.find(".lf-progress").value = this.loaded.filter(Boolean).length / this.loaded.length;
-        this.draw();
-      });
+      await (this.codes ? this.loadViews() : this.renderer.begin(this.displayed()));
+      this.draw();
       this.find(".lf-progress").hidden = true;
       this.say("");
-      if (!slopeMap) return;
+      if (!source.slopeMap) return;
       this.say("The slope map is being made ...");
-      metadata.map = readMap(await slopeMap(), metadata);
+      metadata.map = readMap(await source.slopeMap(), metadata);
     } catch (error) {
       this.say(error.message);
       throw error;
@@ -98,6 +106,20 @@ export class Viewer {
     this.say("");
     this.controls.offerOverlays();
     this.set({});
+  }
+
+  loadViews() {
+    const { metadata, source, codes, loaded } = this;
+    return load(metadata, source.piece, codes, (first, count) => {
+      this.renderer.add(first, count);
+      loaded.fill(true, first, first + count);
+      this.find(".lf-progress").value = loaded.filter(Boolean).length / loaded.length;
+      this.draw();
+    });
+  }
+
+  displayed() {
+    return display(this.metadata, this.state.gain, this.state.gamma);
   }
 
   /** Change some of the state, as controls, pointer and notebook do. */
@@ -116,7 +138,8 @@ export class Viewer {
       this.renderer.draw({
         slope: state.slope,
         weights: weightsOf(this.loaded, metadata, state),
-        show: display(metadata, state.gain, state.gamma),
+        aperture: state,
+        show: this.displayed(),
         dragging: this.dragging,
       });
       drawOverlay(this.find(".lf-over"), metadata, state, this.pointing);
@@ -130,13 +153,14 @@ export class Viewer {
     for (const mark of marks) {
       if (!performance.getEntriesByName(mark).length) performance.mark(mark);
     }
+    if (this.trouble) this.say("");
     this.onDrawn?.();
   }
 
   /** Wait until nothing is left to be drawn. */
   async drawn() {
     do await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
-    while (this.frame !== undefined || this.renderer.busy);
+    while (this.frame !== undefined || this.renderer.busy || this.slices?.busy);
   }
 
   /** Focus on a place where its slope is certain; say so where it is not. */
@@ -156,7 +180,15 @@ export class Viewer {
   /** Show the row and the column of a place in all views (epipolar-plane images). */
   slicesAt(row, column) {
     this.find(".lf-slices").hidden = false;
-    drawSlices(this.find(".lf-row"), this.find(".lf-column"), this, row, column);
+    const { codes, metadata, source } = this;
+    const canvases = [".lf-row", ".lf-column"].map((name) => this.find(name));
+    const draw = (slices) => drawSlices(canvases, slices, metadata, this.displayed());
+    if (codes) return draw(slicesOf(codes, metadata, row, column));
+    this.slices ??= new Latest(
+      async (place) => draw(readSlices(await source.slices(...place), metadata)),
+      (words) => this.say(words, true),
+    );
+    this.slices.ask([row, column]);
   }
 
   close() {

@@ -1,5 +1,6 @@
 // The viewer in a notebook (anywidget): views and slope map come as messages, the state is shared.
 
+import { asked } from "./source.js";
 import { Viewer } from "./viewer.js";
 
 /** What the notebook's side calls by other names than a page's state. */
@@ -8,15 +9,18 @@ const SHARED = { slope: "slope", aperture: "width", shape: "shape", viewpoint: "
 /** Ask Python for something, and wait for its answer. */
 function asker(model) {
   const waiting = new Map();
-  model.on("msg:custom", ({ answer }, buffers) => {
-    const [buffer] = buffers;
-    const bytes = new Uint8Array(buffer.buffer ?? buffer, buffer.byteOffset ?? 0, buffer.byteLength);
-    waiting.get(answer)?.(bytes.slice().buffer);
+  model.on("msg:custom", ({ answer, error }, [buffer]) => {
+    const [resolve, reject] = waiting.get(answer) ?? [];
     waiting.delete(answer);
+    if (error) reject?.(new Error(error));
+    else if (buffer) {
+      const bytes = new Uint8Array(buffer.buffer ?? buffer, buffer.byteOffset ?? 0, buffer.byteLength);
+      resolve?.(bytes.slice().buffer);
+    }
   });
   return (name) =>
-    new Promise((resolve) => {
-      waiting.set(name, resolve);
+    new Promise((...ends) => {
+      waiting.set(name, ends);
       model.send({ ask: name });
     });
 }
@@ -24,13 +28,9 @@ function asker(model) {
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
 function render({ model, el }) {
-  const ask = asker(model);
   const metadata = { ...model.get("metadata") };
-  const source = {
-    piece: (number) => ask(`views/${number}`),
-    slopeMap: metadata.has_map && (() => ask("map")),
-  };
-  const viewer = new Viewer(el, metadata, source);
+  el.addEventListener("keydown", (event) => event.stopPropagation()); // else JupyterLab takes arrows
+  const viewer = new Viewer(el, metadata, asked(asker(model), metadata));
   const take = () => {
     const changes = {};
     for (const [name, field] of Object.entries(SHARED)) {

@@ -9,7 +9,7 @@ const isWhole = ({ shape, width, ring, centre }) =>
 /** Call of the program, to be typed in a shell. */
 export function command(metadata, state) {
   const words = ["lf-flame refocus", shellQuoted(metadata.source)];
-  for (const [name, value] of Object.entries(metadata.reading)) {
+  for (const [name, value] of Object.entries({ ...metadata.reading, ...metadata.making })) {
     words.push(`--${name}=${shellQuoted(String(value))}`);
   }
   words.push(`--slope ${short(state.slope)}`);
@@ -44,7 +44,18 @@ export function python(metadata, state) {
     );
     weights = ", weights=weights";
   }
-  lines.push(`image = refocus(light_field, [${short(state.slope)}]${weights})[0]`);
+  const slope = `[${short(state.slope)}]`;
+  const { network, interpolation } = metadata.making;
+  if (network) {
+    const { white } = metadata;
+    const [views, times] = white === 1 ? ["", ""] : [`.views / ${white}`, `${white} * `];
+    lines[1] = "from lf_flame.systems.training import load_system";
+    lines.push(`network = load_system(${JSON.stringify(network)})`);
+    lines.push(`image = ${times}network.refocus(light_field${views}, ${slope})[0]`);
+  } else {
+    const options = interpolation ? `, interpolation="${interpolation}"` : "";
+    lines.push(`image = refocus(light_field, ${slope}${options}${weights})[0]`);
+  }
   if (state.gain !== 1 || state.gamma !== 1) {
     const [factor, gamma] = [short(state.gain / metadata.white), short(state.gamma)];
     lines.push(`image = (image * ${factor}).clip(0, 1) ** (1 / ${gamma})`);

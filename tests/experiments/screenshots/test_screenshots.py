@@ -1,6 +1,7 @@
 """`python -m experiments screenshots`, and the benchmark of the viewer's page."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,9 @@ import pandas as pd
 import pytest
 
 from experiments.browser import find_browser
-from experiments.screenshots.taking import IN_ONE_FILE, SERVED
+from experiments.screenshots.notebook import find_jupyter
+from experiments.screenshots.sources import SHOWN
+from experiments.screenshots.taking import IN_ONE_FILE, NOTEBOOK, SERVED
 from lf_flame.formats.images import read_image
 
 ROOT = Path(__file__).parents[3]
@@ -23,16 +26,21 @@ pytestmark = [
 def run(*words):
     """Run Python in a process of its own: playwright starts once in each."""
     done = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+        [sys.executable, *words],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    return done.stderr
 
 
 def test_pictures_differ_and_have_a_record(tmp_path):
     pytest.importorskip("playwright")
-    run("-m", "experiments", "screenshots", "--out", str(tmp_path))
-    names = {*SERVED, *IN_ONE_FILE}
-    assert json.loads((tmp_path / "screenshots.json").read_text())["files"].keys() == names
+    said = run("-m", "experiments", "screenshots", "--out", str(tmp_path))
+    names = {*SERVED, *IN_ONE_FILE, *SHOWN}
+    assert ("There is no JupyterLab" in said) == (find_jupyter() is None)
+    written = names | {NOTEBOOK} if find_jupyter() else names
+    assert json.loads((tmp_path / "screenshots.json").read_text())["files"].keys() == written
     pictures = [read_image(tmp_path / name) for name in sorted(names)]
     assert all(picture.shape == (720, 1100, 3) for picture in pictures)
     for one, other in zip(pictures, pictures[1:], strict=False):
@@ -46,6 +54,6 @@ def test_the_viewer_is_timed_by_both_renderers(tmp_path):
     )
     run("-c", start, "--out", str(tmp_path), "--repetitions", "1")
     table = pd.read_csv(tmp_path / "viewer.csv")
-    assert list(table["drawn by"]) == ["javascript", "webgl"]
+    assert list(table["drawn by"]) == ["javascript", "webgl", "the program"]
     assert (table["first picture"] <= table["all views"]).all()
     assert (table["frames a second"] > 1).all()

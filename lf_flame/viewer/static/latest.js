@@ -1,0 +1,65 @@
+// What takes a while, one at a time: of what is asked for meanwhile only the last is kept.
+
+import { paint } from "./display.js";
+
+export class Latest {
+  constructor(act, failed) {
+    Object.assign(this, { act, failed });
+  }
+
+  ask(what) {
+    this.next = what;
+    this.advance();
+  }
+
+  async advance() {
+    if (this.busy || !this.next) return;
+    this.busy = this.next;
+    this.next = undefined;
+    try {
+      await this.act(this.busy);
+    } catch (error) {
+      this.failed?.(error.message);
+    }
+    this.busy = undefined;
+    this.advance();
+  }
+}
+
+/** After so many milliseconds a picture is said to be waited for. */
+const A_MOMENT = 400;
+
+/** Draws what is summed elsewhere; make: from a picture to its values and its size. */
+export class LatestRenderer extends Latest {
+  constructor(canvas, shape) {
+    super((picture) => this.finish(picture));
+    Object.assign(this, { canvas, shape });
+  }
+
+  draw(picture) {
+    this.ask(picture);
+  }
+
+  async finish(picture) {
+    const { parentElement } = this.canvas;
+    const timer = setTimeout(() => (parentElement.ariaBusy = "true"), A_MOMENT);
+    try {
+      const { values, size } = await this.make(picture);
+      this.show(values, size, picture.show);
+    } finally {
+      clearTimeout(timer);
+      parentElement.ariaBusy = "false";
+    }
+    this.drawn?.();
+  }
+
+  show(values, size, show) {
+    this.values = values;
+    paint(this.canvas, values, size, this.shape.channels, show);
+  }
+
+  /** The last image in units of full scale, as float32 (for tests). */
+  read() {
+    return this.values.map((x) => x / this.shape.levels);
+  }
+}
