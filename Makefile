@@ -43,7 +43,7 @@ endif
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: results texts mutants campaign lint types clean
+.PHONY: flames results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras runs/equal-steps/%/model.keras $(RESULTS)/%.csv
@@ -105,6 +105,9 @@ compare: $(SYSTEMS) $(EQUAL_STEPS) $(RUNS)/shapes/model.keras $(RUNS)/flames/mod
 	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(EQUAL_STEPS),--more runs/equal-steps) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
+
+flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
+	$(EXPERIMENT) emission --out results/tomography
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs

@@ -13,6 +13,7 @@ from experiments.screenshots.commands import screenshots
 from experiments.studies.commands import study
 from experiments.systems.commands import compare
 from experiments.texts.commands import texts
+from experiments.tomography.commands import emission
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP
 
@@ -32,6 +33,7 @@ SECTIONS = [
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare]),
+    cloup.Section("Emission by depth", [emission]),
     cloup.Section("What the documents say", [results, texts, screenshots]),
 ]
 

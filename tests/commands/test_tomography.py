@@ -80,7 +80,7 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path):
     assert emission.shape == (2, 48, 60)
     assert emission.max(axis=(1, 2)) == pytest.approx([1.0, 0.5], rel=0.1)
     assert tifffile.imread(out / "sigma.tif").shape == (2, 48, 60)
-    rows = list(csv.DictReader((out / "depth.csv").open()))
+    rows = list(csv.DictReader((out / "depth.csv").read_text().splitlines()))
     lights = [float(row["light_radiance_mm2"]) for row in rows]
     texture = flame_texture(4.0, 0.4, cell_mm=0.05)
     wanted = texture.mean() * 4.0 * 2.56

@@ -1,0 +1,126 @@
+"""Table and pictures of how well emission by depth is found."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from experiments.tomography.phantoms import (
+    BLOCK,
+    Recorder,
+    overlapping_flames,
+    truth_on,
+    volume_flame,
+)
+from experiments.tomography.tasks import DEPTHS_MM, Row, by_focal_stack
+from lf_flame import PAPER_CAMERA
+from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.figures import save, subplots
+from lf_flame._common.provenance import environment
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.reconstruction import planes_between
+
+FILE = "emission"
+
+
+def write_report(out: Path, rows: Sequence[Row], wall_s: float) -> Path:
+    """Write ``emission.csv``, ``.md`` and ``.json``, and the pictures.
+
+    Returns
+    -------
+    Path
+        ``emission.md``.
+    """
+    table = pd.DataFrame([asdict(row) for row in rows])
+    record = {**environment(), "wall_s": round(wall_s, 1)}
+    with together(out, last=f"{FILE}.json") as aside:
+        write_text(aside / f"{FILE}.csv", table.to_csv(index=False))
+        write_text(aside / f"{FILE}.md", text(table, record))
+        save(sheets_figure(), aside / "sheets.png", dpi=110)
+        save(volume_figure(), aside / "volume.png", dpi=110)
+        write_json(aside / f"{FILE}.json", record)
+    return out / f"{FILE}.md"
+
+
+def text(table: pd.DataFrame, record: dict) -> str:
+    """Put the table and what it rests on into Markdown."""
+    shown = pd.DataFrame(
+        {
+            "task": table["task"],
+            "noise": table["noise"],
+            "method": table["method"],
+            "what": table["measure"],
+            "value": [f"{value:.4f}" for value in table["value"]],
+            "wanted": ["" if pd.isna(limit) else f"{limit:g}" for limit in table["accepted"]],
+            "seconds": [f"{seconds:.2f}" for seconds in table["seconds"]],
+        }
+    )
+    return f"""# Emission by depth from one light field
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
+{record["wall_s"]:.0f} s.
+
+15 x 15 views of 270 x 540 lenslets, averaged to 90 x 180 pixels; noise as a share of the brightest
+pixel of those, or electrons in it. The phantoms are rendered by the simulator from layers of their
+own cells, not from the inversion's. Errors are root-mean-square relative to the truth's
+root-mean-square. `reconstruct` is called as a user calls it, its noise measured and its penalty
+chosen by itself. One draw of the noise each; seconds with all setting up.
+
+{shown.to_markdown(index=False)}
+"""
+
+
+def sheets_figure():
+    """Four flames behind each other at 1 % of noise: truth, reconstruction, refocused images."""
+    scene = overlapping_flames(DEPTHS_MM)
+    grid = FrustumGrid(PAPER_CAMERA, DEPTHS_MM, BLOCK)
+    light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
+    lines = {
+        "truth": truth_on(grid, scene),
+        "reconstructed": reconstruct(light_field, grid).emission,
+        "refocused": by_focal_stack(light_field, grid),
+    }
+    columns = slice(55, 130)
+    figure, axes = subplots(3, 4, figsize=(9, 8.4), layout="constrained")
+    for axis_line, (word, planes) in zip(axes, lines.items(), strict=True):
+        white = max(float(lines["truth"].max()), float(planes.max()) if word != "truth" else 0)
+        for axis, plane, depth in zip(axis_line, planes, DEPTHS_MM, strict=True):
+            drawn = axis.imshow(plane[:, columns], cmap="inferno", vmin=0, vmax=white)
+            axis.set_title(f"{word}, {depth:+g} mm", fontsize=9)
+            axis.axis("off")
+        figure.colorbar(drawn, ax=list(axis_line), shrink=0.85, label="radiance")
+    return figure
+
+
+def volume_figure():
+    """Show a flame that is round in depth: sections across and along depth, at 1 % of noise."""
+    scene = volume_flame(25.0, 4.0, slab_mm=0.5, reach_mm=12.0)
+    grid = FrustumGrid(PAPER_CAMERA, planes_between(-12, 12, 2), BLOCK)
+    light_field = Recorder(scene, PAPER_CAMERA).with_noise(0.01, np.random.default_rng(0))
+    lines = {
+        "truth": truth_on(grid, scene),
+        "reconstructed": reconstruct(light_field, grid).emission,
+        "refocused": by_focal_stack(light_field, grid),
+    }
+    middle, row = len(grid.depths_mm) // 2, 55
+    half = grid.cell_mm(0.0) * grid.pixels[1] / 2
+    figure, axes = subplots(
+        2, 3, figsize=(10, 6), layout="constrained", height_ratios=(1.4, 1), squeeze=False
+    )
+    for (word, planes), (across, along) in zip(lines.items(), axes.T, strict=True):
+        drawn = across.imshow(planes[middle][:, 50:130], cmap="inferno", vmin=0)
+        across.axhline(row, color="w", linewidth=0.5)
+        across.set_title(f"{word}, plane at 0 mm", fontsize=9)
+        across.axis("off")
+        figure.colorbar(drawn, ax=across, shrink=0.8)
+        section = along.imshow(
+            planes[:, row], cmap="inferno", vmin=0, extent=(-half, half, 13, -13), aspect="equal"
+        )
+        along.set_xlim(-16, 16)
+        along.set_xlabel("across (mm)")
+        along.set_title(f"{word}, along depth", fontsize=9)
+        figure.colorbar(section, ax=along, shrink=0.8)
+    axes[1][0].set_ylabel("depth (mm)")
+    return figure
