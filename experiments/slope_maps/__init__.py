@@ -1,0 +1,1 @@
+"""How good slope maps are: scenes of opaque layers, whose slopes their geometry tells, and rivals."""
