@@ -41,9 +41,11 @@ def _add_squares(row, reference, total):
 
 
 def _compare_views(
-    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across, out
+    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across, middles, out
 ):
     """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
+
+    The middle itself goes to middles[i, s].
 
     down[v], across[u]: by how much tap 0 is moved; down_weights[v, a], across_weights[u, b].
     parts_down[v], parts_across[u]: 0 before the middle, 1 in it, 2 behind it; a part is
@@ -55,7 +57,8 @@ def _compare_views(
         reach = max(reach, abs(start) + TAPS)
     for i in pieces(queue, rows.size):
         line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
-        middle, row = np.zeros(width, np.float32), np.empty(TAPS, np.int64)
+        middle, row = middles[i], np.empty(TAPS, np.int64)
+        middle[:] = 0.0
         count = 0
         out[i] = 0.0
         for turn in range(2):

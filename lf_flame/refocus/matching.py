@@ -31,6 +31,9 @@ HALF, QUARTER = 0.05, 0.1
 SCALE = 0.5
 """Squared difference that counts half, in those that noise makes."""
 
+TOLERATED = 0.07
+"""Error of a slope whose differences are small, too: views never match better in strong texture."""
+
 FLOOR = 1e-3
 """Difference, in brightest pixels, that is called noise at least: 8 bits round by as much."""
 
@@ -58,13 +61,16 @@ def match_views(views: np.ndarray, slopes: np.ndarray, window: float) -> np.ndar
     unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
     counts = _views_in_parts(views.shape[:2])
     noise = _noise(views, slopes, unit, counts)
+    misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
+    moved = misfit * sum((n**2 - 1) / 12 for n in views.shape[:2]) / 2
     costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
     rows = np.arange(views.shape[2])
     for cost, slope in zip(costs, slopes, strict=True):
-        parts = _squares(views, float(slope), unit, rows)
+        parts, middle = _squares(views, float(slope), unit, rows)
+        scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
         cost[...] = 1.0 + QUARTER
         for side, handicap in _sides(parts, counts):
-            saturated = side / (side + np.float32(SCALE * noise))
+            saturated = side / (side + scale)
             smooth = gaussian_filter(saturated, window, mode="nearest")
             np.minimum(cost, smooth + handicap, out=cost)
     return costs
@@ -87,22 +93,29 @@ def _noise(views: np.ndarray, slopes: np.ndarray, unit: float, counts: np.ndarra
     rows = np.arange(views.shape[2])[:: max(views.shape[2] // SAMPLED_ROWS, 1)]
     least = np.full((rows.size, views.shape[3]), np.inf, np.float32)
     for slope in slopes:
-        total = _squares(views, float(slope), unit, rows).sum(axis=(0, 1))
+        total = _squares(views, float(slope), unit, rows)[0].sum(axis=(0, 1))
         np.minimum(least, total / np.float32(counts.sum()), out=least)
     return float(np.median(least)) + FLOOR**2
 
 
-def _squares(views: np.ndarray, slope: float, unit: float, rows: np.ndarray) -> np.ndarray:
-    """Squared differences from the middle in the nine parts of the aperture, (3, 3, rows, s)."""
+def _squares(views: np.ndarray, slope: float, unit: float, rows: np.ndarray):
+    """Squared differences from the middle in the nine parts, (3, 3, rows, s), and the middle."""
+    middle = np.empty((rows.size, views.shape[3]), np.float32)
     out = np.empty((rows.size, 9, views.shape[3]), np.float32)
     down, down_weights = _taps(slope, *views.shape[::2])
     across, across_weights = _taps(slope, *views.shape[1::2])
     # Lest squares leave the range of float32, the brightest pixel is 1.
     _matching_kernels.compare_views(
         views, rows, down, (unit * down_weights).astype(np.float32), across,
-        across_weights.astype(np.float32), *map(_part_of_view, views.shape[:2]), out,
+        across_weights.astype(np.float32), *map(_part_of_view, views.shape[:2]), middle, out,
     )  # fmt: skip
-    return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1)
+    return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1), middle
+
+
+def _steepness(image: np.ndarray) -> np.ndarray:
+    """Squared gradient at each pixel."""
+    axes = [axis for axis in (0, 1) if image.shape[axis] > 1]
+    return sum((np.gradient(image, axis=axis) ** 2 for axis in axes), np.zeros_like(image))
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:
