@@ -34,10 +34,13 @@ FLOOR = 0.1
 TRUSTED = 0.2
 """Confidence from which a pixel keeps its own slope, and that slope is called certain."""
 
+VOTING = 0.1
+"""Confidence from which a slope counts for pixels that have none of their own."""
+
 RESOLVED = 1.0
 """Lenslets by which the outermost view moves between slopes that can be told apart."""
 
-DOUBT = 0.1
+DOUBT = 0.13
 """Difference of costs that makes a slope less likely by e: what noise does under the window."""
 
 JUMP = 0.1
@@ -178,7 +181,7 @@ def _settled(
     """
     jump = maximum_filter(slope, 3) - minimum_filter(slope, 3) > JUMP
     confidence = np.where(jump, 0.0, confidence)
-    votes = np.where(confidence >= TRUSTED, confidence, 0.0)
+    votes = np.where(confidence >= VOTING, confidence, 0.0)
     filled = fill_slopes(slope, votes, gaussian_filter(picture, (1, 1, 0)[: picture.ndim]), slopes)
     return filled, np.where(np.abs(filled - slope) <= TOLERANCE, confidence, 0.0)
 

@@ -16,7 +16,7 @@ from lf_flame.refocus import _filling_kernels
 REACH = 20.0
 """Standard deviation of a vote's way, in lenslets, where the picture is even."""
 
-EDGE = 1.0
+EDGE = 0.5
 """Change of brightness, in standard deviations of the picture, as far as the reach."""
 
 TURNS = 3
@@ -81,11 +81,13 @@ def _links(picture: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     their variances add up to that of the reach (equation 14 there).
     """
     picture = np.atleast_3d(picture).astype(np.float64)
-    spread = max(float(picture.std()), np.finfo(float).tiny)
+    spread = float(picture.std())
+    if spread > 0:
+        picture = picture / spread
     ways = []
     for axis in (0, 1):
         first = picture.take([0], axis=axis)
         change = np.abs(np.diff(picture, axis=axis, prepend=first)).max(axis=2)
-        ways.append(1 + REACH / (EDGE * spread) * change)
+        ways.append(1 + REACH / EDGE * change)
     deviations = REACH * np.sqrt(3) * 2.0 ** np.arange(TURNS - 1, -1, -1) / np.sqrt(4**TURNS - 1)
     return [tuple(np.exp(-np.sqrt(2) / one * way) for way in ways) for one in deviations]

@@ -28,7 +28,7 @@ from lf_flame.refocus import _matching_kernels
 HALF, QUARTER = 0.05, 0.1
 """By how much half the views, and a quarter, must match better than all, from 0 to 1."""
 
-SCALE = 0.5
+SCALE = 0.35
 """Squared difference that counts half, in those that noise makes."""
 
 TOLERATED = 0.07
