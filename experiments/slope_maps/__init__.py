@@ -1,1 +1,1 @@
-"""How good slope maps are: scenes of opaque layers, whose slopes their geometry tells, and rivals."""
+"""How good slope maps are, and simpler ones: on scenes whose geometry tells the slopes."""

@@ -57,8 +57,8 @@ def text(table: pd.DataFrame, record: dict) -> str:
 `python -m experiments slope-maps`, {record["date"]}, revision {record["git_revision"]},
 {record["machine"]}; {record["wall_s"]:.0f} s.
 
-Scenes of opaque layers, {views} x {views} views of {size[0]} x {size[1]} pixels, 8 bits, without and
-with noise (its standard deviation, as a part of white); means over seeds
+Scenes of opaque layers, {views} x {views} views of {size[0]} x {size[1]} pixels, 8 bits, without
+and with noise (its standard deviation, as a part of white); means over seeds
 {", ".join(map(str, record["seeds"]))}. The true slopes come from the geometry. Wrong: off by more
 than 0.07. Every map searches {record["steps"]} slopes from {record["slopes"][0]:g} to
 {record["slopes"][1]:g} with a window of 3 pixels. "Sharpness, before" is the library's map until

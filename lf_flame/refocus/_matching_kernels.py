@@ -41,7 +41,17 @@ def _add_squares(row, reference, total):
 
 
 def _compare_views(
-    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across, middles, out
+    queue,
+    views,
+    rows,
+    down,
+    down_weights,
+    across,
+    across_weights,
+    parts_down,
+    parts_across,
+    middles,
+    out,
 ):
     """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
 

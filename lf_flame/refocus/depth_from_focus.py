@@ -1,4 +1,8 @@
-"""Slope map and image with everything in focus, from a focal stack.
+"""Slope map and image with everything in focus.
+
+`all_in_focus` has the views, and asks at which slope those that see a place match the middle one
+(`lf_flame.refocus.matching`). `depth_from_focus` has a focal stack alone. Either map is then
+filled where it is not certain, along the picture (`lf_flame.refocus.filling`).
 
 Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994): at each
 pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
@@ -32,10 +36,11 @@ FLOOR = 0.1
 """Sharpness, as a part of its mean over the image, at which confidence is halved."""
 
 TRUSTED = 0.2
-"""Confidence from which a pixel keeps its own slope, and that slope is called certain."""
+"""Confidence from which a slope is called certain."""
 
 VOTING = 0.1
-"""Confidence from which a slope counts for pixels that have none of their own."""
+"""Confidence from which a pixel's slope counts for itself and its surroundings: lower, as the
+votes of many find the slope of faint texture, of which no pixel is certain alone."""
 
 RESOLVED = 1.0
 """Lenslets by which the outermost view moves between slopes that can be told apart."""
@@ -61,11 +66,14 @@ class FocusMap:
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
-        Slope of sharpest focus, filled in from around where confidence is low.
+        In lenslets per view step. Where it is certain, the pixel's own, averaged with those of
+        neighbours that are within a step of the search and not beyond an edge of the picture;
+        elsewhere that of such neighbours.
     confidence : ndarray of float64, shape (t, s)
-        0 to 1: how far the peak of sharpness stands above its mean over the slopes, and above
-        the weakest texture that counts; 0 where the peak lies at an end of the slopes. That of
-        `all_in_focus` is low, too, where the views do not agree.
+        0 to 1; certain from 0.2 on. From a stack: how far the peak of sharpness stands above its
+        mean over the slopes, and above the weakest texture that counts. From views: how much
+        likelier slopes near the best one are than others. 0 where the best lies at an end of the
+        slopes, at a jump of the slope, and where neighbours say another slope, off by over 0.07.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Every pixel at its slope.
     """
@@ -113,10 +121,10 @@ def all_in_focus(
 ) -> FocusMap:
     """Find the slope map of a light field and refocus every pixel at its slope.
 
-    Light that spreads from a bright surface into a dark one has a sharpest slope there, too, but a
-    false one: the middle view does not see it. So confidence is low where the surface refocused
-    from all views differs from that of the middle ones. The image is refocused on the surface
-    found (`refocus_surface`), not picked from slices, so that it has no seams.
+    A pixel's slope is the one at which the views that see it match the middle one best; beside an
+    outline these are half of them, or a quarter (`lf_flame.refocus.matching`). Where that is not
+    certain, as without texture, the slope comes from around and stops at the edges of the middle
+    view (`lf_flame.refocus.filling`). The image is refocused on the surface found (`refocus_surface`), not picked from slices, so that it has no seams.
 
     Parameters
     ----------
@@ -187,7 +195,7 @@ def _settled(
 
 
 def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """What the middle view sees; of an even number of them the middle ones, on the surface."""
+    """Take the middle view; of an even number of them the middle ones, on the surface."""
     down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
     return refocus_surface(views, slope, weights=np.outer(down, right))
 

@@ -122,7 +122,7 @@ def test_beside_outlines_and_without_texture_most_slopes_are_right(rng):
     certain = found.confidence >= TRUSTED
     assert wrong.mean() < 0.05
     assert wrong[certain].mean() < 0.02
-    assert 0.5 < certain.mean()
+    assert certain.mean() > 0.5
     assert not wrong[20:40, 46:66].any()  # the card: its outline alone has a slope
 
 
