@@ -41,18 +41,9 @@ def _add_squares(row, reference, total):
 
 
 def _compare_views(
-    queue,
-    views,
-    rows,
-    down,
-    down_weights,
-    across,
-    across_weights,
-    parts_down,
-    parts_across,
-    middles,
-    out,
-):
+    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
+    middles, out,
+):  # fmt: skip
     """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
 
     The middle itself goes to middles[i, s].

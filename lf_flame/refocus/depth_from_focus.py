@@ -124,7 +124,8 @@ def all_in_focus(
     A pixel's slope is the one at which the views that see it match the middle one best; beside an
     outline these are half of them, or a quarter (`lf_flame.refocus.matching`). Where that is not
     certain, as without texture, the slope comes from around and stops at the edges of the middle
-    view (`lf_flame.refocus.filling`). The image is refocused on the surface found (`refocus_surface`), not picked from slices, so that it has no seams.
+    view (`lf_flame.refocus.filling`). The image is refocused on the surface found
+    (`refocus_surface`), not picked from slices, so that it has no seams.
 
     Parameters
     ----------
