@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 
+from lf_flame.refocus import _filling_kernels
 from lf_flame.refocus.filling import REACH, TURNS, _links, fill_slopes
 
 SLOPES = np.linspace(-2.0, 2.0, 21)
@@ -21,6 +22,8 @@ def test_the_edges_of_the_picture_bound_what_is_filled():
     votes[3, 4] = votes[16, 27] = 1.0
     filled = fill_slopes(np.where(votes > 0, truth, 0.37), votes, picture, SLOPES)
     np.testing.assert_allclose(filled, truth, atol=1e-9)
+    lying = fill_slopes(truth.T, votes.T, picture.T, SLOPES)  # and with the edge along the rows
+    np.testing.assert_allclose(lying, truth.T, atol=1e-9)
     colour = np.stack([picture, np.zeros_like(picture), picture], axis=2)
     np.testing.assert_allclose(fill_slopes(truth, votes, colour, SLOPES), truth, atol=1e-9)
 
@@ -39,6 +42,33 @@ def test_noise_of_neighbours_averages_out(rng):
     values = 0.55 + 0.05 * rng.standard_normal((40, 40))
     filled = fill_slopes(values, np.ones(values.shape), np.zeros(values.shape), SLOPES)
     assert np.abs(filled - 0.55).max() < 0.01
+
+
+def test_an_edge_ties_down_the_pixel_behind_it_and_no_other():
+    """One column of a picture of two halves: links at the edge alone are weak."""
+    picture = halves(0.0, 1.0, (6, 10))
+    for down, across in _links(picture):
+        assert np.all(across[:, 5] < 0.1 * across[:, 4])
+        assert np.all(across[:, 6] == across[:, 4])
+        assert np.all(down == across[0, 4])
+    for down, _ in _links(picture.T):
+        assert np.all(down[5] < 0.1 * down[4])
+
+
+def test_smoothing_is_the_recursion_written_out(rng):
+    planes, links = rng.uniform(size=(2, 7, 70)), rng.uniform(size=(7, 70))
+    expected = planes.copy()
+    for s in range(1, 70):
+        before = expected[..., s - 1]
+        expected[..., s] = (1 - links[:, s]) * expected[..., s] + links[:, s] * before
+    for s in range(68, -1, -1):
+        behind = expected[..., s + 1]
+        expected[..., s] = (1 - links[:, s + 1]) * expected[..., s] + links[:, s + 1] * behind
+    lying = np.ascontiguousarray(planes.swapaxes(1, 2))
+    _filling_kernels.smooth_rows(planes, links)
+    np.testing.assert_allclose(planes, expected, rtol=1e-12)
+    _filling_kernels.smooth_columns(lying, np.ascontiguousarray(links.T))
+    np.testing.assert_allclose(lying.swapaxes(1, 2), expected, rtol=1e-12)
 
 
 def test_heavier_votes_win():
