@@ -10,6 +10,7 @@ from experiments.effects.commands import effects
 from experiments.paper.commands import evaluate, slopes, tables
 from experiments.remaking.commands import results
 from experiments.screenshots.commands import screenshots
+from experiments.slope_maps.commands import slope_maps
 from experiments.studies.commands import study
 from experiments.systems.commands import compare
 from experiments.texts.commands import texts
@@ -29,6 +30,7 @@ The Make targets call these commands; `make help` lists them:
 SECTIONS = [
     cloup.Section("The paper", [slopes, evaluate, tables]),
     cloup.Section("What the simulator is worth", [effects]),
+    cloup.Section("What slope maps are worth", [slope_maps]),
     cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),

@@ -1,4 +1,8 @@
-"""Slope map and image with everything in focus, from a focal stack.
+"""Slope map and image with everything in focus.
+
+`all_in_focus` has the views, and asks at which slope those that see a place match the middle one
+(`lf_flame.refocus.matching`). `depth_from_focus` has a focal stack alone. Either map is then
+filled where it is not certain, along the picture (`lf_flame.refocus.filling`).
 
 Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994): at each
 pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
@@ -15,13 +19,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_steps, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import Views, as_readable, as_steps, as_views, refuse_not_finite
+from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
-from lf_flame.refocus.methods import refocus
+from lf_flame.refocus.matching import match_views
 from lf_flame.refocus.surface import refocus_surface
 
 LOW_PASS = 1.0
@@ -31,7 +36,24 @@ FLOOR = 0.1
 """Sharpness, as a part of its mean over the image, at which confidence is halved."""
 
 TRUSTED = 0.2
-"""Confidence from which a pixel keeps its own slope, and that slope is called certain."""
+"""Confidence from which a slope is called certain."""
+
+VOTING = 0.1
+"""Confidence from which a pixel's slope counts for itself and its surroundings: lower, as the
+votes of many find the slope of faint texture, of which no pixel is certain alone."""
+
+RESOLVED = 1.0
+"""Lenslets by which the outermost view moves between slopes that can be told apart."""
+
+DOUBT = 0.13
+"""Difference of costs that makes a slope less likely by e: what noise does under the window."""
+
+JUMP = 0.1
+"""Difference of slope between neighbours that belong to two surfaces."""
+
+TOLERANCE = 0.07
+"""Error of a slope that is called wrong in the 4D Light Field Benchmark (BadPix(0.07): Honauer,
+Johannsen, Kondermann, Goldluecke, ACCV 2016)."""
 
 MAP_STEPS = 33
 """Slopes of the stack from which commands and pages make a slope map."""
@@ -44,11 +66,14 @@ class FocusMap:
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
-        Slope of sharpest focus, filled in from around where confidence is low.
+        In lenslets per view step. Where it is certain, the pixel's own, averaged with those of
+        neighbours that are within a step of the search and not beyond an edge of the picture;
+        elsewhere that of such neighbours.
     confidence : ndarray of float64, shape (t, s)
-        0 to 1: how far the peak of sharpness stands above its mean over the slopes, and above
-        the weakest texture that counts; 0 where the peak lies at an end of the slopes. That of
-        `all_in_focus` is low, too, where the views do not agree.
+        0 to 1; certain from 0.2 on. From a stack: how far the peak of sharpness stands above its
+        mean over the slopes, and above the weakest texture that counts. From views: how much
+        likelier slopes near the best one are than others. 0 where the best lies at an end of the
+        slopes, at a jump of the slope, and where neighbours say another slope, off by over 0.07.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Every pixel at its slope.
     """
@@ -82,8 +107,8 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, window: float = 3.0) -
         If an argument cannot be used.
     """
     stack, slopes = np.asarray(stack), as_steps(slopes)
-    slope, _, confidence = _peak(stack, slopes, window)
-    slope = _filled(slope, confidence)
+    slope, confidence = _sharpest(stack, slopes, window)
+    slope, confidence = _settled(slope, confidence, _between_slices(stack, slopes, slope), slopes)
     return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
 
 
@@ -96,10 +121,11 @@ def all_in_focus(
 ) -> FocusMap:
     """Find the slope map of a light field and refocus every pixel at its slope.
 
-    Light that spreads from a bright surface into a dark one has a sharpest slope there, too, but a
-    false one: the middle view does not see it. So confidence is low where the surface refocused
-    from all views differs from that of the middle ones. The image is refocused on the surface
-    found (`refocus_surface`), not picked from slices, so that it has no seams.
+    A pixel's slope is the one at which the views that see it match the middle one best; beside an
+    outline these are half of them, or a quarter (`lf_flame.refocus.matching`). Where that is not
+    certain, as without texture, the slope comes from around and stops at the edges of the middle
+    view (`lf_flame.refocus.filling`). The image is refocused on the surface found
+    (`refocus_surface`), not picked from slices, so that it has no seams.
 
     Parameters
     ----------
@@ -123,40 +149,92 @@ def all_in_focus(
     """
     views, slopes = as_views(views), as_steps(slopes)
     check_interpolation(interpolation)
+    _check_window(window)
     refuse_not_finite(views)
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
-    slope, peak, confidence = _peak(refocus(grey, slopes, "sinc"), slopes, window)
-    disagreement = _disagreement(grey, slope, window)
-    confidence *= peak / np.maximum(peak + disagreement, np.finfo(float).tiny)
-    slope = _filled(slope, confidence)
+    costs = match_views(as_readable(grey), slopes, window)
+    farthest = max((n - 1) / 2 for n in views.shape[:2])
+    slope, confidence = _best_match(costs, slopes, RESOLVED / max(farthest, 0.5))
+    slope, confidence = _settled(slope, confidence, _middle(views, slope), slopes)
     return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
 
 
-def _peak(stack: np.ndarray, slopes: np.ndarray, window: float):
-    """Slope of the sharpest slice, by a parabola through three; its sharpness; confidence."""
+def _best_match(
+    costs: np.ndarray, slopes: np.ndarray, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope at which the views match best, by a parabola through three, and its confidence.
+
+    With weights ``exp(-cost / DOUBT)``, as if costs were energies, the confidence is the weight of
+    slopes within `width` of the best, less what they would have if all slopes were alike, from 0 to
+    1. It is 0 at the ends.
+    """
+    slope, inside = _lowest(costs, slopes)
+    k, least = costs.argmin(axis=0), costs.min(axis=0)
+    reach = max(round(width / (slopes[1] - slopes[0])), 1)
+    near, total = np.zeros(k.shape), np.zeros(k.shape)
+    for i, cost in enumerate(costs):
+        weight = np.exp((least - cost) / DOUBT)
+        total += weight
+        near += np.where(np.abs(i - k) <= reach, weight, 0.0)
+    even = min((2 * reach + 1) / len(slopes), 1 - 1e-9)
+    confidence = np.maximum((near / total - even) / (1 - even), 0.0)
+    return slope, np.where(inside, confidence, 0.0)
+
+
+def _settled(
+    slope: np.ndarray, confidence: np.ndarray, picture: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes by the votes of those that are certain; confidence is kept where the two agree.
+
+    At a jump the window saw both surfaces, and which of them the pixel is on only its picture says.
+    """
+    jump = maximum_filter(slope, 3) - minimum_filter(slope, 3) > JUMP
+    confidence = np.where(jump, 0.0, confidence)
+    votes = np.where(confidence >= VOTING, confidence, 0.0)
+    filled = fill_slopes(slope, votes, gaussian_filter(picture, (1, 1, 0)[: picture.ndim]), slopes)
+    return filled, np.where(np.abs(filled - slope) <= TOLERANCE, confidence, 0.0)
+
+
+def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Take the middle view; of an even number of them the middle ones, on the surface."""
+    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
+    return refocus_surface(views, slope, weights=np.outer(down, right))
+
+
+def _check_window(window: float) -> None:
+    if not 0 < window < np.inf:
+        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
+
+
+def _sharpest(
+    stack: np.ndarray, slopes: np.ndarray, window: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the sharpest slice, by a parabola through three, and its confidence."""
     if stack.ndim not in (3, 4) or len(stack) != len(slopes) or min(stack.shape) < 1:
         raise InputError(
             f"A focal stack must have one image for each of the {len(slopes)} slopes, (n, t, s) or "
             f"(n, t, s, channels), got an array of shape {stack.shape}."
         )
-    if not 0 < window < np.inf:
-        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
+    _check_window(window)
     refuse_not_finite(stack)
-    sharpness = np.empty((*stack.shape[1:3], len(slopes)))  # so that argmax makes no copy
-    for i, image in enumerate(stack):
-        sharpness[..., i] = _sharpness(image, window)
-    k = sharpness.argmax(axis=2)
-    middle = np.clip(k, 1, len(slopes) - 2)
-    before, top, after = (
-        np.take_along_axis(sharpness, (middle + i)[..., None], axis=2)[..., 0] for i in (-1, 0, 1)
-    )
-    bend = 2 * top - before - after
-    inside = (k == middle) & (bend > 0)
-    offset = np.where(inside, (after - before) / (2 * np.where(inside, bend, 1.0)), 0.0)
-    peak, mean = sharpness.max(axis=2), sharpness.mean(axis=2)
+    sharpness = np.stack([_sharpness(image, window) for image in stack])
+    slope, inside = _lowest(-sharpness, slopes)
+    peak, mean = sharpness.max(axis=0), sharpness.mean(axis=0)
     floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
-    confidence = np.where(inside, (peak - mean) / (peak + floor), 0.0)
-    return slopes[k] + (slopes[1] - slopes[0]) * offset, peak, confidence
+    return slope, np.where(inside, (peak - mean) / (peak + floor), 0.0)
+
+
+def _lowest(costs: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the lowest costs[n, t, s], by a parabola through three, and if it is not an end."""
+    k = costs.argmin(axis=0)
+    middle = np.clip(k, 1, len(slopes) - 2)
+    before, least, after = (
+        np.take_along_axis(costs, (middle + i)[None], axis=0)[0].astype(float) for i in (-1, 0, 1)
+    )
+    bend = before + after - 2 * least
+    inside = (k == middle) & (bend > 0)
+    offset = np.where(inside, (before - after) / (2 * np.where(inside, bend, 1.0)), 0.0)
+    return slopes[k] + (slopes[1] - slopes[0]) * offset, inside
 
 
 def _sharpness(image: np.ndarray, window: float) -> np.ndarray:
@@ -168,35 +246,6 @@ def _sharpness(image: np.ndarray, window: float) -> np.ndarray:
             if smooth.shape[axis] > 1:
                 energy += np.gradient(smooth, axis=axis) ** 2
     return gaussian_filter(energy, window, mode="nearest")
-
-
-def _disagreement(views: np.ndarray, slope: np.ndarray, window: float) -> np.ndarray:
-    """Squared difference, low-passed as sharpness is, of all views from the middle ones."""
-    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])  # one, or two of an even number
-    narrow = refocus_surface(views, slope, weights=np.outer(down, right))
-    difference = refocus_surface(views, slope).astype(float) - narrow
-    smooth = gaussian_filter(difference, LOW_PASS, mode="nearest")
-    return gaussian_filter(smooth**2, window, mode="nearest")
-
-
-def _filled(values: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """Keep trusted values; fill the others from around, from as near as there is enough trust.
-
-    Normalised convolution (Knutsson, Westin, CVPR 1993) at scales that double; what lies beyond
-    the widest gets the mean of all.
-    """
-    tiny = np.finfo(float).tiny
-    filled, missing = np.zeros(values.shape), np.ones(values.shape)
-    for scale in (0.0, *2.0 ** np.arange(np.log2(max(values.shape)) - 1)):
-        trust, trusted_values = (
-            gaussian_filter(image, scale, mode="nearest", truncate=2.0)
-            for image in (confidence, confidence * values)
-        )
-        weight = missing * np.minimum(trust / TRUSTED, 1.0)
-        filled += weight * trusted_values / np.maximum(trust, tiny)
-        missing -= weight
-    weights = confidence if confidence.any() else np.ones(values.shape)
-    return filled + missing * np.average(values, weights=weights)
 
 
 def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) -> np.ndarray:

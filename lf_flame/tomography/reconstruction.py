@@ -17,7 +17,7 @@ from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
 
 ITERATIONS = {FEW_PLANES: 80, MOST_PLANES: 300}
 """Of the splitting, for the solution, by the number of planes up to which it holds. For each
-strength that is tried a quarter of them, from the last one's."""
+strength that is tried an eighth of them, but 20, from the last one's."""
 
 NOISE_BLOCK = 5
 """Pixels along each axis over which the noise of a place is averaged."""
@@ -154,7 +154,7 @@ def reconstruct(
     sd = measured if noise is None else float(noise)
     share = noise_by_cell(operator, views, problem.unpenalised())
     search = StrengthSearch(
-        problem, _variance(sd), share, order, nonnegative, max(1, iterations // 4)
+        problem, _variance(sd), share, order, nonnegative, min(iterations, max(20, iterations // 8))
     )
     if whole_curve:
         search.try_all()

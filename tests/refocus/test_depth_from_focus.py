@@ -3,11 +3,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
-from lf_flame.refocus import refocus, shift_and_sum
-from lf_flame.refocus.depth_from_focus import all_in_focus, depth_from_focus
+from lf_flame.refocus import planar_slopes, refocus, shift_and_sum
+from lf_flame.refocus.depth_from_focus import (
+    TRUSTED,
+    _settled,
+    all_in_focus,
+    depth_from_focus,
+)
 
 CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (60, 80))
 SLOPES = np.arange(-3.0, 3.01, 0.1)
@@ -97,6 +102,71 @@ def test_dark_surroundings_are_not_trusted_but_filled(rng):
     assert psnr(found.all_in_focus, views[3, 3]) > 30
 
 
+def bare_and_faint(rng):
+    """A faint wall at 2.2 with a bare patch, and a bright card at -1.6 without texture."""
+    depths = [float(CAMERA.slope_to_depth(slope)) for slope in (2.2, -1.6)]
+    wall = np.array([1.3 * side for side in CAMERA.field_mm(depths[0])])
+    cells = 0.3 + 0.15 * (noise(rng, wall, 0.3) - 0.5)
+    rows, columns = cells.shape
+    cells[int(0.3 * rows) : int(0.7 * rows), int(0.15 * columns) : int(0.4 * columns)] = 0.3
+    field = np.array(CAMERA.field_mm(depths[1]))
+    size, centre = field * (0.4, 0.3), field * (0.0, 0.2)
+    layers = [
+        Layer(cells, depths[0], wall, opaque=True),
+        Layer(np.full((1, 1), 0.9), depths[1], size, centre, opaque=True),
+    ]
+    slopes = np.full(CAMERA.lenslets, 2.2)
+    slopes[18:42, 44:68] = -1.6  # 0.4 of 60 rows about their middle; 0.3 of 80 columns about 56
+    return render(Scene(layers), CAMERA, integrator="rays", rays=4).views, slopes
+
+
+def test_beside_outlines_and_without_texture_most_slopes_are_right(rng):
+    views, slopes = bare_and_faint(rng)
+    found = all_in_focus(views, SLOPES)
+    wrong = np.abs(found.slope - slopes) > 0.07
+    certain = found.confidence >= TRUSTED
+    assert wrong.mean() < 0.05
+    assert wrong[certain].mean() < 0.02
+    assert certain.mean() > 0.5
+    assert not wrong[20:40, 46:66].any()  # the card: its outline alone has a slope
+
+
+def test_noise_alone_is_not_certain(rng):
+    views = 0.5 + 0.05 * rng.standard_normal((7, 7, 60, 80))
+    found = all_in_focus(views.astype(np.float32), SLOPES)
+    assert np.mean(found.confidence >= TRUSTED) < 0.01
+
+
+def test_a_tilted_plane_is_not_cut_into_steps(rng):
+    """Views of a plane whose slope grows by 0.02 from lenslet to lenslet, from its own picture."""
+    truth = planar_slopes((60, 80), 0.0, (0.0, 0.02))
+    picture = gaussian_filter(rng.uniform(size=(80, 240)), 1.0)
+    columns = np.arange(80.0)
+    views = np.empty((7, 7, 60, 80), np.float32)
+    for v, u in np.ndindex(7, 7):
+        # what the middle view has at x, view u has at x + slope(x) u
+        x = (columns + 0.02 * 39.5 * (u - 3)) / (1 + 0.02 * (u - 3))
+        y = np.arange(60.0)[:, None] - (v - 3) * np.interp(x, columns, truth[0])
+        at = [np.broadcast_to(y, (60, 80)) + 10, np.broadcast_to(x, (60, 80)) + 80]
+        views[v, u] = map_coordinates(picture, at, order=3, mode="reflect")
+    found = all_in_focus(views, SLOPES)
+    inside = (slice(10, -10), slice(12, -12))
+    assert np.abs(found.slope - truth)[inside].max() < 0.1
+    assert np.median(np.abs(found.slope - truth)[inside]) < 0.02
+
+
+def test_what_neighbours_deny_is_not_certain():
+    """One slope that is off by 0.09, no jump to another surface, loses; what is unsure is mute."""
+    slope, confidence = np.full((20, 120), 0.5), np.full((20, 120), 0.9)
+    slope[9, 9], slope[:, 41:] = 0.59, -1.5
+    confidence[:, 40:] = 0.09
+    picture = np.zeros((20, 120))
+    found, kept = _settled(slope, confidence, picture, SLOPES)
+    assert kept[9, 9] == 0
+    assert np.all(kept[:, :9] == 0.9)
+    np.testing.assert_allclose(found, 0.5, atol=0.01)
+
+
 def test_an_even_number_of_views_and_colour(rng):
     picture = rng.uniform(size=(48, 48, 3))
     views = np.empty((4, 4, 48, 48, 3), np.float32)
@@ -154,6 +224,7 @@ def test_a_real_light_field_agrees_with_a_learned_disparity():
     slope, learned = found.slope[trusted], disparity[cut][trusted]
     assert np.corrcoef(slope, learned)[0, 1] < -0.85
     assert np.median(np.abs(slope + learned)) < 0.03
+    assert np.mean(np.abs(found.slope + disparity[cut]) > 0.07) < 0.08
     slices = shift_and_sum(views, np.arange(-1.8, 0.61, 0.1)) / 255
     middle = views[4, 4] / 255
     assert psnr(found.all_in_focus / 255, middle) > 2 + max(psnr(i, middle) for i in slices)

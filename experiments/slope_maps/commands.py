@@ -1,0 +1,30 @@
+"""The command that sets slope maps beside the truth: slope-maps."""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from experiments.beside_reference import set_beside
+from lf_flame.commands.options import FOLDER
+
+
+@cloup.command("slope-maps")
+@click.option("--out", type=FOLDER, default="results/slope_maps", show_default=True)
+def slope_maps(out: Path) -> None:
+    """Set the slope map, and simpler ones, beside the truth, in minutes.
+
+    On scenes of opaque layers, textured and bare, with and without noise; the true slopes come from
+    the geometry.
+
+    OUT gets slope_maps.csv, .md, .png and .json, the record.
+
+    \b
+      python -m experiments slope-maps --out results/slope_maps
+    """  # noqa: D301 - click reads the backspace
+    from experiments.slope_maps.measuring import measure
+    from experiments.slope_maps.report import write_report
+    from lf_flame._common.progress import step_bar
+
+    path = write_report(out, *measure(step_bar))
+    click.echo(set_beside(path, f"slope_maps/{path.name}"))

@@ -1,0 +1,85 @@
+"""Compiled loop that compares shifted views: arrays in, output array filled, nothing returned.
+
+It gathers in a fixed order, each row by itself: the bits do not depend on the number of threads.
+"""
+
+import numpy as np
+from numba import njit
+
+from lf_flame._common.threads import pieces, shared
+
+TAPS = 4
+"""Lenslets along an axis that a shifted view is read from."""
+
+
+def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
+    """Row of a view, shifted along both axes: out[s].
+
+    row[a]: rows that are read, down_weight[a] their weights; start: lenslet that tap 0 reads for
+    s = 0; line: room for a row with `reach` lenslets beyond both ends, where the edges repeat.
+    """
+    width = out.size
+    line[:] = 0.0
+    for a in range(TAPS):
+        lenslets, weight = view[row[a]], down_weight[a]
+        for s in range(np.uint64(width)):
+            line[np.uint64(reach) + s] += weight * lenslets[s]
+    line[:reach] = line[reach]
+    line[reach + width :] = line[reach + width - 1]
+    out[:] = 0.0
+    for b in range(TAPS):
+        first, weight = np.uint64(reach + start + b), across_weight[b]
+        for s in range(np.uint64(width)):
+            out[s] += weight * line[first + s]
+
+
+def _add_squares(row, reference, total):
+    """Add the squared difference of two rows."""
+    for s in range(np.uint64(total.size)):
+        difference = row[s] - reference[s]
+        total[s] += difference * difference
+
+
+def _compare_views(
+    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
+    middles, out,
+):  # fmt: skip
+    """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
+
+    The middle itself goes to middles[i, s].
+
+    down[v], across[u]: by how much tap 0 is moved; down_weights[v, a], across_weights[u, b].
+    parts_down[v], parts_across[u]: 0 before the middle, 1 in it, 2 behind it; a part is
+    ``3 parts_down + parts_across``, and the middle is the mean of the views of part 4.
+    """
+    height, width = views.shape[2:]
+    reach = TAPS
+    for start in across:
+        reach = max(reach, abs(start) + TAPS)
+    for i in pieces(queue, rows.size):
+        line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
+        middle, row = middles[i], np.empty(TAPS, np.int64)
+        middle[:] = 0.0
+        count = 0
+        out[i] = 0.0
+        for turn in range(2):
+            for v in range(views.shape[0]):
+                for a in range(TAPS):
+                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
+                for u in range(views.shape[1]):
+                    part = 3 * parts_down[v] + parts_across[u]
+                    if turn == 1 or part == 4:
+                        shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
+                                  reach, line, shifted)  # fmt: skip
+                        if turn == 1:
+                            add_squares(shifted, middle, out[i, part])
+                        else:
+                            middle += shifted
+                            count += 1
+            if turn == 0:
+                middle /= np.float32(count)
+
+
+shift_row = njit(cache=True)(_shift_row)
+add_squares = njit(cache=True)(_add_squares)
+compare_views = shared(_compare_views)

@@ -1,0 +1,93 @@
+"""Slopes where a map has none that is certain: by votes that travel through a picture.
+
+Each certain pixel votes for its slope, and votes fade on their way, faster over the edges of the
+picture: by the recursive filter of the domain transform (Gastal, Oliveira, ACM Trans. Graph. 30
+(4), 69, 2011). A pixel takes the slope for which most votes arrive, and of those votes the mean: so
+no surface is invented halfway between two others, as by smoothing slopes themselves, and the noise
+of neighbours on one surface averages out.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from lf_flame.refocus import _filling_kernels
+
+REACH = 20.0
+"""Standard deviation of a vote's way, in lenslets, where the picture is even."""
+
+EDGE = 0.5
+"""Change of brightness, in standard deviations of the picture, as far as the reach."""
+
+TURNS = 3
+"""Times that votes travel along rows and columns; Gastal and Oliveira's number."""
+
+
+def fill_slopes(
+    values: np.ndarray, votes: np.ndarray, picture: np.ndarray, slopes: np.ndarray
+) -> np.ndarray:
+    """Give each pixel the slope that most votes around it are for.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (t, s)
+        Slopes.
+    votes : ndarray of float64, shape (t, s)
+        How much each of them counts, 0 or above; 0 where it is not certain.
+    picture : ndarray, shape (t, s) or (t, s, channels)
+        What the pixels show; its edges hold votes back.
+    slopes : ndarray of float64, shape (n,)
+        Rising in equal steps: votes are for the same slope if they are nearer than a step.
+
+    Returns
+    -------
+    ndarray of float64, shape (t, s)
+        Where no vote arrives, the mean of all votes, or without any that of all values.
+    """
+    if not votes.any():
+        return np.full(values.shape, values.mean())
+    links = _links(picture)
+    most = np.zeros(values.shape)
+    filled = np.full(values.shape, np.average(values, weights=votes))
+    at = (values - slopes[0]) / (slopes[1] - slopes[0])
+    arriving = (_arriving(values, votes * _nearness(at, k), links) for k in range(len(slopes)))
+    for below, above in pairwise(arriving):
+        weight, weighted = below + above
+        more = weight > most
+        filled[more] = weighted[more] / weight[more]
+        most[more] = weight[more]
+    return filled
+
+
+def _nearness(at: np.ndarray, k: int) -> np.ndarray:
+    """1 where a slope is number k of the slopes, and 0 from a step away on; ends hold the rest."""
+    return np.maximum(1 - np.abs(at - k), 0)
+
+
+def _arriving(values: np.ndarray, votes: np.ndarray, links: list) -> np.ndarray:
+    """Votes, and votes times slopes, after they have travelled: shape (2, t, s)."""
+    planes = np.stack([votes, votes * values])
+    if votes.any():
+        for down, across in links:
+            _filling_kernels.smooth_rows(planes, across)
+            _filling_kernels.smooth_columns(planes, down)
+    return planes
+
+
+def _links(picture: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """How closely each pixel is tied to the one above and to the left, in each turn.
+
+    Of turn i of N the standard deviation is ``REACH sqrt(3) 2^(N - i) / sqrt(4^N - 1)``, so that
+    their variances add up to that of the reach (equation 14 there).
+    """
+    picture = np.atleast_3d(picture).astype(np.float64)
+    spread = float(picture.std())
+    if spread > 0:
+        picture = picture / spread
+    ways = []
+    for axis in (0, 1):
+        first = picture.take([0], axis=axis)
+        change = np.abs(np.diff(picture, axis=axis, prepend=first)).max(axis=2)
+        ways.append(1 + REACH / EDGE * change)
+    deviations = REACH * np.sqrt(3) * 2.0 ** np.arange(TURNS - 1, -1, -1) / np.sqrt(4**TURNS - 1)
+    return [tuple(np.exp(-np.sqrt(2) / one * way) for way in ways) for one in deviations]

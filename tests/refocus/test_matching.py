@@ -1,0 +1,111 @@
+"""Costs of matching against sums written out, and against surfaces whose slopes are known."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from scipy.ndimage import gaussian_filter
+
+from lf_flame.refocus import matching
+from lf_flame.refocus.matching import match_views
+
+SLOPES = np.linspace(-1.0, 1.0, 9)
+
+
+def moved(picture, slope, views=(5, 5)):
+    """Views of a plane at a whole slope: view (v, u) is the picture moved by slope steps."""
+    out = np.empty((*views, *picture.shape), np.float32)
+    for v, u in np.ndindex(views):
+        at = (slope * (v - (views[0] - 1) // 2), slope * (u - (views[1] - 1) // 2))
+        out[v, u] = np.roll(picture, at, axis=(0, 1))
+    return out
+
+
+def spline_read(view, down, across):
+    """A view read at (t + down, s + across) by SciPy's cubic B-spline, edges repeated."""
+    basis = BSpline.basis_element([-2, -1, 0, 1, 2], extrapolate=False)
+    for axis, shift in ((0, down), (1, across)):
+        n = view.shape[axis]
+        places = np.arange(n) + shift
+        total = 0.0
+        for k in range(int(np.floor(places.min())) - 2, int(np.ceil(places.max())) + 3):
+            weight = np.nan_to_num(basis(places - k))
+            shape = (-1, 1) if axis == 0 else (1, -1)
+            total = total + weight.reshape(shape) * view.take([np.clip(k, 0, n - 1)], axis=axis)
+        view = total
+    return view
+
+
+def written_out(views, slopes, window):
+    """The same costs by plain sums in float64."""
+    v, u = views.shape[:2]
+    views = views / np.abs(views).max()
+    kinds = [np.sign(np.arange(n) - (n - 1) / 2) for n in (v, u)]
+    shifted = np.array([
+        [[spline_read(views[a, b], slope * (a - (v - 1) / 2), slope * (b - (u - 1) / 2))
+          for b in range(u)] for a in range(v)] for slope in slopes
+    ])  # fmt: skip
+    inner = [np.flatnonzero(np.abs(np.arange(n) - (n - 1) / 2) < 1) for n in (v, u)]
+    middle = shifted[:, inner[0]][:, :, inner[1]].mean(axis=(1, 2))
+    squares = (shifted - middle[:, None, None]) ** 2
+    noise = np.median(squares.mean(axis=(1, 2)).min(axis=0)) + 1e-3**2
+    misfit = max(0.07**2, (slopes[1] - slopes[0]) ** 2 / 12)
+    steep = np.gradient(middle, axis=1) ** 2 + np.gradient(middle, axis=2) ** 2
+    scale = 0.35 * noise + misfit * ((v**2 - 1) / 12 + (u**2 - 1) / 12) / 2 * steep
+    costs = []
+    for sign_v in (0, -1, 1):
+        for sign_u in (0, -1, 1):
+            near = [[a for a in range(n) if sign * kind[a] >= 0 or a in middle_ones]
+                    for n, sign, kind, middle_ones in
+                    ((v, sign_v, kinds[0], inner[0]), (u, sign_u, kinds[1], inner[1]))]  # fmt: skip
+            side = squares[:, near[0]][:, :, near[1]].mean(axis=(1, 2))
+            smooth = [gaussian_filter(one, window, mode="nearest") for one in side / (side + scale)]
+            costs.append(np.array(smooth) + 0.05 * ((sign_v != 0) + (sign_u != 0)))
+    return np.min(costs, axis=0)
+
+
+@pytest.mark.parametrize("shape", [(3, 5, 20, 24), (4, 4, 17, 16), (2, 3, 12, 20)])
+def test_costs_are_the_sums_written_out(shape, rng):
+    views = 3.0 * gaussian_filter(rng.uniform(size=shape), (0, 0, 1, 1))
+    found = match_views(views.astype(np.float32), SLOPES, 1.5)
+    np.testing.assert_allclose(found, written_out(views, SLOPES, 1.5), atol=2e-5)
+
+
+@pytest.mark.parametrize("slope", [-1, 1])
+def test_a_plane_matches_best_at_its_slope(slope, rng):
+    costs = match_views(moved(rng.uniform(size=(32, 36)), slope), SLOPES, 2.0)
+    inside = (slice(8, -8), slice(8, -8))
+    assert np.all(SLOPES[costs.argmin(axis=0)][inside] == slope)
+    assert costs.min(axis=0)[inside].max() < 0.01 < 0.5 < np.median(costs, axis=0)[inside].min()
+
+
+def test_behind_an_outline_half_the_views_say_enough(rng):
+    """A wall at slope 1, from column 20 on hidden by a card at slope -1; all views would fail."""
+    wall, card = rng.uniform(size=(2, 40, 48))
+    views, front = moved(wall, 1, (5, 5)), moved(card, -1, (5, 5))
+    for u in range(5):
+        views[:, u, :, 24 - (u - 2) :] = front[:, u, :, 24 - (u - 2) :]
+    costs = match_views(views, SLOPES, 1.0)
+    found = SLOPES[costs.argmin(axis=0)][8:-8]
+    assert np.all(found[:, 8:22] == 1)
+    assert np.all(found[:, 26:-8] == -1)
+
+
+def test_brightness_and_threads_change_nothing(rng):
+    views = rng.uniform(size=(3, 3, 16, 70)).astype(np.float32)
+    costs = match_views(views, SLOPES, 1.0)
+    np.testing.assert_array_equal(match_views(2**100 * views, SLOPES, 1.0), costs)
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        np.testing.assert_array_equal(match_views(views, SLOPES, 1.0), costs)
+    finally:
+        numba.set_num_threads(threads)
+
+
+def test_weights_of_the_taps_are_the_b_spline():
+    whole, weights = matching._taps(0.3, 4, 50)
+    basis = BSpline.basis_element([-2, -1, 0, 1, 2])
+    for k, shift in enumerate(0.3 * np.array([-1.5, -0.5, 0.5, 1.5])):
+        expected = basis(whole[k] + np.arange(4) - shift)
+        np.testing.assert_allclose(weights[k], expected, atol=1e-12)
