@@ -1,0 +1,66 @@
+"""Phantoms hold the emission that they say, and the noise."""
+
+import numpy as np
+import pytest
+
+from experiments.tomography.phantoms import (
+    BLOCK,
+    Recorder,
+    overlapping_flames,
+    truth_on,
+    volume_flame,
+)
+from experiments.tomography.tasks import relative_errors
+from lf_flame import PlenopticCamera
+from lf_flame.scenes.flames import HOLLOW_AT_BURNER, projected_glow, radius_profile
+from lf_flame.tomography import FrustumGrid
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (90, 120))
+
+
+def test_a_volume_projects_as_the_closed_form_says():
+    """Slabs along the line of sight add up to the Abel transform of the profile."""
+    scene = volume_flame(10.0, 2.0, slab_mm=0.1, reach_mm=7.0)
+    seen = sum(layer.texture for layer in scene.layers)
+    rows, columns = seen.shape
+    h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
+    x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * 7.0
+    wanted = projected_glow(x, 2.0 * radius_profile(h), HOLLOW_AT_BURNER * (1 - h))
+    assert seen == pytest.approx(wanted / wanted.max(), abs=1e-4)
+
+
+def test_truth_stands_in_the_nearest_plane(camera):
+    scene = overlapping_flames((4.0, 1.0, -1.5, -4.0))
+    grid = FrustumGrid(camera, [4.2, 1.0, -1.0, -4.0], BLOCK)
+    planes = truth_on(grid, scene)
+    assert planes.shape == (4, 30, 40)
+    for plane, layer in enumerate(scene.layers):
+        alone = grid.crop(grid.average(layer, plane))
+        assert np.array_equal(planes[plane], alone)
+
+
+def test_noise_is_a_share_of_the_brightest_pixel_after_averaging(camera):
+    recorder = Recorder(overlapping_flames((4.0, 1.0, -1.5, -4.0)), camera)
+    rng = np.random.default_rng(0)
+
+    def averaged(light_field):
+        views = light_field.views.reshape(5, 5, 30, BLOCK, 40, BLOCK)
+        return views.mean(axis=(3, 5), dtype=np.float64)
+
+    clean = averaged(recorder.clean)
+    assert recorder.peak == pytest.approx(clean.max())
+    noise = averaged(recorder.with_noise(0.02, rng)) - clean
+    assert noise.std() == pytest.approx(0.02 * clean.max(), rel=0.02)
+    bright = clean > 0.5 * clean.max()
+    shot = (averaged(recorder.with_electrons(100, rng)) - clean)[bright]
+    wanted = np.sqrt(np.mean(clean[bright] * clean.max()) / 100)
+    assert shot.std() == pytest.approx(wanted, rel=0.05)
+
+
+def test_errors_are_relative_to_each_plane():
+    truth = np.array([[[3.0, 4.0]], [[0.0, 1.0]]])
+    found = np.array([[[3.0, 4.5]], [[0.0, 0.0]]])
+    assert relative_errors(found, truth) == pytest.approx([0.1, 1.0])
