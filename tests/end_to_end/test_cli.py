@@ -67,8 +67,8 @@ def test_help_teaches_every_command():
             assert re.search(rf"^  {name} ", shown, re.MULTILINE), name
             assert len(CliRunner().invoke(gathered, [name, "--help"]).output) > 200
     headings = re.findall(r"^(\w.*):$", run("--help").stdout, re.MULTILINE)
-    assert headings[1:] == ["Simulation", "Light fields", "Emission by depth", "Data sets", "The paper's network",
-                            "Refocusing systems", "Results"]  # fmt: skip
+    assert headings[1:] == ["Simulation", "Light fields", "Emission by depth", "Data sets",
+                            "The paper's network", "Refocusing systems", "Results"]  # fmt: skip
 
 
 def test_a_long_list_of_options_comes_in_groups():
