@@ -47,7 +47,10 @@ SECTIONS = [
             light_fields.convert,
         ],
     ),
-    cloup.Section("Emission by depth", [tomography.resolution, tomography.reconstruct]),
+    cloup.Section(
+        "Emission by depth",
+        [tomography.resolution, tomography.reconstruct, tomography.temperature],
+    ),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),
     cloup.Section("Refocusing systems", [systems.train_system]),

@@ -1,4 +1,4 @@
-"""The commands that find emission by depth: resolution and reconstruct.
+"""The commands that find emission by depth: resolution, reconstruct and temperature.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame.commands.light_fields import READING, Reading
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
 from lf_flame.errors import InputError
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -167,4 +167,67 @@ def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed,
     click.echo(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
         f"trust.png and {RECORD} are in {folder.folder}"
+    )
+
+
+@cloup.command()
+@click.argument("first", type=RUN)
+@click.argument("second", type=RUN)
+@click.option(
+    "--wavelengths",
+    nargs=2,
+    type=float,
+    required=True,
+    metavar="FIRST SECOND",
+    help="Of the two folders' light, in nm.",
+)
+@click.option(
+    "--soot-exponent",
+    default=1.0,
+    show_default=True,
+    help="a, where soot absorbs as wavelength^-a.",
+)
+@click.option(
+    "--calibration",
+    default=1.0,
+    show_default=True,
+    help="The camera's ratio of the two colours for equal radiance in both.",
+)
+@click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FIRST.")
+def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> None:
+    """Find the temperature of soot from its emission in two colours.
+
+    FIRST and SECOND are folders of `lf-flame reconstruct`, of one camera and the same planes, with
+    error bars. Where an emission does not exceed its noise by three standard deviations there is no
+    temperature (NaN). It is that of the soot, where flames are thin and light only adds; look at
+    the error of the ratio beside it, for a temperature hides much.
+
+    \b
+      lf-flame reconstruct green.npy --camera camera.toml --depth-mm 0 --out green
+      lf-flame reconstruct red.npy --camera camera.toml --depth-mm 0 --out red
+      lf-flame temperature green red --wavelengths 550 650
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame.commands.tomography_output import (
+        TEMPERATURE_RECORD,
+        read_emissions,
+        write_temperature,
+    )
+    from lf_flame.tomography.pyrometry import two_colour_temperature
+
+    emissions, sigmas, depths = read_emissions(first, second)
+    found = two_colour_temperature(*emissions, wavelengths, sigmas, soot_exponent, calibration)
+    with output_folder(out or Path("temperature") / first.name, TEMPERATURE_RECORD) as folder:
+        write_temperature(found, depths, folder)
+        folder.facts |= {
+            "first": str(first),
+            "second": str(second),
+            "wavelengths_nm": wavelengths,
+            "soot_exponent": soot_exponent,
+            "calibration": calibration,
+        }
+    known = int((found.kelvin > 0).sum())  # NaN is not
+    click.echo(
+        f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
+        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in {folder.folder}"
     )

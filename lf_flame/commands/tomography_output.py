@@ -1,24 +1,42 @@
 """Emission by depth as the files that a user looks at."""
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import tifffile
 from tabulate import tabulate
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.config import to_json
+from lf_flame._common.config import load_record, to_json
 from lf_flame._common.output_folders import OutputFolder
+from lf_flame.errors import InputError
 from lf_flame.formats import write_focal_stack
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography.figures import depth_figure, slices_figure, trust_figure
+from lf_flame.tomography.figures import (
+    depth_figure,
+    slices_figure,
+    temperature_figure,
+    trust_figure,
+)
+from lf_flame.tomography.pyrometry import Temperatures
 from lf_flame.tomography.reconstruction import Reconstruction
 from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
 
 RECORD = "reconstruct.json"
+TEMPERATURE_RECORD = "temperature.json"
+
+
+@dataclass(frozen=True)
+class EmissionRecord:
+    """What the record of a reconstruction says of its planes."""
+
+    depths_mm: list[float]
+    cell_mm: list[float]
 
 
 def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
@@ -107,3 +125,56 @@ def _focal_stack(found: Reconstruction, light_field: LightField) -> np.ndarray:
     stack = shift_and_sum(light_field, found.grid.slopes)
     (rows, columns), block = found.grid.pixels, found.grid.block
     return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
+
+
+Pair = tuple[np.ndarray, np.ndarray]
+
+
+def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
+    """Read two folders of `write_reconstruction`.
+
+    Returns
+    -------
+    emissions, sigmas : (ndarray, ndarray), each of shape (planes, rows, columns)
+    depths_mm : list of float
+
+    Raises
+    ------
+    InputError
+        If a folder is no such, has no error bars, or their planes differ.
+    """
+    records = [load_record(EmissionRecord, folder / RECORD) for folder in (first, second)]
+    if records[0] != records[1]:
+        raise InputError(
+            f"{first} and {second} must hold the same planes of one camera: their depths are "
+            f"{records[0].depths_mm} and {records[1].depths_mm} mm."
+        )
+    depths = records[0].depths_mm
+    emissions, sigmas = (
+        (_read_stack(first / name, len(depths)), _read_stack(second / name, len(depths)))
+        for name in ("emission.tif", "sigma.tif")
+    )
+    return emissions, sigmas, depths
+
+
+def _read_stack(path: Path, planes: int) -> np.ndarray:
+    if not path.is_file():
+        raise InputError(f"There is no {path}; call lf-flame reconstruct with --redraws 20.")
+    try:
+        stack = np.atleast_3d(tifffile.imread(path))
+    except (tifffile.TiffFileError, ValueError) as error:
+        raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
+    stack = stack.reshape(-1, *stack.shape[-2:])
+    if len(stack) != planes or stack.dtype.kind != "f":
+        raise InputError(
+            f"{path} must hold {planes} planes of float32, got {len(stack)} of {stack.dtype}."
+        )
+    return stack
+
+
+def write_temperature(found: Temperatures, depths: list[float], folder: OutputFolder) -> None:
+    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a picture."""
+    for name, planes in (("temperature", found.kelvin), ("temperature_sigma", found.sigma)):
+        tifffile.imwrite(folder.path(f"{name}.tif"), np.asarray(planes, np.float32))
+    figures.save(temperature_figure(found, depths), folder.path("temperature.png"))
+    folder.facts["depths_mm"] = depths

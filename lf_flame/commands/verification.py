@@ -7,7 +7,13 @@ from pathlib import Path
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.errors import InputError
 
-RECORDS = ("refocus.json", "simulation.json", "prediction.json", "reconstruct.json")
+RECORDS = (
+    "refocus.json",
+    "simulation.json",
+    "prediction.json",
+    "reconstruct.json",
+    "temperature.json",
+)
 """Records of folders of pictures; a folder may hold those of several commands."""
 
 WHOLE = ("zarr.json", "config.json")
@@ -59,7 +65,7 @@ def verify(path: Path) -> Iterator[Finding]:
     if not found:
         raise InputError(
             f"{path} holds nothing whose hash is known: no data set, run folder, exported network, "
-            f"nor files of refocus, simulate, reconstruct or predict."
+            f"nor files of refocus, simulate, reconstruct, temperature or predict."
         )
 
 

@@ -7,6 +7,7 @@ extra ``lf_flame[tomography]``.
 from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.projection_operator import ProjectionOperator
+from lf_flame.tomography.pyrometry import Temperatures, two_colour_temperature
 from lf_flame.tomography.reconstruction import Reconstruction, reconstruct
 from lf_flame.tomography.resolution import depth_blur, depth_modes, depth_singular_values
 
@@ -15,8 +16,10 @@ __all__ = [
     "FrustumGrid",
     "ProjectionOperator",
     "Reconstruction",
+    "Temperatures",
     "depth_blur",
     "depth_modes",
     "depth_singular_values",
     "reconstruct",
+    "two_colour_temperature",
 ]

@@ -17,6 +17,7 @@ from lf_flame.tomography.resolution import (
 )
 
 if TYPE_CHECKING:
+    from lf_flame.tomography.pyrometry import Temperatures
     from lf_flame.tomography.reconstruction import Reconstruction
 
 MOST_SHOWN = 8
@@ -162,4 +163,42 @@ def trust_figure(found: "Reconstruction"):
     right.set_xlabel("strength of the penalty")
     right.set_ylabel("squared residual, relative to noise")
     right.grid(alpha=0.3)
+    return figure
+
+
+def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
+    """Temperatures above their standard deviations and the emissions' errors behind them.
+
+    Parameters
+    ----------
+    found : Temperatures
+        With errors, of shape (planes, rows, columns).
+    depths_mm : sequence of float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    count = len(found.kelvin)
+    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+    rows, columns = found.kelvin.shape[1:]
+    width = min(3.6, 14 / len(shown))
+    size = (width * len(shown) + 1, 3 * width * rows / columns + 1.6)
+    figure, axes = subplots(3, len(shown), figsize=size, layout="constrained", squeeze=False)
+    lines = (
+        (found.kelvin, "temperature", "K", 1.0),
+        (found.sigma, "standard deviation", "K", 1.0),
+        (found.relative_error, "error of the emissions' ratio", "%", 100.0),
+    )
+    for line, (planes, word, unit, scale) in zip(axes, lines, strict=True):
+        values = scale * np.asarray(planes)[shown]
+        known = values[np.isfinite(values)]
+        low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
+        for axis, plane, number in zip(line, values, shown, strict=True):
+            picture = axis.imshow(plane, cmap="inferno", vmin=low, vmax=high)
+            axis.set_facecolor("0.6")
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.set_title(f"{word}, {depths_mm[number]:+g} mm", fontsize=8)
+        figure.colorbar(picture, ax=list(line), shrink=0.85, label=unit)
     return figure

@@ -1,4 +1,4 @@
-"""lf-flame resolution and lf-flame reconstruct."""
+"""lf-flame resolution, reconstruct and temperature."""
 
 import csv
 import json
@@ -143,3 +143,75 @@ def test_a_light_field_of_another_camera_is_refused(source):
 def test_a_figure_is_a_png(tmp_path):
     result = run("resolution", "--figure", tmp_path / "resolution.txt")
     assert "must end in .png" in str(result.exception)
+
+
+def reconstruct_two_colours(camera_file, folder, redraws=4):
+    """Emission at 550 and 650 nm of a flame at 6 mm of 1,900 K and one at -4 mm of 1,700 K."""
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--strength", 0.01]
+    for name, colour in (("green", 550), ("red", 650)):
+        scale = [float(emission_of(colour, kelvin)) for kelvin in (1900.0, 1700.0)]
+        np.save(folder / f"{name}.npy", two_flames(scale))
+        out = ["--out", folder / name, "--redraws", redraws]
+        result = run("reconstruct", folder / f"{name}.npy", *words, *out)
+        assert result.exit_code == 0, result.output
+
+
+def emission_of(wavelength_nm, kelvin):
+    """Planck's law times wavelength^-1, relative to 650 nm at 1,900 K."""
+
+    def planck(nm, temperature):
+        return nm**-6.0 / np.expm1(14.387768775e6 / (nm * temperature))
+
+    return planck(wavelength_nm, kelvin) / planck(650.0, 1900.0)
+
+
+def two_flames(brightness):
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    texture = flame_texture(4.0, 0.4, cell_mm=0.05)
+    layers = [
+        Layer(bright * texture, depth, (4.0, 2.56), (0.0, x))
+        for bright, depth, x in zip(brightness, (6.0, -4.0), (-1.6, 1.6), strict=True)
+    ]
+    views = render(Scene(layers), camera, tolerance=1e-6).views
+    noise = np.random.default_rng(int(1e6 * brightness[1])).standard_normal(views.shape, np.float32)
+    return views + np.float32(0.005 * max(brightness)) * noise
+
+
+def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
+    reconstruct_two_colours(camera_file, tmp_path)
+    green, red, out = (tmp_path / name for name in ("green", "red", "hot"))
+    result = run("temperature", green, red, "--wavelengths", 550, 650, "--out", out)
+    assert result.exit_code == 0, result.output
+    kelvin, sigma = (
+        tifffile.imread(out / f"{name}.tif") for name in ("temperature", "temperature_sigma")
+    )
+    emission = tifffile.imread(red / "emission.tif")
+    for plane, wanted in enumerate((1900.0, 1700.0)):
+        bright = emission[plane] > 0.5 * emission[plane].max()
+        assert np.median(kelvin[plane][bright]) == pytest.approx(wanted, abs=15)
+        assert np.all(sigma[plane][bright] > 0)
+    assert np.isnan(kelvin[:, :3]).mean() > 0.9  # no flame
+    assert run("verify", out).exit_code == 0
+    other = run("temperature", red, green, "--wavelengths", 650, 550, "--out", tmp_path / "other")
+    assert other.exit_code == 0
+    assert np.array_equal(
+        np.isnan(tifffile.imread(tmp_path / "other" / "temperature.tif")), np.isnan(kelvin)
+    )
+
+
+def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
+    words = ["--camera", camera_file, "--strength", 0.01]
+    for name, depths, redraws in (("a", (6, -4), 2), ("b", (6, -3), 2), ("c", (6, -4), 0)):
+        planes = [word for depth in depths for word in ("--depth-mm", depth)]
+        out = ["--out", tmp_path / name, "--redraws", redraws]
+        assert run("reconstruct", source, *words, *planes, *out).exit_code == 0
+    for first, second, says in (("a", "b", "the same planes"), ("a", "c", "--redraws 20")):
+        result = run(
+            "temperature", tmp_path / first, tmp_path / second, "--wavelengths", 550, 650,
+            "--out", tmp_path / "out",
+        )  # fmt: skip
+        assert says in str(result.exception)
+    (tmp_path / "a" / "emission.tif").write_bytes(b"no picture")
+    broken = run("temperature", tmp_path / "a", tmp_path / "a", "--wavelengths", 550, 650)
+    assert "cannot be read as a TIFF" in str(broken.exception)
+    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())

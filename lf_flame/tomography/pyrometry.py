@@ -1,0 +1,175 @@
+"""Temperature of soot from its emission in two colours.
+
+Where soot glows thinly, a volume's emission is its absorption coefficient times the radiance of a
+black body (Planck; Modest, Radiative Heat Transfer, chapters on the equation of transfer and on
+particulate media). The coefficient falls as a power of the wavelength; in the ratio of two colours
+all else of it drops out:
+
+    e1 / e2 = (l2 / l1)^(5 + a) (exp(c2 / (l2 T)) - 1) / (exp(c2 / (l1 T)) - 1)
+
+That is the temperature of the soot, not of the gas. A temperature hides errors of emission: at
+1,800 K one of 17 % is 137 K between 550 and 650 nm, and by one calibrated colour alone only 25 K.
+So never show a temperature without the error of its emission.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame.errors import InputError
+
+SECOND_RADIATION_MM_K = 14.387768775
+"""c2 = h c / k in mm K (CODATA 2018, exact)."""
+
+LEAST_K, MOST_K = 500.0, 5000.0
+"""Temperatures between which soot glows and is; others are taken for undetermined."""
+
+NEWTON_STEPS = 8
+"""From Wien's approximation; three suffice below 5,000 K and 10 micrometres."""
+
+LEAST_SIGNAL = 3.0
+"""Standard deviations of its noise by which an emission must exceed 0 to have a ratio."""
+
+
+@dataclass(frozen=True, eq=False)
+class Temperatures:
+    """Temperatures of soot, NaN where they are undetermined.
+
+    Attributes
+    ----------
+    kelvin : ndarray of float64
+    sigma : ndarray of float64, or None
+        Standard deviation by the emissions' noise, linearly propagated, in K.
+    relative_error : ndarray of float64, or None
+        That of the ratio of the emissions, relative to it: what a temperature hides.
+    """
+
+    kelvin: np.ndarray
+    sigma: np.ndarray | None
+    relative_error: np.ndarray | None
+
+
+def emission_ratio(
+    kelvin: ArrayLike, wavelengths_nm: tuple[float, float], soot_exponent: float = 1.0
+) -> np.ndarray:
+    """Tell the ratio of soot's emission at the first wavelength to that at the second.
+
+    Parameters
+    ----------
+    kelvin : array_like
+        Above 0.
+    wavelengths_nm : (float, float)
+    soot_exponent : float, optional
+        a in the absorption coefficient's fall as ``wavelength^-a``. 1 is that of particles much
+        smaller than the wavelength, of one refractive index.
+
+    Returns
+    -------
+    ndarray of float64
+
+    Raises
+    ------
+    InputError
+        If wavelengths are not two different ones above 0.
+    """
+    first, second = _checked_wavelengths(wavelengths_nm)
+    inverse = 1 / np.asarray(kelvin, float)
+    return np.exp(_log_ratio(inverse, first, second, soot_exponent))
+
+
+def two_colour_temperature(
+    first: ArrayLike,
+    second: ArrayLike,
+    wavelengths_nm: tuple[float, float],
+    sigmas: tuple[ArrayLike, ArrayLike] | None = None,
+    soot_exponent: float = 1.0,
+    calibration: float = 1.0,
+) -> Temperatures:
+    """Find the temperature at which soot has the ratio of two emissions.
+
+    Parameters
+    ----------
+    first, second : array_like of one shape
+        Emissions at the two wavelengths, by volume or by plane alike.
+    wavelengths_nm : (float, float)
+        In nm, two different ones.
+    sigmas : (array_like, array_like), optional
+        Standard deviations of the emissions. Where one does not exceed 0 by three of its own the
+        temperature is undetermined. Default: unknown; only what is not above 0 is undetermined.
+    soot_exponent : float, optional
+        As `emission_ratio` takes it.
+    calibration : float, optional
+        What the camera's ratio of the two colours is of an equal radiance in both, above 0.
+
+    Returns
+    -------
+    Temperatures
+
+    Raises
+    ------
+    InputError
+        If shapes differ or a value cannot be used.
+    """
+    short, long = _checked_wavelengths(wavelengths_nm)
+    emissions = [np.asarray(one, float) for one in (first, second)]
+    errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
+    shapes = {one.shape for one in (*emissions, *(errors or []))}
+    if len(shapes) > 1:
+        raise InputError(f"Emissions and their errors must be of one shape, got {sorted(shapes)}.")
+    if not (np.isfinite(calibration) and calibration > 0):
+        raise InputError(f"calibration must be a finite number above 0, got {calibration}.")
+    least = [0.0, 0.0] if errors is None else [LEAST_SIGNAL * error for error in errors]
+    known = (emissions[0] > least[0]) & (emissions[1] > least[1])
+    with np.errstate(all="ignore"):  # of 0 / 0 there is no temperature, and no warning
+        ratio = np.where(known, emissions[0] / emissions[1] / calibration, np.nan)
+        inverse = _invert(np.log(ratio), short, long, soot_exponent)
+        kelvin = 1 / inverse
+        kelvin = np.where((kelvin >= LEAST_K) & (kelvin <= MOST_K), kelvin, np.nan)
+        if errors is None:
+            return Temperatures(kelvin, None, None)
+        relative = np.hypot(errors[0] / emissions[0], errors[1] / emissions[1])
+        relative = np.where(np.isfinite(kelvin), relative, np.nan)
+        slope = np.abs(_slope(inverse, short, long))
+        return Temperatures(kelvin, kelvin**2 * relative / slope, relative)
+
+
+def _log_ratio(inverse: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
+    """Take the logarithm of the ratio of emissions at 1 / T; wavelengths in mm."""
+    x1, x2 = (SECOND_RADIATION_MM_K / length * inverse for length in (first, second))
+    constant = (5 + exponent) * np.log(second / first)
+    return constant + x2 - x1 + np.log1p(-np.exp(-x2)) - np.log1p(-np.exp(-x1))
+
+
+def _slope(inverse: np.ndarray, first: float, second: float) -> np.ndarray:
+    """Derive the logarithm of the ratio by 1 / T, in K."""
+    steps = []
+    for length in (first, second):
+        c = SECOND_RADIATION_MM_K / length
+        steps.append(c / -np.expm1(-c * inverse))
+    return steps[1] - steps[0]
+
+
+def _invert(log_ratio: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
+    """Solve for 1 / T by Newton's steps from Wien's approximation."""
+    constant = (5 + exponent) * np.log(second / first)
+    inverse = (constant - log_ratio) / (SECOND_RADIATION_MM_K * (1 / first - 1 / second))
+    inverse = np.clip(inverse, 1 / (4 * MOST_K), 4 / LEAST_K)
+    for _ in range(NEWTON_STEPS):
+        gap = _log_ratio(inverse, first, second, exponent) - log_ratio
+        inverse = np.clip(inverse - gap / _slope(inverse, first, second), 1e-5, 1.0)
+    return inverse
+
+
+def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, float]:
+    lengths = np.asarray(wavelengths_nm, float)
+    if lengths.shape != (2,) or not np.all((lengths > 0) & (lengths < 1e5)):
+        raise InputError(
+            f"wavelengths_nm must be two, above 0 and below 1e5, got {wavelengths_nm}."
+        )
+    if abs(lengths[0] - lengths[1]) < 1e-3 * lengths.max():
+        raise InputError(
+            f"wavelengths_nm must differ by a thousandth at least, got {wavelengths_nm}: the ratio "
+            f"of a colour to itself has no temperature."
+        )
+    return float(lengths[0]) * 1e-6, float(lengths[1]) * 1e-6

@@ -1,0 +1,92 @@
+"""Temperatures against Planck's law written out with its own constants."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.tomography.pyrometry import emission_ratio, two_colour_temperature
+
+PLANCK, LIGHT, BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
+COLOURS = (550.0, 650.0)
+
+
+def soot_emission(wavelength_nm, kelvin, exponent=1.0):
+    """Planck's radiance per wavelength times an absorption coefficient, in SI units."""
+    metres = wavelength_nm * 1e-9
+    excited = np.expm1(PLANCK * LIGHT / (metres * BOLTZMANN * kelvin))
+    return 2 * PLANCK * LIGHT**2 / metres**5 / excited * (wavelength_nm / 600) ** -exponent
+
+
+@pytest.mark.parametrize("colours", [COLOURS, (650.0, 550.0), (900.0, 4000.0)])
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 1.4])
+def test_temperatures_come_back(colours, exponent):
+    """To a thousandth of a kelvin, where Planck's law is far from Wien's, too."""
+    kelvin = np.array([[600.0, 1200.0], [1800.0, 4500.0]])
+    emissions = [soot_emission(colour, kelvin, exponent) for colour in colours]
+    found = two_colour_temperature(*emissions, colours, soot_exponent=exponent)
+    assert found.kelvin == pytest.approx(kelvin, abs=1e-3)
+    assert found.sigma is None
+    ratio = emission_ratio(kelvin, colours, exponent)
+    assert ratio == pytest.approx(emissions[0] / emissions[1], rel=1e-9)
+
+
+def test_a_camera_that_sees_one_colour_better_is_calibrated():
+    emissions = [soot_emission(colour, 1700.0) for colour in COLOURS]
+    found = two_colour_temperature(3 * emissions[0], emissions[1], COLOURS, calibration=3.0)
+    assert found.kelvin == pytest.approx(1700.0, abs=1e-3)
+    wrong = two_colour_temperature(3 * emissions[0], emissions[1], COLOURS)
+    assert abs(wrong.kelvin - 1700) > 500 or np.isnan(wrong.kelvin)
+
+
+def test_errors_are_those_of_draws():
+    """Linear propagation against ten thousand draws of 1 % of noise, within 5 %."""
+    rng, kelvin = np.random.default_rng(0), 1800.0
+    emissions = [np.full(10_000, soot_emission(colour, kelvin)) for colour in COLOURS]
+    sigmas = [0.01 * emission for emission in emissions]
+    noisy = [
+        emission + sigma * rng.standard_normal(emission.shape)
+        for emission, sigma in zip(emissions, sigmas, strict=True)
+    ]
+    found = two_colour_temperature(*noisy, COLOURS, sigmas)
+    assert np.mean(found.sigma) == pytest.approx(np.std(found.kelvin), rel=0.05)
+    # By Wien: T^2 / (c2 (1 / l1 - 1 / l2)), times the error of the ratio.
+    wien = 1800**2 / (14.387769e6 * (1 / 550 - 1 / 650)) * 0.01 * np.sqrt(2)
+    assert np.mean(found.sigma) == pytest.approx(wien, rel=0.02)
+    assert np.mean(found.relative_error) == pytest.approx(0.01 * np.sqrt(2), rel=0.02)
+
+
+def test_what_has_no_ratio_has_no_temperature():
+    first, second = (
+        np.array([0.0, 1.0, -1.0, 0.0, 1e9, 1.0]),
+        np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0]),
+    )
+    found = two_colour_temperature(first, second, COLOURS)
+    assert np.isnan(found.kelvin[:5]).all()
+    bright = soot_emission(550, 1800) / soot_emission(650, 1800)
+    faint = two_colour_temperature([bright] * 2, [1.0] * 2, COLOURS, ([0.01] * 2, [0.2, 0.5]))
+    assert faint.kelvin[0] == pytest.approx(1800, abs=1e-3)
+    assert np.isnan([faint.kelvin[1], faint.sigma[1], faint.relative_error[1]]).all()
+
+
+def test_a_temperature_hides_errors_of_emission():
+    """17 % in the ratio of two colours, and in one calibrated colour, at 1,800 K."""
+    first, second = (soot_emission(colour, 1800.0) for colour in COLOURS)
+    two = two_colour_temperature([first], [second], COLOURS, ([0.17 * first], [0.0]))
+    assert two.sigma == pytest.approx([137], abs=0.5)
+    brighter = soot_emission(650.0, 1800.0 + 25) / soot_emission(650.0, 1800.0)
+    assert brighter == pytest.approx(1.17, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (([1.0], [1.0], (550, 550)), "has no temperature"),
+        (([1.0], [1.0], (550, -1)), "two, above 0"),
+        (([1.0], [1.0], (550,)), "two, above 0"),
+        (([1.0], [1.0, 2.0], COLOURS), "one shape"),
+        (([1.0], [1.0], COLOURS, None, 1.0, 0.0), "calibration"),
+    ],
+)
+def test_bad_input_is_refused(arguments, says):
+    with pytest.raises(InputError, match=says):
+        two_colour_temperature(*arguments)
