@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame.commands.light_fields import READING, Reading
+from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
 from lf_flame.errors import InputError
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import cloup
 
-from lf_flame.commands.light_fields import READING, Reading, open_network
+from lf_flame.commands.light_field_options import READING, Reading, open_network
 from lf_flame.commands.options import FILE, PATH, UsablePath
 from lf_flame.errors import InputError
 

@@ -12,7 +12,7 @@ from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, rend
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.locks import exclusive
 from lf_flame.commands import cli, refocus_output
-from lf_flame.commands.light_fields import SLOPE_CONVENTIONS
+from lf_flame.commands.light_field_options import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import Aperture
 from lf_flame.formats import (
     read_focal_stack,
