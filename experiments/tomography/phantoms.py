@@ -74,6 +74,25 @@ def volume_flame(
     )
 
 
+def two_blobs(radius_mm: float, distance_mm: float) -> Scene:
+    """Two Gaussian blobs, ``exp(-(r / radius)^2)``, one behind the other about the focal plane.
+
+    In slabs of a quarter of the radius; scaled so that one alone projects to 1.
+    """
+    step, reach = radius_mm / 4, 2.5 * radius_mm
+    across = np.linspace(-reach, reach, 51)
+    lateral = np.exp(-((across[:, None] ** 2 + across**2) / radius_mm**2))
+    offsets = (np.arange(-10, 10) + 0.5) * step
+    share = np.exp(-((offsets / radius_mm) ** 2))
+    return Scene(
+        [
+            Layer(lateral * weight / share.sum(), middle + offset, (2 * reach, 2 * reach))
+            for middle in (-distance_mm / 2, distance_mm / 2)
+            for offset, weight in zip(offsets, share, strict=True)
+        ]
+    )
+
+
 def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
     """Emission of a scene's layers, each in the plane nearest to it.
 

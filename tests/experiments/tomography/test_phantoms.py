@@ -8,6 +8,7 @@ from experiments.tomography.phantoms import (
     Recorder,
     overlapping_flames,
     truth_on,
+    two_blobs,
     volume_flame,
 )
 from experiments.tomography.tasks import relative_errors
@@ -30,6 +31,21 @@ def test_a_volume_projects_as_the_closed_form_says():
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * 7.0
     wanted = projected_glow(x, 2.0 * radius_profile(h), HOLLOW_AT_BURNER * (1 - h))
     assert seen == pytest.approx(wanted / wanted.max(), abs=1e-4)
+
+
+def test_blobs_stand_apart_and_each_projects_to_a_gaussian():
+    scene = two_blobs(0.6, 5.0)
+    light = np.array([layer.texture.sum() for layer in scene.layers])
+    depths = np.array([layer.depth_mm for layer in scene.layers])
+    for sign in (-1, 1):
+        one = sign * depths > 0
+        middle = light[one] @ depths[one] / light[one].sum()
+        assert middle == pytest.approx(2.5 * sign)
+        width = np.sqrt(light[one] @ (depths[one] - middle) ** 2 / light[one].sum())
+        assert width == pytest.approx(0.6 / np.sqrt(2), rel=0.01)  # exp(-(z / b)^2)
+    seen = sum(layer.texture for layer in scene.layers)
+    x = np.linspace(-1.5, 1.5, 51)
+    assert seen[25] == pytest.approx(2 * np.exp(-((x / 0.6) ** 2)))
 
 
 def test_truth_stands_in_the_nearest_plane(camera):
