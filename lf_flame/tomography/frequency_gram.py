@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
+from lf_flame._common.memory import check_memory
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.projection_operator import plane_bands
 
@@ -29,6 +30,10 @@ one has too much and the next too little."""
 FEW_PLANES = 8
 """Planes up to which each is taken to stand for itself, as sheets do, and none for a volume."""
 
+COPIES = 10
+"""Arrays of the matrices' size that a reconstruction holds at once: fewer planes, or larger blocks,
+take less."""
+
 
 class FrequencyGram:
     """A'A of a grid on a torus that is wide enough for nothing to meet its own image.
@@ -45,6 +50,11 @@ class FrequencyGram:
     matrices : ndarray of float64, shape (fy, fx, planes, planes)
         Symmetric, for the frequencies of `scipy.fft.rfft2`. Real, because each view has a
         counterpart on the other side of the central one.
+
+    Raises
+    ------
+    InputError
+        If the matrices would take more memory than is allowed.
     """
 
     def __init__(self, grid: FrustumGrid):
@@ -53,6 +63,8 @@ class FrequencyGram:
             fft.next_fast_len(count + 2 * grid.reach, real=True) for count in grid.shape[1:]
         )
         self.size = (rows, columns)
+        one = rows * (columns // 2 + 1) * grid.shape[0] ** 2 * 8
+        check_memory(COPIES * one, f"{grid.shape[0]} planes of {rows} x {columns} cells")
         down = _axis_gram(grid, 0, rows)
         across = _axis_gram(grid, 1, columns)[: columns // 2 + 1]
         self.matrices = down[:, None] * across[None]
@@ -141,6 +153,24 @@ class FrequencyGram:
         """Inner product of two arrays of cells by their coefficients (Parseval)."""
         products = np.sum(a.real * b.real + a.imag * b.imag, axis=-1)
         return float(np.sum(self.multiplicity * products)) / np.prod(self.size)
+
+
+def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
+    """Multiply real matrices with complex vectors, which NumPy would do by complex matrices.
+
+    Parameters
+    ----------
+    matrices : ndarray of float, shape (..., planes, planes)
+    spectrum : ndarray of complex, shape (..., planes)
+        Of the same precision.
+
+    Returns
+    -------
+    ndarray of complex, shape (..., planes)
+    """
+    pairs = np.ascontiguousarray(spectrum).view(matrices.dtype)
+    product = np.matmul(matrices, pairs.reshape(*spectrum.shape, 2))
+    return product.reshape(*spectrum.shape[:-1], -1).view(spectrum.dtype)
 
 
 def depth_roughness(grid: FrustumGrid) -> np.ndarray:

@@ -7,7 +7,7 @@ from pyproximal import Box, ProxOperator
 from pyproximal.optimization.primal import ADMM
 from scipy import fft
 
-from lf_flame.tomography.frequency_gram import FrequencyGram
+from lf_flame.tomography.frequency_gram import FrequencyGram, multiply
 
 STEP = 60.0
 """Step of the splitting, in units of 1 / `FrequencyGram.scale`. With it the four flames stand after
@@ -44,7 +44,7 @@ class FrequencyFit(ProxOperator):
         """Value of the quadratic."""
         torus = x.reshape(self._shape).astype(np.float64)
         spectrum = self._gram.transform(torus)
-        seen = np.matmul(self._gram.compose(self._values), spectrum[..., None])[..., 0]
+        seen = multiply(self._gram.compose(self._values), spectrum)
         linear = float(np.vdot(self._focal_stack.astype(np.float64), torus))
         return self._gram.inner(spectrum, seen) / 2 - linear
 
@@ -54,10 +54,7 @@ class FrequencyFit(ProxOperator):
             raise ValueError(f"The matrices are inverted for the step {self._step}, not {tau}.")
         torus = x.reshape(self._shape) + np.float32(tau) * self._focal_stack
         spectrum = fft.rfft2(torus, workers=-1)
-        planes = self._shape[0]
-        pairs = np.ascontiguousarray(np.moveaxis(spectrum, 0, -1)).view(np.float32)
-        pairs = np.matmul(self._inverse, pairs.reshape(*spectrum.shape[1:], planes, 2))
-        solved = np.moveaxis(pairs.reshape(*spectrum.shape[1:], -1).view(np.complex64), -1, 0)
+        solved = np.moveaxis(multiply(self._inverse, np.moveaxis(spectrum, 0, -1)), -1, 0)
         return fft.irfft2(solved, s=self._shape[1:], workers=-1).ravel()
 
 
@@ -97,7 +94,7 @@ class RangeFit:
         self._spectrum = gram.transform(self._stack.astype(np.float64))
         ridge = RIDGE * gram.scale * np.eye(gram.matrices.shape[-1])
         plain = np.linalg.inv(gram.matrices + ridge)
-        self._fitted = np.matmul(plain, self._spectrum[..., None])[..., 0]
+        self._fitted = multiply(plain, self._spectrum)
         explained = self._explain(self._fitted)
         self.outside = max(squared - explained, 0.0)
         self._explained = explained
@@ -130,7 +127,7 @@ class RangeFit:
 
     def _solve_linear(self, inverse: np.ndarray) -> np.ndarray:
         """Coefficients of the cells, by the eigenvalues of the inverse matrices."""
-        return np.matmul(self.gram.compose(inverse), self._spectrum[..., None])[..., 0]
+        return multiply(self.gram.compose(inverse), self._spectrum)
 
     def solve(
         self,
@@ -180,5 +177,5 @@ class RangeFit:
 
     def _explain(self, spectrum: np.ndarray) -> float:
         """Tell how much of the squares of the light field some cells explain."""
-        seen = np.matmul(self.gram.matrices, spectrum[..., None])[..., 0]
+        seen = multiply(self.gram.matrices, spectrum)
         return 2 * self.gram.inner(self._spectrum, spectrum) - self.gram.inner(spectrum, seen)

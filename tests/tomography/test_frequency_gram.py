@@ -1,10 +1,13 @@
 """The Gram matrix by frequency, against the operator and against its closed form."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator
-from lf_flame.tomography.frequency_gram import DEPTH_WEIGHT, depth_roughness
+from lf_flame import PAPER_CAMERA, InputError, LightField
+from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography.frequency_gram import COPIES, DEPTH_WEIGHT, depth_roughness
 
 DEPTHS = [18.0, 4.0, 0.0, -9.0]
 
@@ -109,3 +112,23 @@ def test_decomposition_composes_what_it_took_apart(camera):
 @pytest.mark.parametrize("depths", [[0.0], DEPTHS, [0, 1, 2, 3, 4, 5, 6, 7, 9]])
 def test_sheets_and_uneven_planes_have_no_penalty_along_depth(camera, depths):
     assert not depth_roughness(FrustumGrid(camera, depths)).any()
+
+
+def test_too_many_planes_are_refused_before_memory_is_taken():
+    grid = FrustumGrid(PAPER_CAMERA, np.linspace(-20, 20, 200))
+    with pytest.raises(InputError, match="200 planes of .* GB"):
+        FrequencyGram(grid)
+
+
+def test_as_many_copies_are_held_as_is_said(camera):
+    """The peak of traced memory of a reconstruction, but for what does not grow with the planes."""
+    grid = FrustumGrid(camera, np.linspace(-8, 8, 25).tolist())
+    light_field = LightField(np.random.default_rng(0).random((7, 7, 72, 84), np.float32))
+    tracemalloc.start()
+    try:
+        reconstruct(light_field, grid, iterations=2)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    matrices = FrequencyGram(grid).matrices.nbytes
+    assert 0.4 * COPIES * matrices < peak < COPIES * matrices

@@ -1,0 +1,42 @@
+"""What noise leaves of a fit, against noise itself."""
+
+import numpy as np
+import pytest
+
+from lf_flame import LightField
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.strength_search import STRENGTHS, roughness
+
+
+@pytest.fixture(scope="module")
+def tried(camera):
+    """Linear fits of all strengths to a light field of nothing but noise."""
+    noise = np.random.default_rng(0).standard_normal((7, 7, 72, 84), dtype=np.float32)
+    grid = FrustumGrid(camera, [3.0, 0.0, -4.0])
+    options = {"noise": 1.0, "nonnegative": False, "strength": 0.01, "whole_curve": True}
+    return reconstruct(LightField(noise), grid, **options).tried
+
+
+def test_strengths_are_half_decades(tried):
+    assert [one.strength for one in tried] == list(STRENGTHS)
+    assert np.log10(STRENGTHS) == pytest.approx(np.arange(-6, 3.25, 0.5))
+
+
+def test_noise_leaves_what_is_expected_of_it(tried):
+    """A mode that is kept by half counts half, and its noise leaves a quarter: hence the slack."""
+    misfits, expected = ([getattr(one, name) for one in tried] for name in ("misfit", "expected"))
+    assert expected == sorted(expected)
+    assert expected[0] < 0.1
+    assert expected[-1] > 0.9
+    assert misfits == pytest.approx(expected, abs=0.15)
+    assert misfits[0] == pytest.approx(expected[0], abs=0.05)
+    assert misfits[-1] == pytest.approx(expected[-1], abs=0.05)
+
+
+def test_roughness_is_of_third_differences():
+    """A parabola has none; a cubic of n^3 has 6 everywhere."""
+    n = np.arange(12.0)
+    assert roughness(np.broadcast_to(n**2, (1, 12, 12))) == 0
+    cubic = np.broadcast_to(n**3, (1, 12, 12))
+    assert roughness(cubic) == pytest.approx(6 / 11**3)
+    assert roughness(5 * cubic) == pytest.approx(6 / 11**3)
