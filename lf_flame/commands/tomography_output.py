@@ -3,6 +3,7 @@
 import csv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tifffile
@@ -24,8 +25,10 @@ from lf_flame.tomography.figures import (
     trust_figure,
 )
 from lf_flame.tomography.pyrometry import Temperatures
-from lf_flame.tomography.reconstruction import Reconstruction
 from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.reconstruction import Reconstruction
 
 RECORD = "reconstruct.json"
 TEMPERATURE_RECORD = "temperature.json"
@@ -63,7 +66,7 @@ def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) 
 
 
 def write_reconstruction(
-    found: Reconstruction, light_field: LightField, folder: OutputFolder
+    found: "Reconstruction", light_field: LightField, folder: OutputFolder
 ) -> None:
     """Write ``emission.tif`` and what tells how far to trust it.
 
@@ -96,7 +99,7 @@ def write_reconstruction(
     }
 
 
-def light_by_depth(found: Reconstruction) -> tuple[np.ndarray, np.ndarray | None]:
+def light_by_depth(found: "Reconstruction") -> tuple[np.ndarray, np.ndarray | None]:
     """Add up each plane's emission over its area, and the error of that.
 
     Returns
@@ -111,7 +114,7 @@ def light_by_depth(found: Reconstruction) -> tuple[np.ndarray, np.ndarray | None
     return light, None if found.light_sigma is None else found.light_sigma * areas
 
 
-def _write_depths(path: Path, found: Reconstruction, light: np.ndarray, error) -> None:
+def _write_depths(path: Path, found: "Reconstruction", light: np.ndarray, error) -> None:
     with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"])
@@ -121,7 +124,7 @@ def _write_depths(path: Path, found: Reconstruction, light: np.ndarray, error) -
             )
 
 
-def _focal_stack(found: Reconstruction, light_field: LightField) -> np.ndarray:
+def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray:
     stack = shift_and_sum(light_field, found.grid.slopes)
     (rows, columns), block = found.grid.pixels, found.grid.block
     return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))

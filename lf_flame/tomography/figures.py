@@ -7,7 +7,7 @@ import numpy as np
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.tomography.frequency_gram import FEW_PLANES
+from lf_flame.tomography.frustum_grid import FEW_PLANES
 from lf_flame.tomography.resolution import (
     angular_width,
     depth_blur,

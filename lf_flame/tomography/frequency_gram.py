@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft
 
 from lf_flame._common.memory import check_memory
-from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import plane_bands
 
 ROUGHNESS_ORDER = 3
@@ -26,9 +26,6 @@ DEPTH_WEIGHT = 1e-4
 """Of a penalty on third differences along depth, relative to the square of the number of views.
 Where many planes sample a volume the light field hardly tells their light apart, and without it
 one has too much and the next too little."""
-
-FEW_PLANES = 8
-"""Planes up to which each is taken to stand for itself, as sheets do, and none for a volume."""
 
 COPIES = 10
 """Arrays of the matrices' size that a reconstruction holds at once: fewer planes, or larger blocks,

@@ -15,6 +15,9 @@ from lf_flame.simulation.slabs import Plane
 MOST_PLANES = 200
 """Planes beyond which the matrices by frequency fill the memory."""
 
+FEW_PLANES = 8
+"""Planes up to which each is taken to stand for itself, as sheets do, and none for a volume."""
+
 NOT_MODELLED = (
     "aperture_diameter_mm",
     "rim_diameter_mm",

@@ -9,8 +9,8 @@ from scipy import ndimage
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.data_checks import check_data
-from lf_flame.tomography.frequency_gram import FEW_PLANES, ROUGHNESS_ORDER, FrequencyGram
-from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
+from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
+from lf_flame.tomography.frustum_grid import FEW_PLANES, MOST_PLANES, FrustumGrid
 from lf_flame.tomography.penalised_fit import RIDGE, RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength

@@ -3,6 +3,8 @@
 import csv
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -215,3 +217,22 @@ def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
     broken = run("temperature", tmp_path / "a", tmp_path / "a", "--wavelengths", 550, 650)
     assert "cannot be read as a TIFF" in str(broken.exception)
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
+
+
+def without_solvers(code):
+    """Run code in a process in which pylops and pyproximal cannot be imported."""
+    hide = "import sys; sys.modules['pylops'] = sys.modules['pyproximal'] = None"
+    command = [sys.executable, "-c", f"{hide}; {code}"]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_resolution_needs_no_solvers_and_reconstruct_says_that_it_does(source, camera_file):
+    program = "from lf_flame.commands.cli import main; import sys; sys.argv[1:] = {}; main()"
+    told = without_solvers(program.format(["resolution", "--period", "1"]))
+    assert told.returncode == 0, told.stderr
+    assert "4.18" in told.stdout
+    words = ["reconstruct", str(source), "--camera", str(camera_file), "--depth-mm", "0"]
+    refused = without_solvers(program.format(words))
+    assert refused.returncode == 2
+    assert "pip install 'lf_flame[tomography]'" in refused.stderr
+    assert "Traceback" not in refused.stderr

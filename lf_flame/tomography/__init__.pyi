@@ -1,0 +1,10 @@
+from .frequency_gram import FrequencyGram as FrequencyGram
+from .frustum_grid import FrustumGrid as FrustumGrid
+from .projection_operator import ProjectionOperator as ProjectionOperator
+from .pyrometry import Temperatures as Temperatures
+from .pyrometry import two_colour_temperature as two_colour_temperature
+from .reconstruction import Reconstruction as Reconstruction
+from .reconstruction import reconstruct as reconstruct
+from .resolution import depth_blur as depth_blur
+from .resolution import depth_modes as depth_modes
+from .resolution import depth_singular_values as depth_singular_values
