@@ -129,8 +129,8 @@ def reconstruct(
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
     redraws : int, optional
-        Light fields of the found emission that are drawn with new noise and fitted again, for
-        `Reconstruction.sigma`: 0, or 2 and more.
+        Light fields of the found emission that are drawn with new noise, as uneven as that found,
+        and fitted again, for `Reconstruction.sigma`: 0, or 2 and more.
     rng : numpy.random.Generator, optional
         Needed for redraws.
 
@@ -152,7 +152,9 @@ def reconstruct(
     problem = RangeFit(gram, *_seen(operator, views))
     measured = problem.measure_noise()
     sd = measured if noise is None else float(noise)
-    share = noise_by_cell(operator, views, problem.unpenalised())
+    uneven = noise_by_pixel(operator, views, problem.unpenalised())
+    around = np.pad(uneven, grid.reach, mode="edge")
+    share = around / around.sum()
     search = StrengthSearch(
         problem, _variance(sd), share, order, nonnegative, min(iterations, max(20, iterations // 8))
     )
@@ -165,7 +167,7 @@ def reconstruct(
     chi_squared = residual.mean(axis=(2, 3)) / _variance(sd)
     sigma = light_sigma = None
     if rng is not None and redraws:
-        draws = _redraw(operator, fitted, sd, redraws, rng)
+        draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
         options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
         again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) for draw in draws]
         sigma = np.std(again, axis=0, ddof=1)
@@ -194,16 +196,18 @@ def _seen(operator: ProjectionOperator, views: np.ndarray) -> Seen:
 
 
 def _redraw(
-    operator: ProjectionOperator, fitted: np.ndarray, sd: float, count: int, rng
+    operator: ProjectionOperator, fitted: np.ndarray, sd: np.ndarray, count: int, rng
 ) -> Iterator[Seen]:
-    """Draw light fields of the fitted emission with noise anew."""
+    """Draw light fields of the fitted emission with noise anew; sd[t, s] of each pixel."""
     for _ in range(count):
         noise = rng.standard_normal(fitted.shape, dtype=np.float32)
-        yield _seen(operator, fitted + np.float32(sd) * noise)
+        yield _seen(operator, fitted + sd.astype(np.float32) * noise)
 
 
-def noise_by_cell(operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Share of the noise by place: bright pixels have more of it, as light comes in portions.
+def noise_by_pixel(
+    operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray
+) -> np.ndarray:
+    """Measure the noise by place: bright pixels have more of it, as light comes in portions.
 
     Parameters
     ----------
@@ -214,15 +218,13 @@ def noise_by_cell(operator: ProjectionOperator, views: np.ndarray, cells: np.nda
 
     Returns
     -------
-    ndarray of float64, shape (rows, columns)
-        Their sum is 1.
+    ndarray of float64, shape (t, s)
+        Variance relative to its mean over the pixels.
     """
     rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
     power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
     smooth = ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest")
-    reach = (operator.dims[1] - views.shape[2]) // 2
-    spread = np.pad(smooth, reach, mode="edge")
-    return spread / max(float(spread.sum()), float(np.finfo(np.float64).tiny))
+    return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:

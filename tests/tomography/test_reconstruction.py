@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import InputError, LightField
+from lf_flame import InputError, LightField, Sensor
+from lf_flame.optics.sensor import expose
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
@@ -84,6 +85,22 @@ def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, noisy
     sums = np.std([other.emission.sum(axis=(1, 2)) for other in others], axis=0, ddof=1)
     assert np.all(found.light_sigma > 0.3 * sums)
     assert np.all(found.light_sigma < 3 * sums)
+
+
+def test_error_bars_follow_the_light_where_noise_does(grid, clean):
+    """Photons of 200 electrons at the brightest: dark places have no noise, bright ones all."""
+    sensor = Sensor(exposure_e=200 / float(clean.views.max()))
+
+    def counted(seed):
+        rng = np.random.default_rng(seed)
+        return LightField(expose(clean.views, sensor, {"shot_noise"}, rng))
+
+    found = reconstruct(counted(0), grid, strength=0.01, redraws=12, rng=np.random.default_rng(5))
+    others = [reconstruct(counted(seed), grid, strength=0.01) for seed in range(1, 9)]
+    lit = found.emission > 0.3 * found.emission.max()
+    scatter = np.std([other.emission for other in others], axis=0, ddof=1)[lit]
+    ratio = np.sqrt(np.mean(found.sigma[lit] ** 2) / np.mean(scatter**2))
+    assert ratio == pytest.approx(1, abs=0.25)
 
 
 def test_the_covariance_is_that_of_linear_fits(camera, grid, noisy, clean):
