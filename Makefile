@@ -93,10 +93,13 @@ train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cr
 SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --config experiments/systems.toml --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
-# In quick every network learns for as many seconds; these learn for as many steps.
+# In quick every network learns for as many seconds; these learn for as many steps, as the slowest do
+# there already.
 EQUAL_STEPS := $(if $(filter quick,$(RUN)),$(SYSTEMS:$(RUNS)/%=runs/equal-steps/%))
 runs/equal-steps/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --config experiments/systems.toml --preset equal-steps --out runs/equal-steps/$*
+$(filter runs/equal-steps/refnet%,$(EQUAL_STEPS)): runs/equal-steps/%: runs/quick/%
+	@mkdir -p runs/equal-steps && ln -sfn ../quick/$(notdir $(@D)) $(@D)
 COMPARE := results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
 # what `make encodings` has trained is there to be compared, but for what is as the paper's.
