@@ -8,6 +8,7 @@ import cloup
 
 from lf_flame import __version__
 from lf_flame.commands import (
+    axisymmetric,
     datasets,
     light_fields,
     moved,
@@ -49,7 +50,12 @@ SECTIONS = [
     ),
     cloup.Section(
         "Emission by depth",
-        [tomography.resolution, tomography.reconstruct, tomography.temperature],
+        [
+            tomography.resolution,
+            tomography.reconstruct,
+            axisymmetric.abel,
+            tomography.temperature,
+        ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),

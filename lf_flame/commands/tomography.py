@@ -137,7 +137,6 @@ def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed,
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame.commands.tomography_output import RECORD, write_reconstruction
-    from lf_flame.lightfield import LightField
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.reconstruction import planes_between
@@ -148,15 +147,7 @@ def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed,
         )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
-    light_field = reading.read(source)
-    if dark:
-        black = reading.read(dark)
-        if black.views.shape != light_field.views.shape:
-            raise InputError(
-                f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
-                f"{black.views.shape}."
-            )
-        light_field = LightField(light_field.views - black.views)
+    light_field = reading.read_above(source, dark)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         rng = np.random.default_rng(seed)
         found = find_emission(light_field, grid, whole_curve=l_curve, rng=rng, **options)

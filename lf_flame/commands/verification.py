@@ -11,6 +11,7 @@ RECORDS = (
     "refocus.json",
     "simulation.json",
     "prediction.json",
+    "abel.json",
     "reconstruct.json",
     "temperature.json",
 )

@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.tomography.data_checks import check_data
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.frustum_grid import FEW_PLANES, MOST_PLANES, FrustumGrid
@@ -147,7 +148,7 @@ def reconstruct(
         iterations = next(n for most, n in ITERATIONS.items() if len(grid.depths_mm) <= most)
     _check_options(noise, strength, order, iterations)
     _check_redraws(redraws, rng)
-    views = _averaged(light_field, grid)
+    views = average_blocks(light_field, grid.camera, grid.block)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
     problem = RangeFit(gram, *_seen(operator, views))
     measured = problem.measure_noise()
@@ -156,7 +157,12 @@ def reconstruct(
     around = np.pad(uneven, grid.reach, mode="edge")
     share = around / around.sum()
     search = StrengthSearch(
-        problem, _variance(sd), share, order, nonnegative, min(iterations, max(20, iterations // 8))
+        problem,
+        noise_variance(sd),
+        share,
+        order,
+        nonnegative,
+        min(iterations, max(20, iterations // 8)),
     )
     if whole_curve:
         search.try_all()
@@ -164,7 +170,7 @@ def reconstruct(
     cells = problem.solve(chosen, order, nonnegative, iterations, search.nearest(chosen)).cells
     fitted = operator.matvec(cells.ravel()).reshape(views.shape)
     residual = np.square(views - fitted, dtype=np.float64)
-    chi_squared = residual.mean(axis=(2, 3)) / _variance(sd)
+    chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
     sigma = light_sigma = None
     if rng is not None and redraws:
         draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
@@ -223,7 +229,8 @@ def noise_by_pixel(
     """
     rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
     power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
-    smooth = ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest")
+    # A running sum may end just below 0 where there is no noise.
+    smooth = np.clip(ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest"), 0, None)
     return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
 
 
@@ -244,14 +251,24 @@ def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: i
     return noise * np.sqrt(np.clip(mean, 0, None))
 
 
-def _variance(sd: float) -> float:
+def noise_variance(sd: float) -> float:
     """Variance of the noise, above 0 so that it may divide."""
     return max(sd**2, float(np.finfo(np.float32).tiny))
 
 
-def _averaged(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
-    """Average blocks of lenslets, float32 with float64 sums."""
-    views, camera, block = light_field.views, grid.camera, grid.block
+def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
+    """Average blocks of a camera's lenslets, float32 with float64 sums.
+
+    Returns
+    -------
+    ndarray of float32, shape (v, u, t, s)
+
+    Raises
+    ------
+    InputError
+        If the light field is not grey, or not of that camera.
+    """
+    views = light_field.views
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
         raise InputError(
@@ -260,7 +277,7 @@ def _averaged(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
         )
     if block == 1:
         return views
-    t, s = grid.pixels
+    t, s = (count // block for count in camera.lenslets)
     cells = views.reshape(*views.shape[:2], t, block, s, block)
     return cells.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)
 
