@@ -110,7 +110,8 @@ compare: $(SYSTEMS) $(EQUAL_STEPS) $(RUNS)/shapes/model.keras $(RUNS)/flames/mod
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
-	$(EXPERIMENT) emission --out results/tomography
+	$(EXPERIMENT) emission --out results/tomography \
+	  $(patsubst %/model.keras,--network %,$(wildcard runs/quick/flames/model.keras runs/paper/flames/model.keras))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs

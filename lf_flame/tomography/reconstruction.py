@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -34,11 +35,8 @@ class Reconstruction:
     emission : ndarray of float32, shape (planes, rows, columns)
         Radiance that each plane adds along the line of sight, in the unit of the light field;
         rows and columns are the pixels of the central view. `per_mm` is emission by volume.
-    sigma : ndarray of float32, shape of `emission`, or None
-        Standard deviation of each cell by the light field's noise, from fits to light fields drawn
-        anew; None where none was drawn. The penalty's pull is not in it.
-    light_sigma : ndarray of float64, shape (planes,), or None
-        The same of the sum over each plane's cells.
+    draws : ndarray of float32, shape (redraws, planes, rows, columns)
+        Emission of light fields that were drawn anew from what was found, with noise.
     sigma_linear : ndarray of float64, shape (planes,)
         That of each plane's cells by the covariance, were light allowed to be negative: how much
         the bound at zero adds to what the light field itself tells.
@@ -56,14 +54,28 @@ class Reconstruction:
 
     grid: FrustumGrid
     emission: np.ndarray
-    sigma: np.ndarray | None
-    light_sigma: np.ndarray | None
+    draws: np.ndarray
     sigma_linear: np.ndarray
     noise: float
     strength: float
     tried: tuple[TriedStrength, ...]
     chi_squared: np.ndarray
     warnings: tuple[str, ...]
+
+    @cached_property
+    def sigma(self) -> np.ndarray | None:
+        """Standard deviation of each cell by the light field's noise, None where nothing was drawn.
+
+        float32, shape of `emission`; the penalty's pull is not in it.
+        """
+        return np.std(self.draws, axis=0, ddof=1) if len(self.draws) else None
+
+    @property
+    def light_sigma(self) -> np.ndarray | None:
+        """Give the same of the sum over each plane's cells, float64, shape (planes,)."""
+        if not len(self.draws):
+            return None
+        return np.std(self.draws.sum(axis=(2, 3), dtype=np.float64), axis=0, ddof=1)
 
     @property
     def spacing_mm(self) -> float | None:
@@ -171,18 +183,16 @@ def reconstruct(
     fitted = operator.matvec(cells.ravel()).reshape(views.shape)
     residual = np.square(views - fitted, dtype=np.float64)
     chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
-    sigma = light_sigma = None
+    emission = np.ascontiguousarray(grid.crop(cells))
+    again = []
     if rng is not None and redraws:
         draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
         options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
         again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) for draw in draws]
-        sigma = np.std(again, axis=0, ddof=1)
-        light_sigma = np.std(np.sum(again, axis=(2, 3), dtype=np.float64), axis=0, ddof=1)
     return Reconstruction(
         grid=grid,
-        emission=np.ascontiguousarray(grid.crop(cells)),
-        sigma=sigma,
-        light_sigma=light_sigma,
+        emission=emission,
+        draws=np.array(again, np.float32).reshape(-1, *emission.shape),
         sigma_linear=standard_errors(gram, sd, chosen, order),
         noise=sd,
         strength=chosen,
