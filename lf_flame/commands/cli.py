@@ -9,6 +9,7 @@ import cloup
 from lf_flame import __version__
 from lf_flame.commands import (
     datasets,
+    flicker,
     light_fields,
     moved,
     networks,
@@ -49,7 +50,12 @@ SECTIONS = [
     ),
     cloup.Section(
         "Emission by depth",
-        [tomography.resolution, tomography.reconstruct, tomography.temperature],
+        [
+            tomography.resolution,
+            tomography.reconstruct,
+            tomography.temperature,
+            flicker.flicker,
+        ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),
