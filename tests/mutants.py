@@ -145,6 +145,8 @@ CORE = {
     "tomography/axisymmetric_grid.py": ("tomography/test_axisymmetric.py",),
     "tomography/axisymmetric_operator.py": ("tomography/test_axisymmetric.py",),
     "tomography/flame_axis.py": ("tomography/test_axisymmetric.py",),
+    "tomography/flame_shape.py": (),
+    "tomography/flicker.py": (),
     "tomography/data_checks.py": ("tomography/test_reconstruction.py",),
     "tomography/frequency_gram.py": ("tomography/test_reconstruction.py",),
     "tomography/frustum_grid.py": ("tomography/test_projection_operator.py",),

@@ -72,8 +72,8 @@ root-mean-square. `reconstruct` is called as a user calls it, its noise measured
 chosen by itself. One draw of the noise each; seconds with all setting up.
 
 The round flame's axis is found, too; its errors count heights between 3 and 97 % of its own, over
-the volume and over the half section. PyAbel sees the middle view alone, and has the penalty of least
-true error.
+the volume and over the half section. PyAbel sees the middle view alone, and has the penalty of
+least true error.
 
 {shown.to_markdown(index=False)}
 """

@@ -10,6 +10,7 @@ from lf_flame import __version__
 from lf_flame.commands import (
     axisymmetric,
     datasets,
+    flicker,
     light_fields,
     moved,
     networks,
@@ -55,6 +56,7 @@ SECTIONS = [
             tomography.reconstruct,
             axisymmetric.abel,
             tomography.temperature,
+            flicker.flicker,
         ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
