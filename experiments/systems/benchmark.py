@@ -18,6 +18,7 @@ from experiments.systems.compared_sets import Scene, TestSet
 from experiments.systems.cost import measure_cost
 from experiments.systems.entries import Entry
 from experiments.systems.figures import figure, noise_figure
+from experiments.systems.learning import learning_figure, learning_table
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame.errors import InputError
@@ -90,7 +91,8 @@ def run_benchmark(
     test_sets : sequence of TestSet
         The first scene of the first one is the frame that systems are timed on.
     out : Path
-        Folder for ``compare.csv``, ``systems.csv``, ``compare.md``, ``.png`` and ``.json``.
+        Folder for ``compare.csv``, ``systems.csv``, ``learning.csv``, ``compare.md``, ``.json`` and
+        pictures.
     progress : callable, optional
         ``progress(steps, done, total)`` wraps the iterable of steps.
 
@@ -126,6 +128,10 @@ def run_benchmark(
         figures.save(figure(clean, costs), aside / "compare.png")
         if len(dark):
             figures.save(noise_figure(dark), aside / "compare_noise.png")
+        learnt = learning_table(record["systems"])
+        if len(learnt):
+            write_text(aside / "learning.csv", learnt.round(3).to_csv(index=False))
+            figures.save(learning_figure(record["systems"]), aside / "compare_learning.png")
         write_json(aside / "compare.json", record)
     return out / "compare.md"
 

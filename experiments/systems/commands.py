@@ -49,16 +49,8 @@ from lf_flame.errors import InputError
     multiple=True,
     help="Another run of the paper's network, as `make encodings` leaves some; may be repeated.",
 )
-@click.option(
-    "--more",
-    type=RUN,
-    multiple=True,
-    metavar="RUNS",
-    help="Folder of the same networks, trained as its name says, such as runs/equal-steps; may be "
-    "repeated.",
-)
 def compare(
-    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants, more
+    runs, out, data, light_fields, photographs, electrons, seed, refocusnet_weights, variants
 ) -> None:
     """Set refocusing systems side by side: accuracy, views, time and memory.
 
@@ -94,7 +86,7 @@ def compare(
         light_field = read_light_field(path)
         test_sets += photograph_sets(path.name, light_field, _as_numbers(slopes))
     entries = systems.formula_entries()
-    entries += systems.trained_entries(runs, refocusnet_weights, more)
+    entries += systems.trained_entries(runs, refocusnet_weights)
     entries += [systems.variant_entry(path, configs, runs, light_fields) for path in variants]
     path = benchmark.run_benchmark(entries, test_sets, out, step_bar)
     click.echo(set_beside(path, "compare/compare.md"))

@@ -95,9 +95,7 @@ def _denoised(name: str, system: Callable[[], ShiftAndSum], denoise: Callable) -
     return Denoised(system(), denoise, name)
 
 
-def trained_entries(
-    runs: Path, official_refocusnet: Path | None = None, others: Sequence[Path] = ()
-) -> list[Entry]:
+def trained_entries(runs: Path, official_refocusnet: Path | None = None) -> list[Entry]:
     """List the networks of a folder of runs; those that are not there will show as missing.
 
     Parameters
@@ -107,15 +105,11 @@ def trained_entries(
         ``flames``, those of the paper's.
     official_refocusnet : Path, optional
         The authors' trained weights, see `RefocusNet.of_weights`.
-    others : sequence of Path, optional
-        Folders of the same networks, trained otherwise; a folder's name says how.
     """
     found = []
     for name, network in NETWORKS.items():
-        for folder in (runs, *others):
-            title = network.title if folder == runs else f"{network.title}, {_in_words(folder)}"
-            load = partial(load_system, folder / name)
-            found.append(Entry(title, load, _about(folder / name)))
+        load = partial(load_system, runs / name)
+        found.append(Entry(network.title, load, _about(runs / name)))
     if official_refocusnet:
         load = partial(RefocusNet.of_weights, official_refocusnet)
         found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
@@ -189,23 +183,35 @@ def _about(folder: Path) -> dict:
         history = read_history(folder / "history.csv", facts.epochs)
     except InputError:
         return record  # what training took is missing
-    steps = facts.recipe.steps_per_epoch
-    if steps is None and "train" in facts.parts:
-        # The paper's network sees every sample once in an epoch.
-        steps = -(-facts.parts["train"] // facts.recipe.batch_size)
+    if facts.system is not None:  # trained as the other systems are
+        return record | _progress(history, facts.recipe.steps_per_epoch or 0)
+    # The paper's network sees every sample once in an epoch.
+    seen = facts.parts.get("train", np.nan)
     return record | {
-        "steps": np.nan if steps is None else steps * facts.epochs,
-        "seconds": _undisturbed_seconds(history, with_start=facts.system is None),
+        "steps": np.ceil(seen / facts.recipe.batch_size) * facts.epochs,
+        "seconds": history["seconds"].iloc[0] + facts.epochs * _pace(history),
     }
 
 
-def _undisturbed_seconds(history: pd.DataFrame, with_start: bool) -> float:
-    """Seconds that all epochs take at the pace of the median one, whatever else the machine did.
+def _progress(history: pd.DataFrame, steps_per_epoch: int) -> dict:
+    """Tell how a system got better: PSNR of held-out samples after so many steps and seconds.
 
-    The start of the paper's network is a part of its training, where a regression sets it; that of
-    the others draws the training samples.
+    The start draws the training samples, which belongs to none.
     """
-    start, *passed = history["seconds"]
-    epochs = np.diff([start, *passed])
-    pace = float(np.median(epochs)) if len(epochs) else 0.0
-    return start * with_start + pace * len(epochs)
+    epochs = history["epoch"].to_numpy()
+    steps, seconds = epochs * steps_per_epoch, epochs * _pace(history)
+    return {
+        "steps": int(steps[-1]),
+        "seconds": float(seconds[-1]),
+        "curve": {
+            "steps": steps.tolist(),
+            "seconds": seconds.round(2).tolist(),
+            "psnr_db": history["val_psnr_db"].round(3).tolist(),
+        },
+    }
+
+
+def _pace(history: pd.DataFrame) -> float:
+    """Seconds of the median epoch: what all of them take, whatever else the machine did."""
+    epochs = np.diff(history["seconds"])
+    return float(np.median(epochs)) if len(epochs) else 0.0

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.systems.compared_sets import SIXTEEN
+from experiments.systems.learning import learning_text
 
 MISSING = "missing"
 
@@ -55,7 +56,7 @@ what is exact, or beyond the axis, stands at its edge as a triangle.
 
 {_pivot(clean, "psnr_db", "{:.2f}", "min")}
 
-{_sixteen(scores)}{_noise(scores)}## What is missing
+{_sixteen(scores)}{_noise(scores)}{learning_text(record["systems"])}## What is missing
 
 {_missing(scores)}
 """

@@ -1,6 +1,5 @@
 import hashlib
 import json
-import shutil
 from pathlib import Path
 
 import keras
@@ -17,7 +16,6 @@ from lf_flame.datasets.config import read_config
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50
-from lf_flame.systems.sparse_unet import SparseUNet
 from lf_flame.systems.view_selection import square_of_views
 
 
@@ -182,9 +180,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     np.save(leaves, views)
     arguments = ["compare", system_runs, "--out", tmp_path / "out", "--data", coarse_data[1],
                  "--light-fields", 1, "--photograph", leaves, "-0.5,1", "--electrons",
-                 50, "--variant", system_runs / "refocusnet",
-                 "--more", tmp_path / "trained-again"]  # fmt: skip
-    shutil.copytree(system_runs / "volumetric", tmp_path / "trained-again" / "volumetric")
+                 50, "--variant", system_runs / "refocusnet"]  # fmt: skip
     shown = CliRunner().invoke(commands, [str(x) for x in arguments], catch_exceptions=False)
     assert shown.exit_code == 0
     scores = pd.read_csv(tmp_path / "out/compare.csv")
@@ -202,15 +198,14 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     assert costs.training_s["RefocusNet"] > 0
     assert costs.views["RefocusNet"] == 4
     assert costs.steps["RefocusNet"] == 2
-    assert costs.steps[SparseUNet.name + ", trained again"] == 2
-    assert np.isnan(costs.steps["RefocusNet, trained again"])  # there is none in that folder
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "compare.csv", "compare.json", "compare.md", "compare.png", "compare_noise.png",
-        "systems.csv",
+        "compare.csv", "compare.json", "compare.md", "compare.png", "compare_learning.png",
+        "compare_noise.png", "learning.csv", "systems.csv",
     }  # fmt: skip
     text = (tmp_path / "out/compare.md").read_text()
     assert "missing" in text
     assert "50 electrons" in text
+    assert "While learning" in text
 
 
 @pytest.mark.parametrize(
@@ -234,6 +229,11 @@ def test_a_busy_machine_hardly_changes_what_training_took(tmp_path, record, step
     about = entries._about(tmp_path)
     assert about["steps"] == steps
     assert about["seconds"] == pytest.approx(seconds)
+    if "system" in record:
+        assert about["curve"]["steps"] == [0, 7, 14, 21, 28]
+        assert about["curve"]["seconds"] == [0, 2, 4, 6, 8]
+    else:
+        assert "curve" not in about
     (tmp_path / "history.csv").unlink()
     assert not {"steps", "seconds"} & entries._about(tmp_path).keys()
     assert entries._about(tmp_path)["epochs"] == record["epochs"]
