@@ -1,3 +1,4 @@
+from .absorption import AbsorbingOperator as AbsorbingOperator
 from .frequency_gram import FrequencyGram as FrequencyGram
 from .frustum_grid import FrustumGrid as FrustumGrid
 from .projection_operator import ProjectionOperator as ProjectionOperator
