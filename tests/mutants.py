@@ -140,6 +140,7 @@ CORE = {
     "projection/_kernels.py": ("projection/test_projector.py",),
     "projection/line_sums.py": ("projection/test_projector.py",),
     "projection/projector.py": (),
+    "tomography/absorption.py": (),
     "tomography/data_checks.py": ("tomography/test_reconstruction.py",),
     "tomography/frequency_gram.py": ("tomography/test_reconstruction.py",),
     "tomography/frustum_grid.py": ("tomography/test_projection_operator.py",),

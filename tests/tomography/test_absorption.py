@@ -5,9 +5,9 @@ import pytest
 
 from lf_flame import InputError, Layer, LightField, Scene, render
 from lf_flame.scenes.flames import flame_texture
-from lf_flame.tomography import AbsorbingOperator, FrustumGrid, reconstruct
+from lf_flame.tomography import AbsorbingOperator, FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography import absorption as module
-from lf_flame.tomography.absorption import spread_thickness
+from lf_flame.tomography.absorption import Absorption, spread_thickness
 
 DEPTHS = (3.0, 0.0, -4.0)
 TOTAL = 0.5
@@ -243,6 +243,40 @@ def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy, nothing):
     )
     for name in ("emission", "sigma", "light_sigma", "sigma_linear", "chi_squared"):
         assert np.array_equal(getattr(before, name), getattr(after, name)), name
+
+
+def padded(grid, planes):
+    margin = (grid.reach, grid.reach)
+    return np.pad(planes, ((0, 0), margin, margin))
+
+
+class Fit:
+    """A fit that finds what it is told to, and remembers what it was asked."""
+
+    def __init__(self, found):
+        self._found, self.asked = iter(found), []
+
+    def __call__(self, views, known):
+        self.asked.append((views, known))
+        self.cells = next(self._found)
+        return self
+
+
+def test_a_light_field_is_corrected_until_that_stands(grid, flames_in_line):
+    """By the last fit's excess; the first two fits choose their strength, the rest keep it."""
+    absorption = Absorption(
+        ProjectionOperator(grid), grid, spread_thickness(grid, flames_in_line.tau)
+    )
+    cells = padded(grid, flames_in_line.truth).astype(np.float32) * absorption.transmission
+    fit = Fit([cells, 1.1 * cells, 1.02 * cells, 1.02001 * cells])
+    _, settled = absorption.settle(flames_in_line.clean, fit)
+    assert settled
+    assert [known is None for _, known in fit.asked] == [True, True, False, False]
+    assert np.array_equal(fit.asked[0][0], flames_in_line.clean)
+    for (views, _), last in zip(fit.asked[1:], (1, 1.1, 1.02), strict=True):
+        wanted = flames_in_line.clean - last * absorption.excess(cells)
+        assert worst(views, wanted) < 1e-5
+    assert worst(absorption.excess(cells), 0) > 0.01
 
 
 def test_an_unsettled_correction_is_said(grid, flames_in_line, monkeypatch):
