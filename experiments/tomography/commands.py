@@ -17,8 +17,8 @@ def emission(out: Path, seed: int) -> None:
     """Find emission by depth in phantoms of known emission, in minutes.
 
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
-    that is round in depth, flames that absorb, and a camera that is not as was said; with refocused images, a fit cut
-    off at zero and plain gradient steps as rivals.
+    that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
+    images, a fit cut off at zero and plain gradient steps as rivals.
 
     OUT gets emission.csv, .md and .json, the record, sheets.png and volume.png.
 
