@@ -46,7 +46,7 @@ endif
 .PHONY: flames results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
-.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras runs/equal-steps/%/model.keras $(RESULTS)/%.csv
+.PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
 	@echo 'make TARGET [PRESET=smoke|quick|many|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
@@ -93,24 +93,17 @@ train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cr
 SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(LF) train-system $* --config experiments/systems.toml --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
-# In quick every network learns for as many seconds; these learn for as many steps, as the slowest do
-# there already.
-EQUAL_STEPS := $(if $(filter quick,$(RUN)),$(SYSTEMS:$(RUNS)/%=runs/equal-steps/%))
-runs/equal-steps/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
-	$(LF) train-system $* --config experiments/systems.toml --preset equal-steps --out runs/equal-steps/$*
-$(filter runs/equal-steps/refnet%,$(EQUAL_STEPS)): runs/equal-steps/%: runs/quick/%
-	@mkdir -p runs/equal-steps && ln -sfn ../quick/$(notdir $(@D)) $(@D)
 COMPARE := results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
 # what `make encodings` has trained is there to be compared, but for what is as the paper's.
 VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$(wildcard runs/studies/encodings_flames/*/model.keras runs/paper/*/model.keras)))
-compare: $(SYSTEMS) $(EQUAL_STEPS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
+compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
 	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
-	  $(if $(EQUAL_STEPS),--more runs/equal-steps) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
-	$(EXPERIMENT) emission --out results/tomography
+	$(EXPERIMENT) emission --out results/tomography \
+	  $(patsubst %/model.keras,--network %,$(wildcard runs/quick/flames/model.keras runs/paper/flames/model.keras))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs

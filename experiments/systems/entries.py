@@ -121,7 +121,7 @@ def trained_entries(
         found.append(Entry(f"{RefocusNet.name}, {OFFICIAL}", load, {}))
     for kind in ("shapes", "flames"):
         load = partial(ResNet50.of_run, runs / kind)
-        name = f"{_by_recipe(runs / kind)}, trained on {kind}"
+        name = f"{by_recipe(runs / kind)}, trained on {kind}"
         found.append(Entry(name, load, _about(runs / kind), only=kind))
     return found
 
@@ -140,7 +140,7 @@ def variant_entry(folder: Path, configs: Sequence[DatasetConfig], runs: Path, co
     runs, count
         As for `experiments.systems.compared_sets.paper_sets`.
     """
-    name = f"{_by_recipe(folder)}, {_in_words(folder)}"
+    name = f"{by_recipe(folder)}, {_in_words(folder)}"
     try:
         run = open_run(folder)
         for config in configs:
@@ -157,7 +157,7 @@ def _in_words(folder: Path) -> str:
     return folder.resolve().name.replace("-", " ")
 
 
-def _by_recipe(folder: Path) -> str:
+def by_recipe(folder: Path) -> str:
     """Name a run of the paper's network by its recipe: only one of them is the paper's."""
     about = _about(folder)
     preset = about.get("preset")

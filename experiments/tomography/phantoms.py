@@ -11,7 +11,12 @@ from lf_flame.datasets.config import read_config
 from lf_flame.datasets.sampling import draw_sample
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor, expose
-from lf_flame.scenes.flames import HOLLOW_AT_BURNER, flame_texture, radius_profile
+from lf_flame.scenes.flames import (
+    HOLLOW_AT_BURNER,
+    flame_texture,
+    projected_glow,
+    radius_profile,
+)
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.tomography import FrustumGrid
 
@@ -88,31 +93,60 @@ def in_own_matter(scene: Scene, thickness: float) -> Scene:
     )
 
 
-def volume_flame(
-    height_mm: float, radius_mm: float, slab_mm: float, reach_mm: float, cell_mm: float = 0.2
-) -> Scene:
-    """Cut an axisymmetric flame of the known profile into slabs along the line of sight.
+def round_glow(h: np.ndarray, radius: np.ndarray, radius_mm: float) -> np.ndarray:
+    """Emission per mm of a round flame, ``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)`` by height.
 
-    ``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)``, as `lf_flame.scenes.flames` projects it in closed
-    form; scaled so that its projection along the line of sight is 1 at its brightest.
+    As `lf_flame.scenes.flames` projects it in closed form; scaled so that its projection along the
+    line of sight is 1 at its brightest.
+
+    Parameters
+    ----------
+    h : ndarray
+        Share of the flame's height; it is dark below 0 and from 1 on.
+    radius : ndarray
+        Distance from the axis, in mm.
+    radius_mm : float
+        Nominal radius of the flame.
     """
+    inside = (h >= 0) & (h < 1)
+    held = np.where(inside, h, 0.5)
+    b, hollow = radius_mm * radius_profile(held), HOLLOW_AT_BURNER * (1 - held)
+    squared = (radius / b) ** 2
+    return np.where(inside, (1 + hollow * squared) * np.exp(-squared), 0) / _peak(radius_mm)
+
+
+def _peak(radius_mm: float) -> float:
+    h = np.linspace(0, 1, 1001)[:-1, None]
+    x = np.linspace(0, 2 * radius_mm, 400)
+    b = radius_mm * radius_profile(h)
+    return float(projected_glow(x, b, HOLLOW_AT_BURNER * (1 - h)).max())
+
+
+def volume_flame(
+    height_mm: float,
+    radius_mm: float,
+    slab_mm: float,
+    reach_mm: float,
+    cell_mm: float = 0.2,
+    across_mm: float = 0.0,
+) -> Scene:
+    """Cut the round flame of `round_glow` into slabs along the line of sight."""
     rows = round(height_mm / cell_mm)
     columns = round(2 * reach_mm / cell_mm)
     h = (1 - (np.arange(rows) + 0.5) / rows)[:, None]
     x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * reach_mm
     count = round(2 * reach_mm / slab_mm)
     depths = (np.arange(count) + 0.5) * slab_mm - reach_mm
-    b, hollow = radius_mm * radius_profile(h), HOLLOW_AT_BURNER * (1 - h)
-    slabs = []
-    for depth in depths:
-        squared = (x**2 + depth**2) / b**2
-        slabs.append((1 + hollow * squared) * np.exp(-squared) * slab_mm)
-    peak = np.sum(slabs, axis=0).max()
     size = (height_mm, 2 * reach_mm)
     return Scene(
         [
-            Layer(slab / peak, float(depth), size, (0.0, 0.0))
-            for slab, depth in zip(slabs, depths, strict=True)
+            Layer(
+                slab_mm * round_glow(h, np.hypot(x, depth), radius_mm),
+                float(depth),
+                size,
+                (0.0, across_mm),
+            )
+            for depth in depths
         ]
     )
 

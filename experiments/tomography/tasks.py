@@ -2,15 +2,17 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from pyproximal import Box
 from pyproximal.optimization.primal import ProximalGradient
 from pyproximal.proximal import Quadratic
 
+from experiments.systems.entries import by_recipe
 from experiments.tomography.phantoms import (
     BLOCK,
     EXACT,
@@ -26,6 +28,7 @@ from experiments.tomography.phantoms import (
     volume_flame,
 )
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
+from lf_flame._common.keras_loading import load_keras
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
@@ -151,6 +154,64 @@ def planes_known(rng: np.random.Generator) -> Iterator[Row]:
                 worst = max(relative_errors(found, truth))
                 limit = accepted.get(noise) if method == OURS else None
                 yield Row(task, noise, method, "worst plane's error", worst, limit, seconds)
+
+
+NOISE_SHARES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
+
+AGAINST_NOISE = "error against noise"
+
+
+def against_noise(rng: np.random.Generator) -> Iterator[Row]:
+    """Find the paper's four flames in ever more noise."""
+    scene, camera = paper_flames()
+    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    recorder, truth = Recorder(scene, camera), truth_on(grid, scene)
+    for share in NOISE_SHARES:
+        light_field = recorder.with_noise(share, rng)
+        for method, find in METHODS.items():
+            found, seconds = _timed(find, light_field, grid)
+            worst = max(relative_errors(found, truth))
+            yield Row(
+                AGAINST_NOISE, f"{share:.1%}", method, "worst plane's error", worst, None, seconds
+            )
+
+
+def networks_as_sections(runs: Sequence[Path], rng: np.random.Generator) -> Iterator[Row]:
+    """Take the planes of the paper's network for emission, on a scene that it has not learnt from.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Of the paper's network, on its flames.
+    rng : numpy.random.Generator
+    """
+    if not runs:
+        return
+    load_keras()
+    from lf_flame.learning.run_folders import open_run
+    from lf_flame.systems.resnet50 import ResNet50
+
+    for run in runs:
+        sample = open_run(run).record["test_indices"][0]
+        scene, camera = paper_flames(sample)
+        grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+        truth = truth_on(grid, scene)
+        light_field = Recorder(scene, camera).with_noise(0.01, rng)
+        system = ResNet50.of_run(run)
+        methods = {
+            by_recipe(run): partial(_by_network, system),
+            OURS: by_reconstruction,
+            "focal stack as emission": by_focal_stack,
+        }
+        for method, find in methods.items():
+            found, seconds = _timed(find, light_field, grid)
+            worst = max(relative_errors(found, truth))
+            task = f"the paper's four flames, test sample {sample}"
+            yield Row(task, "1 %", method, "worst plane's error", worst, None, seconds)
+
+
+def _by_network(system, light_field: LightField, grid: FrustumGrid) -> np.ndarray:
+    return system.refocus(light_field.views, system.slopes, (BLOCK, BLOCK))
 
 
 def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
@@ -307,4 +368,12 @@ def _timed(find: Method, light_field: LightField, grid: FrustumGrid) -> tuple[np
     return found, time.perf_counter() - begin
 
 
-TASKS = (planes_known, depth_unknown, thick_flame, absorption, separation, disturbances)
+TASKS = (
+    planes_known,
+    against_noise,
+    depth_unknown,
+    thick_flame,
+    absorption,
+    separation,
+    disturbances,
+)

@@ -16,3 +16,8 @@ def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
 def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     """Show a bar over the steps of a study."""
     return tqdm(finished, "measuring", total, initial=done, unit="step")
+
+
+def frame_bar(frames: Iterable[T], total: int) -> Iterable[T]:
+    """Show a bar over the frames of a video."""
+    return tqdm(frames, "measuring", total, unit="frame")

@@ -8,7 +8,9 @@ import cloup
 
 from lf_flame import __version__
 from lf_flame.commands import (
+    axisymmetric,
     datasets,
+    flicker,
     light_fields,
     moved,
     networks,
@@ -49,7 +51,13 @@ SECTIONS = [
     ),
     cloup.Section(
         "Emission by depth",
-        [tomography.resolution, tomography.reconstruct, tomography.temperature],
+        [
+            tomography.resolution,
+            tomography.reconstruct,
+            axisymmetric.abel,
+            tomography.temperature,
+            flicker.flicker,
+        ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),

@@ -184,6 +184,19 @@ class Reading:
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
         return light_field
 
+    def read_above(self, source: Path, dark: Path | None) -> "LightField":
+        """Read a light field and take a dark one off, where there is one."""
+        light_field = self.read(source)
+        if dark is None:
+            return light_field
+        black = self.read(dark)
+        if black.views.shape != light_field.views.shape:
+            raise InputError(
+                f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
+                f"{black.views.shape}."
+            )
+        return type(light_field)(light_field.views - black.views)
+
 
 @dataclass(frozen=True)
 class Focus:

@@ -152,7 +152,6 @@ def reconstruct(
         thickness_facts,
         write_reconstruction,
     )
-    from lf_flame.lightfield import LightField
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.reconstruction import planes_between
@@ -164,15 +163,7 @@ def reconstruct(
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
-    light_field = reading.read(source)
-    if dark:
-        black = reading.read(dark)
-        if black.views.shape != light_field.views.shape:
-            raise InputError(
-                f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
-                f"{black.views.shape}."
-            )
-        light_field = LightField(light_field.views - black.views)
+    light_field = reading.read_above(source, dark)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)

@@ -11,8 +11,10 @@ RECORDS = (
     "refocus.json",
     "simulation.json",
     "prediction.json",
+    "abel.json",
     "reconstruct.json",
     "temperature.json",
+    "flicker.json",
 )
 """Records of folders of pictures; a folder may hold those of several commands."""
 
@@ -65,7 +67,7 @@ def verify(path: Path) -> Iterator[Finding]:
     if not found:
         raise InputError(
             f"{path} holds nothing whose hash is known: no data set, run folder, exported network, "
-            f"nor files of refocus, simulate, reconstruct, temperature or predict."
+            f"nor files of refocus, simulate, reconstruct, temperature, flicker or predict."
         )
 
 

@@ -1,4 +1,14 @@
 from .absorption import AbsorbingOperator as AbsorbingOperator
+from .axisymmetric import AxisymmetricFlame as AxisymmetricFlame
+from .axisymmetric import reconstruct_axisymmetric as reconstruct_axisymmetric
+from .axisymmetric_grid import AxisymmetricGrid as AxisymmetricGrid
+from .axisymmetric_operator import AxisymmetricOperator as AxisymmetricOperator
+from .flame_axis import FlameAxis as FlameAxis
+from .flame_axis import find_axis as find_axis
+from .flame_shape import FlameShape as FlameShape
+from .flame_shape import measure_flame as measure_flame
+from .flicker import Flicker as Flicker
+from .flicker import find_flicker as find_flicker
 from .frequency_gram import FrequencyGram as FrequencyGram
 from .frustum_grid import FrustumGrid as FrustumGrid
 from .projection_operator import ProjectionOperator as ProjectionOperator

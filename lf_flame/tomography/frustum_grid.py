@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.slabs import Plane
 
 MOST_PLANES = 200
 """Planes beyond which the matrices by frequency fill the memory."""
@@ -110,12 +109,11 @@ class FrustumGrid:
         count = self.shape[1 + axis]
         return (np.arange(count + 1) - count / 2) * self.cell_mm(self.depths_mm[plane])
 
-    def empty_plane(self, plane: int) -> Plane:
-        """Give a plane's cells, without light, as the simulation takes them."""
+    def empty_layer(self, plane: int) -> Layer:
+        """Give a plane's cells, without light, as scenes have them."""
         depth, cells = self.depths_mm[plane], np.zeros(self.shape[1:])
         side = self.cell_mm(depth)
-        size = (side * self.shape[1], side * self.shape[2])
-        return Plane(cells, None, depth, Layer(cells, depth, size))
+        return Layer(cells, depth, (side * self.shape[1], side * self.shape[2]))
 
     def scene(self, cells: ArrayLike) -> Scene:
         """Make a scene of cells, each an even glow.

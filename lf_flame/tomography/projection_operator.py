@@ -11,8 +11,11 @@ from pylops import LinearOperator
 from scipy import sparse
 
 from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.exact import bundle_bands
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.slabs import Plane
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 
@@ -63,20 +66,26 @@ class ProjectionOperator(LinearOperator):
 
 
 def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:
-    """Share of each pixel's ray bundles that meets each line of cells, along one axis.
+    """Share of a pixel's ray bundles that meets each line of a grid's cells: `layer_bands`."""
+    return layer_bands(grid.empty_layer(plane), grid.camera, grid.block, axis)
+
+
+def layer_bands(layer: Layer, camera: PlenopticCamera, block: int, axis: int) -> sparse.csr_array:
+    """Share of each pixel's ray bundles that meets each line of a layer's cells, along one axis.
 
     Returns
     -------
     scipy.sparse.csr_array of float64, shape (views * pixels, cells)
         Row ``view * pixels + pixel``; the mean over a pixel's lenslets.
     """
-    start, weight = bundle_bands(grid.empty_plane(plane), OpticalPass(grid.camera), axis)
+    plane = Plane(layer.texture, None, layer.depth_mm, layer)
+    start, weight = bundle_bands(plane, OpticalPass(camera), axis)
     views, lenslets, band = weight.shape
-    pixels = lenslets // grid.block
-    rows = np.repeat(np.arange(views * pixels), grid.block * band)
+    pixels = lenslets // block
+    rows = np.repeat(np.arange(views * pixels), block * band)
     columns = (start[..., None] + np.arange(band)).ravel()
-    shape = (views * pixels, grid.shape[1 + axis])
-    bands = sparse.coo_array((weight.ravel() / grid.block, (rows, columns)), shape=shape)
+    shape = (views * pixels, layer.texture.shape[axis])
+    bands = sparse.coo_array((weight.ravel() / block, (rows, columns)), shape=shape)
     bands.sum_duplicates()
     bands.eliminate_zeros()
     return bands.tocsr()

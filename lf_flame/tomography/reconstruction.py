@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.data_checks import check_data
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
@@ -43,11 +44,8 @@ class Reconstruction:
         Radiance that each plane adds along the line of sight, in the unit of the light field;
         rows and columns are the pixels of the central view. `per_mm` is emission by volume. With
         an optical thickness, the radiance that each would add if nothing were absorbed.
-    sigma : ndarray of float32, shape of `emission`, or None
-        Standard deviation of each cell by the light field's noise, from fits to light fields drawn
-        anew; None where none was drawn. The penalty's pull is not in it.
-    light_sigma : ndarray of float64, shape (planes,), or None
-        The same of the sum over each plane's cells.
+    draws : ndarray of float32, shape (redraws, planes, rows, columns)
+        Emission of light fields that were drawn anew from what was found, with noise.
     sigma_linear : ndarray of float64, shape (planes,)
         That of each plane's cells by the covariance, were light allowed to be negative: how much
         the bound at zero adds to what the light field itself tells.
@@ -65,14 +63,28 @@ class Reconstruction:
 
     grid: FrustumGrid
     emission: np.ndarray
-    sigma: np.ndarray | None
-    light_sigma: np.ndarray | None
+    draws: np.ndarray
     sigma_linear: np.ndarray
     noise: float
     strength: float
     tried: tuple[TriedStrength, ...]
     chi_squared: np.ndarray
     warnings: tuple[str, ...]
+
+    @cached_property
+    def sigma(self) -> np.ndarray | None:
+        """Standard deviation of each cell by the light field's noise, None where nothing was drawn.
+
+        float32, shape of `emission`; the penalty's pull is not in it.
+        """
+        return np.std(self.draws, axis=0, ddof=1) if len(self.draws) else None
+
+    @property
+    def light_sigma(self) -> np.ndarray | None:
+        """Give the same of the sum over each plane's cells, float64, shape (planes,)."""
+        if not len(self.draws):
+            return None
+        return np.std(self.draws.sum(axis=(2, 3), dtype=np.float64), axis=0, ddof=1)
 
     @property
     def spacing_mm(self) -> float | None:
@@ -165,7 +177,7 @@ def reconstruct(
     _check_options(noise, strength, order, iterations)
     _check_redraws(redraws, rng)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
-    views = _averaged(light_field, grid)
+    views = average_blocks(light_field, grid.camera, grid.block)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
     how = _How(noise, strength, order, nonnegative, iterations, whole_curve)
     if thickness is None or not thickness.any():
@@ -179,20 +191,18 @@ def reconstruct(
         seen, leaves = absorption.seen(found.cells), grid.crop(absorption.transmission)
     sd, uneven, chosen, cells = found.noise, found.uneven, found.strength, found.cells
     residual = np.square(views - seen, dtype=np.float64)
-    chi_squared = residual.mean(axis=(2, 3)) / _variance(sd)
-    sigma = light_sigma = None
+    chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
+    emission = np.ascontiguousarray(grid.crop(cells) / leaves)
+    again = []
     if rng is not None and redraws:
         # As it leaves: noise is no other for what single views see absorbed.
         draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
         options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
         again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) / leaves for draw in draws]
-        sigma = np.std(again, axis=0, ddof=1)
-        light_sigma = np.std(np.sum(again, axis=(2, 3), dtype=np.float64), axis=0, ddof=1)
     return Reconstruction(
         grid=grid,
-        emission=np.ascontiguousarray(grid.crop(cells) / leaves),
-        sigma=sigma,
-        light_sigma=light_sigma,
+        emission=emission,
+        draws=np.array(again, np.float32).reshape(-1, *emission.shape),
         sigma_linear=standard_errors(gram, sd, chosen, order) * _raised(leaves),
         noise=sd,
         strength=chosen,
@@ -246,7 +256,7 @@ def _explain(
     around = np.pad(uneven, gram.grid.reach, mode="edge")
     share = around / around.sum()
     few = min(how.iterations, max(20, how.iterations // 8))
-    search = StrengthSearch(problem, _variance(sd), share, how.order, how.nonnegative, few)
+    search = StrengthSearch(problem, noise_variance(sd), share, how.order, how.nonnegative, few)
     if how.whole_curve:
         search.try_all()
     chosen = search.find() if how.strength is None else float(how.strength)
@@ -297,7 +307,8 @@ def noise_by_pixel(
     """
     rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
     power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
-    smooth = ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest")
+    # A running sum may end just below 0 where there is no noise.
+    smooth = np.clip(ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest"), 0, None)
     return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
 
 
@@ -318,14 +329,24 @@ def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: i
     return noise * np.sqrt(np.clip(mean, 0, None))
 
 
-def _variance(sd: float) -> float:
+def noise_variance(sd: float) -> float:
     """Variance of the noise, above 0 so that it may divide."""
     return max(sd**2, float(np.finfo(np.float32).tiny))
 
 
-def _averaged(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
-    """Average blocks of lenslets, float32 with float64 sums."""
-    views, camera, block = light_field.views, grid.camera, grid.block
+def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
+    """Average blocks of a camera's lenslets, float32 with float64 sums.
+
+    Returns
+    -------
+    ndarray of float32, shape (v, u, t, s)
+
+    Raises
+    ------
+    InputError
+        If the light field is not grey, or not of that camera.
+    """
+    views = light_field.views
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
         raise InputError(
@@ -334,7 +355,7 @@ def _averaged(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
         )
     if block == 1:
         return views
-    t, s = grid.pixels
+    t, s = (count // block for count in camera.lenslets)
     cells = views.reshape(*views.shape[:2], t, block, s, block)
     return cells.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)
 

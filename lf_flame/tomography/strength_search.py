@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.penalised_fit import Fit
 
 STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
 """Strengths of the penalty that are tried: from none that is felt to a smear."""
@@ -36,12 +37,31 @@ class TriedStrength:
     roughness: float
 
 
+class Problem(Protocol):
+    """What is fitted: see `lf_flame.tomography.penalised_fit.RangeFit`."""
+
+    modes: float
+
+    def solve(
+        self,
+        strength: float,
+        order: int,
+        nonnegative: bool,
+        iterations: int,
+        start: np.ndarray | None = None,
+    ) -> Fit:
+        """Fit with one strength of the penalty."""
+
+    def count_modes(self, strength: float, order: int) -> float:
+        """Count the degrees of freedom of a linear fit."""
+
+
 class StrengthSearch:
     """Tries strengths, and remembers what came of them.
 
     Parameters
     ----------
-    problem : RangeFit
+    problem : Problem
     variance : float
         Of the noise of a pixel, above 0.
     noise_share : ndarray, shape (rows, columns)
@@ -55,7 +75,7 @@ class StrengthSearch:
 
     def __init__(
         self,
-        problem: RangeFit,
+        problem: Problem,
         variance: float,
         noise_share: np.ndarray,
         order: int,
@@ -75,6 +95,20 @@ class StrengthSearch:
             here += 1
         while self._excess(here) > 0 and self._excess(here - 1) < self._excess(here):
             here -= 1
+        return STRENGTHS[here]
+
+    def find_by_risk(self) -> float:
+        """Find the strength at which what noise alone would see is foretold best.
+
+        The expected error of the noise-free light field, from the misfit and the degrees of freedom
+        (Mallows, Technometrics 15, 661, 1973; Stein, Ann. Statist. 9, 1135, 1981). Where the model
+        itself cannot follow the data, as at an edge, it asks for no more than freedom can mend.
+        """
+        here = FIRST
+        while self._risk(here - 1) < self._risk(here):
+            here -= 1
+        while self._risk(here + 1) < self._risk(here):
+            here += 1
         return STRENGTHS[here]
 
     def try_all(self) -> None:
@@ -103,6 +137,12 @@ class StrengthSearch:
             misfit = fit.misfit / (self._variance * self._problem.modes)
             self.tried[strength] = TriedStrength(strength, misfit, 1 - free, roughness(fit.cells))
         return self.tried[strength]
+
+    def _risk(self, index: int) -> float:
+        if not 0 <= index < len(STRENGTHS):
+            return math.inf
+        tried = self.attempt(STRENGTHS[index])
+        return tried.misfit + 2 * (1 - tried.expected)
 
     def _excess(self, index: int) -> float:
         if not 0 <= index < len(STRENGTHS):

@@ -1,0 +1,188 @@
+"""The half section of a round flame: from all views, from one, and by PyAbel."""
+
+import importlib.util
+import textwrap
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from experiments.tomography.phantoms import BLOCK, Recorder, round_glow, volume_flame
+from experiments.tomography.tasks import NOISE, Row
+from lf_flame import PAPER_CAMERA, LightField
+from lf_flame._common.figures import subplots
+from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
+
+HEIGHT_MM, RADIUS_MM, REACH_MM = 25.0, 4.0, 12.0
+
+COMPARED = (0.03, 0.97)
+"""Shares of the flame's height between which sections are compared: PyAbel knows no burner, and the
+tip is finer than a pixel."""
+
+STRENGTHS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""Of PyAbel's penalty; the one of least true error is shown, which a user could not choose."""
+
+TASK = "round flame"
+
+ALL, CENTRAL = "abel, all views", "abel, the middle view"
+
+ACCEPTED = {(ALL, "1 %"): 0.015, (CENTRAL, "1 %"): 0.04}
+
+Section = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Heights and radii in mm, and the emission there, (heights, radii)."""
+
+
+def _recorder() -> tuple[Recorder, float]:
+    """Record the flame; also the side of a pixel in the focal plane, in mm."""
+    camera = PAPER_CAMERA
+    pixel = camera.field_mm(0.0)[1] / camera.lenslets[1] * BLOCK
+    # In the middle of a pixel column, as PyAbel takes its axis to be.
+    scene = volume_flame(HEIGHT_MM, RADIUS_MM, 0.25, REACH_MM, 0.1, across_mm=pixel / 2)
+    return Recorder(scene, camera), pixel
+
+
+def round_flame(rng: np.random.Generator) -> Iterator[Row]:
+    """Find the half section of a round flame whose axis is to be found, too."""
+    recorder, pixel = _recorder()
+    for noise in ("none", "1 %", "5 %"):
+        light_field = NOISE[noise](recorder, rng)
+        for method, find in METHODS.items():
+            begin = time.perf_counter()
+            sections = list(find(light_field, pixel))
+            seconds = time.perf_counter() - begin
+            if not sections:
+                continue
+            volume, section = min(_errors(*one) for one in sections)
+            limit = ACCEPTED.get((method, noise))
+            yield Row(TASK, noise, method, "error of the volume", volume, limit, seconds)
+            yield Row(TASK, noise, method, "error of the section", section, None, seconds)
+
+
+def _errors(heights: np.ndarray, radii: np.ndarray, found: np.ndarray) -> tuple[float, float]:
+    """Root-mean-square errors over the volume and over the section, relative to the truth's."""
+    h = heights / HEIGHT_MM + 0.5
+    rows = (h > COMPARED[0]) & (h < COMPARED[1])
+    truth = round_glow(h[rows, None], radii[None, :], RADIUS_MM)
+    weight = np.sqrt(radii)
+    volume, section = (
+        float(np.linalg.norm((found[rows] - truth) * w) / np.linalg.norm(truth * w))
+        for w in (weight, 1.0)
+    )
+    return volume, section
+
+
+def _by_abel(light_field: LightField, which: str) -> Iterator[Section]:
+    axis = find_axis(light_field, PAPER_CAMERA)
+    grid = AxisymmetricGrid(
+        PAPER_CAMERA, axis.across_mm, axis.depth_mm, REACH_MM, BLOCK, which, -HEIGHT_MM / 2
+    )
+    found = reconstruct_axisymmetric(light_field, grid)
+    yield grid.heights_mm, grid.radii_mm, found.emission
+
+
+def _by_all(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
+    """Ours, from all views."""
+    yield from _by_abel(light_field, "all")
+
+
+def _by_central(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
+    """Ours, from the middle view."""
+    yield from _by_abel(light_field, "central")
+
+
+def _halves(light_field: LightField) -> np.ndarray:
+    """Average the middle view's halves, from the axis outwards, in pixels."""
+    v, u, t, s = light_field.views.shape
+    image = light_field.views[v // 2, u // 2].reshape(t // BLOCK, BLOCK, s // BLOCK, BLOCK)
+    image = image.mean(axis=(1, 3), dtype=np.float64)
+    axis = s // BLOCK // 2  # the column right of the optical axis
+    right = image[:, axis:]
+    return (right + image[:, axis::-1][:, : right.shape[1]]) / 2
+
+
+def _by_pyabel(light_field: LightField, pixel_mm: float, *regularised: bool) -> Iterator[Section]:
+    if importlib.util.find_spec("abel") is None:
+        return
+    import abel
+
+    half = _halves(light_field)
+    count = int(np.ceil(REACH_MM / pixel_mm))
+    heights = ((len(half) - 1) / 2 - np.arange(len(half))) * pixel_mm
+    radii = np.arange(half.shape[1]) * pixel_mm
+    options = {"dr": pixel_mm, "basis_dir": None, "verbose": False}
+    if regularised:
+        found = [
+            abel.daun.daun_transform(half, reg=("diff", strength), degree=1, **options)
+            for strength in STRENGTHS
+        ]
+    else:
+        found = [abel.dasch.three_point_transform(half, **options)]
+    for one in found:
+        yield heights, radii[:count], one[:, :count]
+
+
+def _by_three_points(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
+    """PyAbel's three-point transform of the middle view (Dasch 1992)."""
+    yield from _by_pyabel(light_field, pixel_mm)
+
+
+def _by_daun(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
+    """PyAbel's transform with a penalty (Daun 2006) of the middle view."""
+    yield from _by_pyabel(light_field, pixel_mm, True)
+
+
+METHODS: dict[str, Callable[[LightField, float], Iterator[Section]]] = {
+    ALL: _by_all,
+    CENTRAL: _by_central,
+    "PyAbel, three points, the middle view": _by_three_points,
+    "PyAbel, Daun, best of seven penalties, the middle view": _by_daun,
+}
+
+
+def round_figure():
+    """Show the section at 1 % of noise, by every method, and radial profiles at three heights."""
+    recorder, pixel = _recorder()
+    light_field = recorder.with_noise(0.01, np.random.default_rng(0))
+    sections = {}
+    for name, find in METHODS.items():
+        found = list(find(light_field, pixel))
+        if found:
+            sections[name] = min(found, key=lambda one: _errors(*one))
+    heights, radii, _ = sections[ALL]
+    truth = round_glow(heights[:, None] / HEIGHT_MM + 0.5, radii[None, :], RADIUS_MM)
+    sections = {"truth": (heights, radii, truth), **sections}
+    figure, axes = subplots(1, len(sections) + 1, figsize=(15, 4.2), layout="constrained")
+    for axis, (name, (rows, columns, section)) in zip(axes, sections.items(), strict=False):
+        _draw_half(axis, rows, columns, section, float(truth.max()))
+        axis.set_title("\n".join(textwrap.wrap(name, 22)), fontsize=8)
+    _draw_profiles(axes[-1], sections)
+    return figure
+
+
+def _draw_half(axis, heights, radii, section, white: float) -> None:
+    edge = _half_step(radii)
+    extent = (0, radii[-1] + edge, heights[-1] - edge, heights[0] + edge)
+    axis.imshow(section, cmap="inferno", vmin=0, vmax=white, extent=extent)
+    axis.set_xlim(0, 9)
+    axis.set_ylim(-14, 14)
+    axis.set_xlabel("from the axis (mm)", fontsize=8)
+
+
+def _half_step(places: np.ndarray) -> float:
+    """Half the distance between neighbouring places."""
+    return float(places[1] - places[0]) / 2
+
+
+def _draw_profiles(axis, sections: dict[str, Section]) -> None:
+    colours = {name: "k" if name == "truth" else f"C{k}" for k, name in enumerate(sections)}
+    for height in (-9.0, 0.0, 7.0):
+        for name, (heights, radii, section) in sections.items():
+            row = int(np.argmin(np.abs(heights - height)))
+            width = 2.0 if name == "truth" else 0.9
+            axis.plot(radii, section[row], color=colours[name], linewidth=width)
+    axis.set_xlim(0, 9)
+    axis.set_ylim(-0.02, 0.16)
+    axis.set_title("radial profiles at -9, 0 and 7 mm,\nblack: truth; colours in the panels' order",
+                   fontsize=8)  # fmt: skip
+    axis.set_xlabel("from the axis (mm)", fontsize=8)
+    axis.grid(alpha=0.3)

@@ -1,0 +1,73 @@
+"""The emission of a round flame as the files that a user looks at."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tifffile
+
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.tomography.axisymmetric_figure import section_figure
+from lf_flame.tomography.flame_axis import FlameAxis
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.axisymmetric import AxisymmetricFlame
+
+RECORD = "abel.json"
+
+
+def write_flame(found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolder) -> None:
+    """Write the half section as tables and pictures.
+
+    ``radial.csv`` holds all heights and radii, ``axial.csv`` the axis; ``section.tif`` the half
+    section, heights by radii, and ``sigma.tif`` its standard deviation where light fields were
+    drawn anew.
+    """
+    grid, sigma = found.grid, found.sigma
+    _write_table(
+        folder.path("radial.csv"),
+        ["height_mm", "radius_mm", "emission_per_mm", "standard_deviation"],
+        (
+            (height, radius, found.emission[i, j], "" if sigma is None else sigma[i, j])
+            for i, height in enumerate(grid.heights_mm)
+            for j, radius in enumerate(grid.radii_mm)
+        ),
+    )
+    _write_table(
+        folder.path("axial.csv"),
+        ["height_mm", "emission_per_mm", "standard_deviation"],
+        (
+            (height, found.emission[i, 0], "" if sigma is None else sigma[i, 0])
+            for i, height in enumerate(grid.heights_mm)
+        ),
+    )
+    tifffile.imwrite(folder.path("section.tif"), found.emission)
+    if sigma is not None:
+        tifffile.imwrite(folder.path("sigma.tif"), sigma.astype(np.float32))
+    figures.save(section_figure(found), folder.path("section.png"))
+    folder.facts |= {
+        "camera": to_json(grid.camera),
+        "axis_mm": grid.axis_mm,
+        "axis_depth_mm": grid.depth_mm,
+        "radius_mm": grid.radius_mm,
+        "burner_mm": grid.burner_mm,
+        "block": grid.block,
+        "views": grid.which,
+        "step_mm": grid.step_mm,
+        "axis_found": to_json(axis),
+        "unit": "radiance per mm of the line of sight, as of the light field",
+        "noise": found.noise,
+        "strength": found.strength,
+    }
+
+
+def _write_table(path: Path, names: Sequence[str], rows: Iterable[Sequence]) -> None:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows(rows)

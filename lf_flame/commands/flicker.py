@@ -1,0 +1,169 @@
+"""The command that follows a flame through a video of light fields: flicker.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+import math
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame.commands.light_field_options import READING, Reading
+from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.errors import InputError
+
+MEASURES = cloup.option_group(
+    "How the flame is measured",
+    cloup.option("--slope", type=float, help="Refocus each frame at this slope."),
+    cloup.option(
+        "--depth-mm", type=float, help="Refocus each frame at this depth; needs --camera."
+    ),
+    cloup.option(
+        "--camera",
+        type=FILE,
+        help="TOML file with a [camera] table, or a simulation.json; lengths are then in mm.",
+    ),
+    cloup.option(
+        "--level",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        default=0.5,
+        show_default=True,
+        help="Share of a frame's peak at which the contour runs.",
+    ),
+    cloup.option(
+        "--pixel-mm",
+        type=click.FloatRange(min=0, min_open=True),
+        help="Size of a lenslet where the flame is (default: the camera's; else lengths are in "
+        "pixels).",
+    ),
+    cloup.option(
+        "--burner-row",
+        type=float,
+        help="Row from which the height counts; 0 is the top one (default: the lower edge).",
+    ),
+)
+
+
+@cloup.command()
+@click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
+@click.option(
+    "--frames-per-second",
+    required=True,
+    type=click.FloatRange(min=0, min_open=True),
+    help="Of the video; more than twice the frequency that is looked for.",
+)
+@MEASURES
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
+def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options) -> None:
+    """Follow a flame through a video of light fields: height, contour and flicker frequency.
+
+    SOURCE are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
+    pattern in quotes; they are taken in the order of the numbers in their names. Of each frame the
+    middle view is measured, or, with --slope or --depth-mm, the image refocused there. The flame is
+    what is brighter than a share of the peak (--level) and joined to the brightest pixel;
+    its height counts from the picture's lower edge to its tip. One frame at a time is in memory.
+
+    \b
+      lf-flame flicker video --frames-per-second 100
+      lf-flame flicker 'video/frame*.npy' --frames-per-second 100 --slope 0.5 --pixel-mm 0.13
+      lf-flame flicker video --frames-per-second 100 --camera camera.toml --depth-mm 10
+      lf-flame flicker raw --white white.png --frames-per-second 100 --burner-row 250
+
+    flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
+    contours, and flicker.json holds the frequency, its resolution (1 / duration) and the
+    probability that noise alone has such a peak. Above 1 % no frequency is claimed.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.progress import frame_bar
+    from lf_flame.commands import flicker_output as output
+    from lf_flame.commands.frames import find_frames, read_frames
+    from lf_flame.scenes.scene_files import read_camera
+
+    if not math.isfinite(frames_per_second):
+        raise InputError(f"--frames-per-second must be finite, got {frames_per_second}.")
+    lens = _checked_lens(read_camera(camera) if camera else None, slope, depth_mm)
+    names = ("level", "pixel_mm", "burner_row")
+    asked = {name: options.pop(name) for name in names}
+    measures = _measures(lens, slope, depth_mm, **asked)
+    reading = Reading(**options)
+    paths = find_frames(sources, [path for path in (reading.white,) if path])
+    _refuse_few(paths)
+    with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
+        frames = _of_camera(read_frames(paths, reading), lens)
+        series = output.measure_frames(
+            paths,
+            frames,
+            measures,
+            frames_per_second,
+            folder.path(output.TABLE),
+            lambda images: frame_bar(images, len(paths)),
+        )
+        found, warnings = output.write_flicker(series, measures, folder)
+        folder.facts |= {
+            "frames_per_second": frames_per_second,
+            "depth_mm": depth_mm,
+            "first": str(paths[0]),
+            "last": str(paths[-1]),
+            "reading": reading.given(),
+        }
+    for warning in warnings:
+        click.echo(f"Warning: {warning}", err=True)
+    if found:
+        click.echo(found.describe())
+    click.echo(f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {folder.folder}")
+
+
+def _checked_lens(lens, slope: float | None, depth_mm: float | None):
+    """Refuse combinations of options that say nothing."""
+    if slope is not None and depth_mm is not None:
+        raise InputError("Say where to focus: either --slope or --depth-mm.")
+    if (lens is None) != (depth_mm is None):
+        raise InputError("--depth-mm and --camera need each other.")
+    if slope is not None and not math.isfinite(slope):
+        raise InputError(f"--slope must be finite, got {slope}.")
+    return lens
+
+
+def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
+    """Choose slope and size of a pixel from what was given."""
+    from lf_flame.commands.flicker_output import Measures
+    from lf_flame.tomography.flame_shape import check_measures
+
+    if lens is not None:
+        slope = float(lens.depth_to_slope(depth_mm))
+        if asked["pixel_mm"] is None:
+            asked["pixel_mm"] = lens.field_mm(depth_mm)[0] / lens.lenslets[0]
+    check_measures(asked["level"], 1.0 if asked["pixel_mm"] is None else asked["pixel_mm"])
+    return Measures(slope, **asked)
+
+
+def _refuse_few(paths: list[Path]) -> None:
+    """Refuse what is no video, before any frame is read."""
+    from lf_flame.tomography.flicker import LEAST_FRAMES
+
+    if len(paths) < LEAST_FRAMES:
+        named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"
+        raise InputError(f"A frequency needs {LEAST_FRAMES} frames at least, got {named}.")
+
+
+def _of_camera(frames, lens):
+    """Let light fields pass that have as many views as the camera; a depth has no slope else."""
+    for light_field in frames:
+        v, u = light_field.views.shape[:2]
+        if lens is not None and (v, u) != (lens.views, lens.views):
+            raise InputError(
+                f"--camera has {lens.views} x {lens.views} views, and the frames have {v} x {u}."
+            )
+        yield light_field
+        del light_field
+
+
+def _folder_for(sources: tuple[Path, ...], paths: list[Path], out: Path | None) -> Path:
+    """Choose where the files go."""
+    source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
+    out = out or Path("flicker") / (source.resolve().name or "frames")
+    if out.resolve() in {path.parent.resolve() for path in paths}:
+        raise InputError(f"The files cannot go into the frames' own folder, {out}.")
+    return out

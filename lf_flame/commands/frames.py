@@ -1,0 +1,132 @@
+"""Frames of a video of light fields: their files in order, and reading them one at a time."""
+
+import glob
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import click
+
+from lf_flame import formats
+from lf_flame.commands.light_field_options import Reading
+from lf_flame.errors import InputError
+from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
+from lf_flame.formats.reading import ARRAY_SUFFIXES
+from lf_flame.lightfield import LightField
+
+
+def natural_key(path: Path) -> list[tuple[int, str]]:
+    """Give what sorts paths as people count: frame 2 before frame 10."""
+    words = re.split(r"(\d+)", str(path))
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
+
+
+def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
+    """Find the light fields of a sequence, in the natural order of their names.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        The light fields; or one folder that holds them, as files or as folders of views; or one
+        pattern with ``*``, ``?`` or ``[]``.
+    not_frames : sequence of Path, optional
+        Files that may lie beside them, as a white image.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If there is none, one is missing or comes twice, or a folder holds several kinds.
+    """
+    found = list(sources)
+    if len(found) == 1 and found[0].is_dir():
+        found = _frames_of_folder(found[0], {path.resolve() for path in not_frames})
+    elif len(found) == 1 and not found[0].exists() and glob.has_magic(str(found[0])):
+        # A pattern may be absolute, which `Path.glob` refuses.
+        found = [Path(name) for name in glob.glob(str(found[0]))]  # noqa: PTH207
+        if not found:
+            raise InputError(f"No file is of the pattern {sources[0]}.")
+    missing = [path for path in found if not path.exists()]
+    if missing:
+        raise InputError(f"There is no light field {missing[0]}: no such file or folder.")
+    twice = [path for path, count in Counter(found).items() if count > 1]
+    if twice:
+        raise InputError(f"Each frame may be given once, got {twice[0]} more than once.")
+    return sorted(found, key=natural_key)
+
+
+def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
+    kinds: dict[str, list[Path]] = {}
+    for path in folder.iterdir():
+        kind = "folder" if path.is_dir() else path.suffix.lower()
+        known = kind in ("folder", *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
+        if known and not path.name.startswith(".") and path.resolve() not in not_frames:
+            kinds.setdefault(kind, []).append(path)
+    if not kinds:
+        raise InputError(
+            f"{folder} holds no light fields: neither folders of views, nor arrays "
+            f"({', '.join(ARRAY_SUFFIXES)}), nor images ({', '.join(IMAGE_SUFFIXES)})."
+        )
+    if len(kinds) > 1:
+        counted = ", ".join(f"{len(paths)} x {kind}" for kind, paths in sorted(kinds.items()))
+        raise InputError(
+            f"{folder} holds light fields of several kinds ({counted}): name the frames by a "
+            f"pattern, as '{folder}/*{min(kinds)}'."
+        )
+    return next(iter(kinds.values()))
+
+
+def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]:
+    """Read light fields, each when it is asked for; the first one tells what was found.
+
+    What it takes long to find, or what a dark frame does not show, is found once: the lenslets of a
+    raw image, and the order of a folder's views.
+
+    Yields
+    ------
+    LightField
+        All of one shape.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, or differs from the first in shape.
+    """
+    read, first = _reader(paths[0], reading)
+    v, u, t, s = first.views.shape[:4]
+    click.echo(f"{len(paths)} frames of {v} x {u} views of {t} x {s} pixels", err=True)
+    shape = first.views.shape
+    yield first
+    del first  # as each of the others, or it would stay while the next is read
+    for path in paths[1:]:
+        frame = read(path)
+        if frame.views.shape != shape:
+            raise InputError(
+                f"All frames must be of one shape: {path} has {frame.views.shape}, {paths[0]} has "
+                f"{shape}."
+            )
+        yield frame
+        del frame
+
+
+def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
+    """Read the first frame, and choose how the others are read."""
+    if reading.white is not None or reading.pitch is not None:
+        first, grid = formats.read_raw(
+            path, reading.white, reading.pitch, reading.layout, reading.views
+        )
+        click.echo(f"{path}: {grid.describe()}", err=True)
+        white = None if reading.white is None else read_image(reading.white)
+        return lambda path: formats.decode_raw(read_image(path), grid, reading.views, white), first
+    if path.is_dir():
+        folder = formats.scan_view_folder(path, reading.order)
+        click.echo(folder.describe(), err=True)
+        reading = replace(reading, order=folder.found.order)
+    read = partial(formats.read_light_field, views=reading.views, order=reading.order)
+    return read, read(path)

@@ -1,0 +1,123 @@
+"""lf-flame abel."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+
+from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame.commands.cli import commands
+
+CAMERA = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 5
+lenslets = [48, 60]
+"""
+
+ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def views():
+    """Views of a ball of light, exp(-(r / WIDTH)^2), as thin layers."""
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    at = np.linspace(-3, 3, 121)
+    ball = np.exp(-((at[:, None] ** 2 + at**2) / WIDTH**2))
+    depths = np.arange(-2.5, 2.5, 0.1) + 0.05
+    layers = [
+        Layer(
+            PEAK * 0.1 * np.exp(-((z / WIDTH) ** 2)) * ball, DEPTH + z, (6.05, 6.05), (0.0, ACROSS)
+        )
+        for z in depths
+    ]
+    rendered = render(Scene(layers), camera, tolerance=1e-6).views
+    noise = np.random.default_rng(0).standard_normal(rendered.shape, dtype=np.float32)
+    return rendered + np.float32(0.01 * rendered.max()) * noise
+
+
+@pytest.fixture
+def source(views, tmp_path):
+    np.save(tmp_path / "ball.npy", views)
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    return tmp_path / "ball.npy", "--camera", tmp_path / "camera.toml"
+
+
+def test_ball_is_found_with_its_axis_and_written(source, tmp_path):
+    result = run("abel", *source, "--redraws", 3, "--out", tmp_path / "found")
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "found" / "abel.json").read_text())
+    assert record["axis_mm"] == pytest.approx(ACROSS, abs=0.03)
+    assert record["axis_depth_mm"] == pytest.approx(DEPTH, abs=0.2)
+    with (tmp_path / "found" / "radial.csv").open() as file:
+        rows = [{name: float(x) for name, x in row.items()} for row in csv.DictReader(file)]
+    truth = [
+        PEAK * np.exp(-(row["height_mm"] ** 2 + row["radius_mm"] ** 2) / WIDTH**2) for row in rows
+    ]
+    found = [row["emission_per_mm"] for row in rows]
+    assert np.abs(np.subtract(found, truth)).max() < 0.06 * PEAK
+    assert all(row["standard_deviation"] >= 0 for row in rows)
+    with (tmp_path / "found" / "axial.csv").open() as file:
+        axis = [float(row["emission_per_mm"]) for row in csv.DictReader(file)]
+    assert axis == [row["emission_per_mm"] for row in rows if row["radius_mm"] == 0]
+    section = tifffile.imread(tmp_path / "found" / "section.tif")
+    assert section.shape == tifffile.imread(tmp_path / "found" / "sigma.tif").shape
+    assert section.shape[0] == len(axis)
+    assert (tmp_path / "found" / "section.png").read_bytes().startswith(b"\x89PNG")
+    assert run("verify", tmp_path / "found").exit_code == 0
+
+
+def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
+    np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
+    np.save(tmp_path / "bright.npy", views + np.float32(0.2))
+    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, "--redraws", 0]
+    sections = []
+    for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
+        out = tmp_path / f"{name}-found"
+        result = run("abel", tmp_path / f"{name}.npy", *source[1:], *words, *more, "--out", out)
+        assert result.exit_code == 0, result.output
+        assert not (out / "sigma.tif").exists()
+        sections.append(tifffile.imread(out / "section.tif"))
+    assert sections[1] == pytest.approx(sections[0], abs=0.01 * PEAK)
+
+
+def test_middle_view_alone_will_do(source, tmp_path):
+    out = tmp_path / "found"
+    assert run("abel", *source, "--central", "--redraws", 0, "--out", out).exit_code == 0
+    section = tifffile.imread(out / "section.tif")
+    assert section.max() == pytest.approx(PEAK, rel=0.2)
+    assert json.loads((out / "abel.json").read_text())["views"] == "central"
+
+
+def test_light_that_is_not_round_is_told(source, views, tmp_path):
+    lopsided = views.copy()
+    lopsided[..., 26:] *= 1.5
+    np.save(tmp_path / "lopsided.npy", lopsided)
+    result = run("abel", tmp_path / "lopsided.npy", *source[1:], "--redraws", 0)
+    assert "not round" in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--radius", -1], "at least four pixels"),
+        (["--axis-mm", 99], "must stand within the field"),
+        (["--block", 7], "block must be"),
+        (["--redraws", 1], "redraws must be"),
+        (["--burner", 50], "burner_mm must be within the field"),
+    ],
+)
+def test_bad_values_are_refused(source, tmp_path, words, said):
+    result = run("abel", *source, *words, "--out", tmp_path / "out")
+    assert said in str(result.exception or result.output)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,376 @@
+"""lf-flame flicker: a video of light fields, and the frames of one."""
+
+import csv
+import json
+import shutil
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from skimage.io import imread, imsave
+
+from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, formats, render
+from lf_flame.commands.cli import commands
+from lf_flame.commands.flicker_output import Measures, measure_frames
+from lf_flame.commands.frames import find_frames, natural_key, read_frames
+from lf_flame.commands.light_field_options import Reading
+from lf_flame.formats import write_light_field
+from lf_flame.refocus import shift_and_sum
+from lf_flame.scenes.flames import flame_texture
+from lf_flame.tomography import measure_flame
+from lf_flame.tomography.flame_shape import APART, CEILING, CUT, DARK
+
+CAMERA = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 5
+lenslets = [48, 40]
+"""
+LENS = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 40))
+DEPTH_MM, FOOT_MM, CELL_MM = 6.0, 2.7, 0.04
+FRAMES, RATE_HZ, FLICKER_HZ = 24, 60.0, 11.6
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+def heights_of_textures():
+    """From burner to tip, of flames that flicker."""
+    return 4.0 + 0.6 * np.sin(2 * np.pi * FLICKER_HZ * np.arange(FRAMES) / RATE_HZ)
+
+
+def flame(height_mm):
+    """A flame that stands on FOOT_MM, with y running down, and its tip at half the peak."""
+    texture = flame_texture(height_mm, 0.7, cell_mm=CELL_MM)
+    layer = Layer(texture, DEPTH_MM, (height_mm, 4.48), (FOOT_MM - height_mm / 2, 0.1))
+    above = np.flatnonzero(texture.max(axis=1) > 0.5)[0]
+    tip_mm = FOOT_MM - height_mm + above * height_mm / len(texture)
+    return render(Scene([layer]), LENS), tip_mm
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """Frames whose names count without leading zeros, and the true heights of their contours."""
+    folder = tmp_path_factory.mktemp("made") / "video"
+    folder.mkdir()
+    tips = []
+    for number, height in enumerate(heights_of_textures()):
+        light_field, tip = flame(height)
+        rng = np.random.default_rng(number)
+        noise = 0.01 * rng.standard_normal(light_field.views.shape, np.float32)
+        np.save(folder / f"frame{number + 1}.npy", light_field.views + noise)
+        tips.append(tip)
+    return folder, LENS.field_mm(DEPTH_MM)[0] / 2 - np.array(tips)
+
+
+@pytest.fixture
+def camera_file(tmp_path):
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    return tmp_path / "camera.toml"
+
+
+@pytest.fixture
+def still(tmp_path):
+    """A video of one frame, again and again, as links."""
+    folder = tmp_path / "still"
+    folder.mkdir()
+    np.save(tmp_path / "one.npy", flame(4.0)[0].views)
+    for number in range(16):
+        (folder / f"{number}.npy").symlink_to(tmp_path / "one.npy")
+    return folder
+
+
+def replace(folder, number, views):
+    (folder / f"{number}.npy").unlink()
+    np.save(folder / f"{number}.npy", views)
+
+
+def rows_of(folder):
+    return list(csv.DictReader((folder / "flame.csv").read_text().splitlines()))
+
+
+def record_of(folder):
+    return json.loads((folder / "flicker.json").read_text())
+
+
+def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_path):
+    folder, truth = video
+    words = ["--frames-per-second", RATE_HZ, "--camera", camera_file, "--depth-mm", DEPTH_MM]
+    out = tmp_path / "out"
+    result = run("flicker", folder, *words, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "The flame flickers at 11." in result.output
+    assert "Warning" not in result.output
+    rows, lenslet_mm = rows_of(out), LENS.field_mm(DEPTH_MM)[0] / 48
+    assert [float(row["height_mm"]) for row in rows] == pytest.approx(truth, abs=lenslet_mm)
+    assert [row["source"] for row in rows] == [f"frame{n + 1}.npy" for n in range(FRAMES)]
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(np.arange(FRAMES) / RATE_HZ)
+    row = rows[5]
+    assert row["frame"] == "5"
+    assert (47.5 - float(row["tip_row"])) * lenslet_mm == pytest.approx(float(row["height_mm"]))
+    assert 1 < float(row["width_mm"]) < 2
+    assert float(row["area_mm2"]) < float(row["width_mm"]) * float(row["height_mm"])
+    record = record_of(out)
+    found = record["flicker"]
+    assert found["resolution_hz"] == pytest.approx(RATE_HZ / (FRAMES - 1))
+    assert found["frequency_hz"] == pytest.approx(FLICKER_HZ, abs=0.1 * found["resolution_hz"])
+    assert found["false_alarm"] < 1e-6
+    assert record["pixel_mm"] == pytest.approx(lenslet_mm)
+    assert record["slope"] == pytest.approx(LENS.depth_to_slope(DEPTH_MM))
+    assert record["mean_height"] == pytest.approx(truth.mean(), abs=lenslet_mm / 2)
+    assert set(record["files"]) == {"flame.csv", "flicker.png"}
+    assert imread(out / "flicker.png").shape[0] > 500
+    assert run("verify", out).exit_code == 0
+
+
+def test_a_pattern_a_list_and_a_folder_are_the_same_video(video, tmp_path):
+    folder, truth = video
+    ways = {
+        "folder": [folder],
+        "pattern": [f"{folder}/frame*.npy"],
+        "list": sorted(folder.iterdir(), key=str),
+    }
+    for name, sources in ways.items():
+        words = ["--frames-per-second", RATE_HZ, "--out", tmp_path / name]
+        assert run("flicker", *sources, *words).exit_code == 0
+    tables = {(tmp_path / name / "flame.csv").read_text() for name in ways}
+    assert len(tables) == 1
+    # The middle view, in pixels: as high within a pixel, at the depth's parallax of 0.
+    lenslet_mm = LENS.field_mm(DEPTH_MM)[0] / 48
+    heights = [float(row["height_px"]) for row in rows_of(tmp_path / "list")]
+    assert heights == pytest.approx(truth / lenslet_mm, abs=1)
+
+
+@pytest.mark.parametrize("tip_mm", [-1.0, -0.337, 0.21])
+def test_a_bar_is_as_high_and_wide_as_it_is(tip_mm):
+    """It ends where half the light of a lenslet is left: no flame's tip is as well known."""
+    bar = Layer(np.ones((2, 2)), DEPTH_MM, (2.0, 1.8), (tip_mm + 1.0, 0.1))
+    light_field = render(Scene([bar]), LENS)
+    lower_edge = LENS.field_mm(DEPTH_MM)[0] / 2
+    for slope in (None, LENS.depth_to_slope(DEPTH_MM)):
+        measures = Measures(slope, pixel_mm=lower_edge / 24)
+        found = measure_flame(measures.image(light_field), pixel_mm=measures.pixel_mm)
+        assert found.height == pytest.approx(lower_edge - tip_mm, abs=0.02)
+        assert found.width == pytest.approx(1.8, abs=0.02)
+
+
+def test_what_is_measured_of_a_frame(video):
+    views = np.load(video[0] / "frame1.npy")
+    light_field = LightField(views)
+    assert (Measures().image(light_field) == views[2, 2]).all()
+    refocused = shift_and_sum(views, [0.7])[0]
+    assert (Measures(slope=0.7).image(light_field) == refocused).all()
+    colour = LightField(np.stack([views, 3 * views, 5 * views], axis=-1))
+    assert Measures().image(colour) == pytest.approx(3 * views[2, 2], abs=1e-6)
+    # Of an even number of views there are two in the middle.
+    assert (Measures().image(LightField(views[:4, :2])) == views[1, 0]).all()
+
+
+def test_focus_is_where_it_was_asked_for(video, camera_file, tmp_path):
+    """A flame is brightest in focus, and blurred as far on the other side."""
+    words = ["--frames-per-second", RATE_HZ]
+    slope = LENS.depth_to_slope(DEPTH_MM)
+    places = {
+        "depth": ["--camera", camera_file, "--depth-mm", DEPTH_MM],
+        "slope": ["--slope", slope, "--pixel-mm", LENS.field_mm(DEPTH_MM)[0] / 48],
+        "wrong": ["--slope", -slope],
+    }
+    for name, focus in places.items():
+        done = run("flicker", video[0], *words, *focus, "--out", tmp_path / name)
+        assert done.exit_code == 0, done.output
+    tables = [(tmp_path / name / "flame.csv").read_text() for name in ("depth", "slope")]
+    assert tables[0] == tables[1]
+    bright, dim = (float(rows_of(tmp_path / name)[0]["brightness"]) for name in ("slope", "wrong"))
+    assert dim < 0.9 * bright
+
+
+def test_level_pixel_and_burner_are_heeded(video, tmp_path):
+    words = ["--frames-per-second", RATE_HZ, "--out"]
+    plain, other = tmp_path / "plain", tmp_path / "other"
+    assert run("flicker", video[0], *words, plain).exit_code == 0
+    asked = ["--level", 0.2, "--pixel-mm", 0.5, "--burner-row", 40.5]
+    assert run("flicker", video[0], *words, other, *asked).exit_code == 0
+    one, two = rows_of(plain)[0], rows_of(other)[0]
+    assert float(two["tip_row"]) < float(one["tip_row"]) - 1
+    assert float(two["height_mm"]) == pytest.approx(0.5 * (40.5 - float(two["tip_row"])))
+    assert float(two["width_mm"]) > 0.5 * float(one["width_px"])
+
+
+def test_a_flame_that_stands_still_has_no_frequency(still, tmp_path):
+    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "There is no flicker: the heights are constant" in result.output
+    found = record_of(tmp_path / "out")["flicker"]
+    assert found["frequency_hz"] is None
+    assert found["false_alarm"] == 1
+
+
+def test_a_dark_frame_is_told_and_the_rest_measured(video, tmp_path):
+    folder = shutil.copytree(video[0], tmp_path / "video")
+    dark = np.random.default_rng(0).standard_normal((5, 5, 48, 40)).astype(np.float32)
+    np.save(folder / "frame7.npy", np.zeros_like(dark))
+    np.save(folder / "frame12.npy", 0.01 * dark)
+    words = ["--slope", 0.3, "--frames-per-second", RATE_HZ, "--out", tmp_path / "out"]
+    result = run("flicker", folder, *words)
+    assert result.exit_code == 0, result.output
+    assert f"Warning: 2 of 24 frames, first frame7.npy: {DARK}" in result.output
+    rows, record = rows_of(tmp_path / "out"), record_of(tmp_path / "out")
+    assert [n for n, row in enumerate(rows) if row["height_px"] == "nan"] == [6, 11]
+    assert rows[6]["warnings"] == DARK
+    assert record["frames_with_flame"] == 22
+    known = [float(row["height_px"]) for n, row in enumerate(rows) if n not in (6, 11)]
+    assert record["mean_height"] == pytest.approx(np.mean(known))
+    assert record["standard_deviation_of_height"] == pytest.approx(np.std(known), rel=1e-5)
+    assert record["flicker"]["frequency_hz"] == pytest.approx(FLICKER_HZ, abs=0.5)
+    assert any(DARK in warning for warning in record["warnings"])
+
+
+def test_a_dark_video_is_told(still, tmp_path):
+    for number in range(16):
+        replace(still, number, np.zeros((5, 5, 48, 40), np.float32))
+    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "needs 16 frames with a height at least, got 0" in result.output
+    assert record_of(tmp_path / "out")["flicker"] is None
+    assert (tmp_path / "out" / "flicker.png").exists()
+
+
+def test_doubtful_frames_are_told(still, tmp_path):
+    views = np.load(tmp_path / "one.npy")
+    replace(still, 3, np.pad(views, ((0, 0), (0, 0), (0, 22), (0, 0)))[:, :, 22:])
+    replace(still, 4, np.minimum(views, 0.7 * views.max()))
+    replace(still, 5, views + 0.8 * np.roll(views, 15, axis=3))
+    result = run("flicker", still, "--frames-per-second", 50, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for number, doubt in ((3, CUT), (4, CEILING), (5, APART)):
+        assert f"Warning: 1 of 16 frames, first {number}.npy: {doubt}" in result.output
+        assert rows_of(tmp_path / "out")[number]["warnings"] == doubt
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--slope", 1, "--depth-mm", 3, "--camera", "CAMERA"], "either --slope or --depth-mm"),
+        (["--depth-mm", 3], "need each other"),
+        (["--camera", "CAMERA"], "need each other"),
+        (["--slope", "nan"], "--slope must be finite"),
+        (["--pixel-mm", "nan"], "pixel_mm must be"),
+        (["--level", "nan"], "level must be"),
+        (["--burner-row", 48], "burner_row must lie within"),
+        (["--frames-per-second", "inf"], "must be finite"),
+        (["--frames-per-second", "nan"], "must be finite"),
+        (["--depth-mm", -400, "--camera", "CAMERA"], "main lens"),
+        (["--out", "SOURCE"], "frames' own folder"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(still, camera_file, tmp_path, words, message):
+    out = tmp_path / "out"
+    known = {"CAMERA": camera_file, "SOURCE": still}
+    words = [known.get(word, word) for word in words]
+    before = set(still.iterdir())
+    result = run("flicker", still, "--frames-per-second", 50, "--out", out, *words)
+    assert isinstance(result.exception, InputError), result.output
+    assert message in str(result.exception)
+    assert not out.exists()
+    assert set(still.iterdir()) == before
+
+
+def test_frames_that_do_not_fit_are_one_sentence(still, camera_file, tmp_path):
+    words = ["--frames-per-second", 50, "--out", tmp_path / "out"]
+    (tmp_path / "other.toml").write_text(CAMERA.replace("views = 5", "views = 7"))
+    other = ["--camera", tmp_path / "other.toml", "--depth-mm", 0]
+    assert "has 7 x 7 views" in str(run("flicker", still, *words, *other).exception)
+    few = [still / f"{number}.npy" for number in range(3)]
+    assert "needs 16 frames at least, got 3 frames" in str(run("flicker", *few, *words).exception)
+    replace(still, 9, np.ones((5, 5, 48, 41), np.float32))
+    assert "must be of one shape" in str(run("flicker", still, *words).exception)
+    (still / "9.npy").write_bytes(b"no array")
+    assert "9.npy" in str(run("flicker", still, *words).exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_come_in_the_order_of_their_numbers(tmp_path):
+    names = ["a10b2", "a2b10", "a2b9", "a010b1", "b1", "a"]
+    paths = sorted(map(Path, names), key=natural_key)
+    assert [str(path) for path in paths] == ["a", "a2b9", "a2b10", "a010b1", "a10b2", "b1"]
+
+
+def test_what_is_no_sequence_is_told(tmp_path):
+    for name in ("1.npy", "2.npy", "3.png", "notes.txt", ".4.npy"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"several kinds \(2 x .npy, 1 x .png\)"):
+        find_frames([tmp_path])
+    found = find_frames([tmp_path], [tmp_path / "3.png"])
+    assert [path.name for path in found] == ["1.npy", "2.npy"]
+    assert find_frames([tmp_path / "[12].npy"]) == found
+    with pytest.raises(InputError, match="pattern"):
+        find_frames([tmp_path / "*.tif"])
+    with pytest.raises(InputError, match="no such file"):
+        find_frames([tmp_path / "1.npy", tmp_path / "9.npy"])
+    with pytest.raises(InputError, match="more than once"):
+        find_frames([tmp_path / "1.npy", tmp_path / "1.npy"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no light fields"):
+        find_frames([tmp_path / "empty"])
+
+
+def test_what_is_kept_of_a_video(tmp_path):
+    """The mean picture, and contours of frames spread over it from the first to the last."""
+    views = np.zeros((1, 1, 30, 30), np.float32)
+    views[..., 23:29, 13:16] = 1
+    frames = [LightField((1 + number) * views) for number in range(17)]
+    paths = [Path(f"{number}.npy") for number in range(17)]
+    series = measure_frames(paths, frames, Measures(), 4.0, tmp_path / "flame.csv")
+    assert series.total == pytest.approx(views[0, 0] * 17 * 9)
+    assert [time for time, _ in series.contours] == [0, 1, 2, 3, 4]
+    assert series.heights == pytest.approx([7] * 17)
+
+
+def test_one_frame_at_a_time_is_in_memory(still, camera_file, tmp_path, monkeypatch):
+    """When one is read the one before is gone."""
+    alive, before, read = weakref.WeakSet(), [], formats.read_light_field
+
+    def watched(*args, **options):
+        before.append(len(alive))
+        light_field = read(*args, **options)
+        alive.add(light_field)
+        return light_field
+
+    monkeypatch.setattr(formats, "read_light_field", watched)
+    words = ["--frames-per-second", 50, "--camera", camera_file, "--depth-mm", DEPTH_MM]
+    result = run("flicker", still, *words, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert before == [0] * 16
+
+
+def test_folders_of_views_are_frames(tmp_path):
+    """The order of views is that of the first frame: a dark one shows none."""
+    views = np.random.default_rng(0).uniform(size=(3, 3, 12, 10)).astype(np.float32)
+    (tmp_path / "video").mkdir()
+    for number, scale in enumerate((1.0, 0.5, 0.0)):
+        write_light_field(LightField(scale * views), tmp_path / "video" / f"f{number}")
+    paths = find_frames([tmp_path / "video"])
+    frames = list(read_frames(paths, Reading(order="col,row")))
+    for frame, scale in zip(frames, (1.0, 0.5, 0.0), strict=True):
+        assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
+
+
+def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
+    """As `Reading` decodes each by itself, where nothing else is different."""
+    rows, columns = np.indices((90, 108))
+    white = 0.1 + 0.9 * np.clip(4.5 - np.hypot(rows % 9 - 4, columns % 9 - 4), 0, 1)
+    imsave(tmp_path / "white.tif", (60000 * white).astype(np.uint16), check_contrast=False)
+    for number in range(3):
+        raw = white * (0.3 + 0.1 * number + 0.2 * np.sin(rows / 30))
+        raw = (60000 * raw).astype(np.uint16)
+        imsave(tmp_path / f"raw{number}.tif", raw, check_contrast=False)
+    reading = Reading(white=tmp_path / "white.tif", pitch=9.0)
+    paths = find_frames([tmp_path / "raw*.tif"])
+    for path, frame in zip(paths, read_frames(paths, reading), strict=True):
+        assert frame.views == pytest.approx(reading.read(path).views, abs=1e-6)

@@ -1,0 +1,221 @@
+"""A round flame's half section, against a flame rendered slab by slab and Abel's closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, Layer, LightField, Scene, render
+from lf_flame.scenes.flames import projected_glow
+from lf_flame.tomography import (
+    AxisymmetricGrid,
+    AxisymmetricOperator,
+    find_axis,
+    reconstruct_axisymmetric,
+)
+from lf_flame.tomography.axisymmetric import check_roundness
+from lf_flame.tomography.axisymmetric_fit import BandedGram, roughness_matrix
+
+ACROSS, DEPTH, WIDTH, HOLLOW, TALL = 0.83, 4.0, 0.8, 2.5, 2.6
+RADIUS = 2.7
+
+
+def glow(height, radius):
+    """Emission per mm of a hollow flame; it fades with distance from the middle height."""
+    q = (radius / WIDTH) ** 2
+    return np.exp(-((height / TALL) ** 2) * 3) * (1 + HOLLOW * q) * np.exp(-q)
+
+
+def slabs(thickness=0.1, cell=0.05, glow=glow, lean=0.0):
+    """The flame as thin layers, each of its own light."""
+    x = (np.arange(round(2 * RADIUS / cell)) + 0.5) * cell - RADIUS
+    y = 3.6 - (np.arange(round(7.2 / cell)) + 0.5) * cell
+    found = []
+    for z in (np.arange(round(2 * RADIUS / thickness)) + 0.5) * thickness - RADIUS:
+        radius = np.hypot(x[None, :] - lean * y[:, None], z)
+        texture = glow(y[:, None], radius) * thickness
+        found.append(Layer(texture, DEPTH + z, (7.2, 2 * RADIUS), (0.0, ACROSS)))
+    return Scene(found)
+
+
+@pytest.fixture(scope="module")
+def seen(camera):
+    return render(slabs(), camera, tolerance=1e-6)
+
+
+@pytest.fixture(scope="module")
+def grid(camera):
+    return AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS)
+
+
+@pytest.fixture(scope="module")
+def truth(grid):
+    return glow(grid.heights_mm[:, None], grid.radii_mm[None, :])
+
+
+def volume_error(found, truth, grid):
+    """Root-mean-square over the volume, relative to the flame's own."""
+    weight = np.sqrt(grid.radii_mm)
+    return np.linalg.norm((found - truth) * weight) / np.linalg.norm(truth * weight)
+
+
+def add_noise(light_field, share, seed=0):
+    views = light_field.views
+    noise = np.random.default_rng(seed).standard_normal(views.shape, dtype=np.float32)
+    return LightField(views + np.float32(share * views.max()) * noise)
+
+
+def test_operator_sees_what_the_simulation_renders(grid, truth, seen):
+    views = AxisymmetricOperator(grid).matvec(truth.ravel()).reshape(seen.views.shape)
+    assert np.linalg.norm(views - seen.views) < 6e-3 * np.linalg.norm(seen.views)
+    # Not by chance: a per cent of scale, or a node's shift of the axis, would show.
+    fit = np.vdot(views, seen.views) / np.vdot(views, views)
+    assert fit == pytest.approx(1, abs=3e-3)
+
+
+def test_middle_view_is_abels_transform(camera, truth):
+    grid = AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS, which="central")
+    image = AxisymmetricOperator(grid).matvec(truth.ravel()).reshape(camera.lenslets)
+    row = camera.lenslets[0] // 2  # its middle lies half a lenslet below the optical axis
+    x = (np.arange(camera.lenslets[1]) - (camera.lenslets[1] - 1) / 2) * grid.step_mm
+    closed = projected_glow(x - ACROSS, WIDTH, HOLLOW) * glow(grid.step_mm / 2, 0.0)
+    # Rays through the flame's edge are up to 2 degrees from parallel, and pixels have a size.
+    assert np.abs(image[row] - closed).max() < 0.02 * closed.max()
+    assert image[row].sum() == pytest.approx(closed.sum(), rel=5e-3)
+
+
+@pytest.mark.parametrize("which", ["all", "central"])
+@pytest.mark.parametrize("block", [1, 2])
+def test_adjoint_and_gram_are_the_operators(camera, which, block):
+    grid = AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS, block, which, burner_mm=-2.0)
+    operator, gram = AxisymmetricOperator(grid), BandedGram(grid)
+    rng = np.random.default_rng(1)
+    x, y = rng.standard_normal(operator.shape[1]), rng.standard_normal(operator.shape[0])
+    seen = operator.matvec(x)
+    assert np.vdot(seen, y) == pytest.approx(np.vdot(x, operator.rmatvec(y)), rel=1e-12)
+    scaled = gram.multiply(x / gram.unit) / gram.unit
+    assert scaled == pytest.approx(operator.rmatvec(seen), abs=1e-11 * np.abs(scaled).max())
+
+
+def test_penalty_spares_parabolas_that_are_even_about_the_axis():
+    heights, radii = 9, 7
+    rough = roughness_matrix((heights, radii), 3)
+    height, radius = np.arange(heights)[:, None], np.arange(radii)[None, :]
+    smooth = (2 + height - 0.3 * height**2 + 0 * radius).astype(float)
+    # Only the drop to darkness beyond the last radius costs.
+    drop = (rough @ smooth.ravel()).reshape(smooth.shape)
+    assert np.abs(drop[:, : radii - 3]).max() < 1e-9 < np.abs(drop[:, -3:]).max()
+    even = (radius**2 + 0 * height).astype(float)
+    odd = (radius + 0 * height).astype(float)
+    assert np.abs((rough @ even.ravel()).reshape(even.shape)[:, :2]).max() < 1e-9
+    assert np.abs((rough @ odd.ravel()).reshape(odd.shape)[:, :2]).max() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("which", "share", "limit"),
+    [("all", 0.0, 0.01), ("all", 0.01, 0.015), ("all", 0.05, 0.03), ("central", 0.01, 0.06)],
+)
+def test_section_is_found(grid, truth, seen, which, share, limit):
+    asked = replace(grid, which=which)
+    found = reconstruct_axisymmetric(add_noise(seen, share), asked)
+    assert volume_error(found.emission, truth, grid) < limit
+    assert found.emission.min() >= 0
+    if share:
+        assert found.noise == pytest.approx(share * seen.views.max(), rel=0.05)
+        assert found.chi_squared.mean() == pytest.approx(1, abs=0.05)
+    assert found.chi_squared.shape == ((7, 7) if which == "all" else (1, 1))
+
+
+def test_axis_half_a_pixel_off_hardly_harms_and_three_do(grid, truth, seen):
+    errors = [
+        volume_error(
+            reconstruct_axisymmetric(
+                seen, replace(grid, axis_mm=ACROSS + pixels * grid.step_mm)
+            ).emission,
+            truth,
+            grid,
+        )
+        for pixels in (0.5, 3)
+    ]
+    assert errors[0] < 0.01 < 0.1 < errors[1]
+
+
+def test_axis_is_found_across_and_in_depth(camera, seen):
+    axis = find_axis(add_noise(seen, 0.02), camera)
+    assert axis.across_mm == pytest.approx(ACROSS, abs=0.02)
+    assert axis.depth_mm == pytest.approx(DEPTH, abs=0.1)
+    assert abs(axis.lean_deg) < 0.3
+    assert 1.8 < axis.radius_mm < 3.2
+    assert axis.lopsided < 0.02
+    assert check_roundness(axis) == ()
+
+
+def test_flame_that_leans_or_is_not_round_is_told_so(camera):
+    leaning = find_axis(render(slabs(lean=0.05), camera), camera)
+    assert leaning.lean_deg == pytest.approx(np.degrees(np.arctan(0.05)), rel=0.03)
+    assert "leans by 2." in check_roundness(leaning)[0]
+    views = render(slabs(), camera).views.copy()
+    views[..., 49:] *= 1.3  # the right half
+    assert "not round" in check_roundness(find_axis(LightField(views), camera))[0]
+
+
+def test_sharp_burner_is_followed_where_it_is_known(camera):
+    def cut(height, radius):
+        return np.where(height > -1.0, glow(height, radius), 0.0)
+
+    seen = render(slabs(glow=cut, cell=0.025), camera)
+    errors = []
+    for burner in (None, -1.0):
+        grid = AxisymmetricGrid(camera, ACROSS, DEPTH, RADIUS, burner_mm=burner)
+        heights = grid.heights_mm[:, None]
+        truth = np.where(heights > -1.0 - 1e-9, glow(heights, grid.radii_mm), 0.0)
+        found = reconstruct_axisymmetric(seen, grid)
+        errors.append(volume_error(found.emission, truth, grid))
+    assert errors[1] < 0.015 < 0.05 < errors[0]
+
+
+def test_error_bars_are_those_of_other_draws(grid, seen):
+    noise, grid = 0.1, replace(grid, block=2)
+    found = reconstruct_axisymmetric(
+        add_noise(seen, noise), grid, redraws=12, rng=np.random.default_rng(3)
+    )
+    again = [
+        reconstruct_axisymmetric(
+            add_noise(seen, noise, seed), grid, noise=found.noise, strength=found.strength
+        ).emission
+        for seed in range(10, 22)
+    ]
+    bright = found.emission > 0.2 * found.emission.max()
+    ratio = found.sigma[bright] / np.std(again, axis=0, ddof=1)[bright]
+    assert np.median(ratio) == pytest.approx(1, abs=0.25)
+
+
+def test_dark_light_field_has_no_axis(camera, seen):
+    with pytest.raises(InputError, match="holds no light"):
+        find_axis(LightField(np.zeros_like(seen.views)), camera)
+    with pytest.raises(InputError, match="3 or more view columns"):
+        find_axis(LightField(seen.views[:, :1]), camera)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"which": "some"}, "which must be one of"),
+        ({"axis_mm": np.nan}, "must be finite"),
+        ({"axis_mm": 9.0}, "must stand within the field"),
+        ({"radius_mm": 0.3}, "at least four pixels"),
+        ({"burner_mm": 8.0}, "burner_mm must be within the field"),
+        ({"radius_mm": 300.0}, "take larger blocks"),
+    ],
+)
+def test_grids_that_cannot_be_used_are_refused(grid, changes, words):
+    with pytest.raises(InputError, match=words):
+        replace(grid, **changes)
+
+
+def test_other_light_fields_and_options_are_refused(grid, seen):
+    with pytest.raises(InputError, match="must be grey, of the camera's"):
+        reconstruct_axisymmetric(LightField(seen.views[:, :, :-1]), grid)
+    for options, words in (({"noise": -1.0}, "noise must be"), ({"redraws": 1}, "redraws must be")):
+        with pytest.raises(InputError, match=words):
+            reconstruct_axisymmetric(seen, grid, **options)
