@@ -140,6 +140,7 @@ CORE = {
     "projection/_kernels.py": ("projection/test_projector.py",),
     "projection/line_sums.py": ("projection/test_projector.py",),
     "projection/projector.py": (),
+    "tomography/absorption.py": (),
     "tomography/axisymmetric.py": (),
     "tomography/axisymmetric_fit.py": ("tomography/test_axisymmetric.py",),
     "tomography/axisymmetric_grid.py": ("tomography/test_axisymmetric.py",),

@@ -25,9 +25,9 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
     """Find emission by depth in phantoms of known emission, in minutes.
 
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
-    that is round in depth, and a camera that is not as was said; with refocused images, a fit cut
-    off at zero and plain gradient steps as rivals. A round flame's half section, with PyAbel as
-    the rival where it is installed. The paper's network, where runs of it are given.
+    that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
+    images, a fit cut off at zero and plain gradient steps as rivals. A round flame's half section,
+    with PyAbel as the rival where it is installed. The paper's network, where runs of it are given.
 
     OUT gets emission.csv, .md and .json, the record, and pictures.
 

@@ -1,7 +1,7 @@
 """Flames whose emission by depth is known, and light fields of them with noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,18 +34,61 @@ def paper_flames(index: int = 0) -> tuple[Scene, PlenopticCamera]:
     return scene, config.camera
 
 
-def overlapping_flames(depths_mm: Sequence[float]) -> Scene:
+def overlapping_flames(depths_mm: Sequence[float], cell_mm: float = 0.1) -> Scene:
     """Four flames of unlike size behind each other, so that every pixel holds several depths."""
     heights, places = (28.0, 22.0, 18.0, 25.0), (-3.0, 2.5, -1.0, 4.0)
     return Scene(
         [
             Layer(
-                flame_texture(height, 2.4),
+                flame_texture(height, 2.4, cell_mm=cell_mm),
                 depth,
                 (height, 2 * 3.2 * 2.4),
                 (14.0 - height / 2, place),
             )
             for depth, height, place in zip(depths_mm, heights, places, strict=True)
+        ]
+    )
+
+
+def shrunk(scene: Scene, ratio: float) -> Scene:
+    """Make a scene smaller about the middle of the focal plane, in depth too."""
+    return Scene(
+        [
+            replace(
+                layer,
+                depth_mm=ratio * layer.depth_mm,
+                size_mm=np.multiply(ratio, layer.size_mm),
+                centre_mm=np.multiply(ratio, layer.centre_mm),
+            )
+            for layer in scene.layers
+        ]
+    )
+
+
+def in_even_matter(scene: Scene, thickness: float, half_mm: float) -> Scene:
+    """Let layers absorb evenly within so much of the middle, an equal share of the thickness each.
+
+    Where they glow alike, ``(1 - exp(-thickness)) / thickness`` of the light is left.
+    """
+    wide = []
+    for layer in scene.layers:
+        cell = np.divide(layer.size_mm, layer.texture.shape)
+        short = half_mm + np.abs(layer.centre_mm) - np.divide(layer.size_mm, 2)
+        down, across = np.maximum(np.ceil(short / cell), 0).astype(int)
+        texture = np.pad(layer.texture, [(down, down), (across, across)])
+        tau = np.full(texture.shape, thickness / len(scene.layers))
+        size = cell * texture.shape
+        wide.append(replace(layer, texture=texture, size_mm=size, optical_thickness=tau))
+    return Scene(wide)
+
+
+def in_own_matter(scene: Scene, thickness: float) -> Scene:
+    """Let layers absorb as they glow, at their brightest an equal share of the thickness each."""
+    share = thickness / len(scene.layers)
+    return Scene(
+        [
+            replace(layer, optical_thickness=share * layer.texture / layer.texture.max())
+            for layer in scene.layers
         ]
     )
 
@@ -140,6 +183,12 @@ def truth_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
         nearest = int(np.argmin(np.abs(np.subtract(grid.depths_mm, layer.depth_mm))))
         planes[nearest] += grid.average(layer, nearest)
     return grid.crop(planes)
+
+
+def thickness_on(grid: FrustumGrid, scene: Scene) -> np.ndarray:
+    """Optical thickness of a scene's layers, laid as `truth_on` lays their emission."""
+    matter = [replace(layer, texture=layer.optical_thickness) for layer in scene.layers]
+    return truth_on(grid, Scene(matter))
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,8 @@ def text(table: pd.DataFrame, record: dict) -> str:
 
 15 x 15 views of 270 x 540 lenslets, averaged to 90 x 180 pixels; noise as a share of the brightest
 pixel of those, or electrons in it. The phantoms are rendered by the simulator from layers of their
-own cells, not from the inversion's. Errors are root-mean-square relative to the truth's
+own cells, not from the inversion's. Flames in matter are a quarter of the others in size, seen by
+72 x 84 lenslets. Errors are root-mean-square relative to the truth's
 root-mean-square. `reconstruct` is called as a user calls it, its noise measured and its penalty
 chosen by itself. One draw of the noise each; seconds with all setting up.
 

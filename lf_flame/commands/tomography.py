@@ -102,6 +102,13 @@ FITTING = cloup.option_group(
         type=click.FloatRange(min=0),
         help="Of the penalty on roughness (default: what the noise allows).",
     ),
+    cloup.option(
+        "--optical-thickness",
+        metavar="T",
+        help="Absorption by the flame itself, which must be known from elsewhere: a light field "
+        "does not tell it. A number is the total along the line of sight, spread evenly over the "
+        "planes; a TIFF holds that of each plane, by pixels. Default: light only adds.",
+    ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
         "--redraws",
@@ -120,7 +127,9 @@ FITTING = cloup.option_group(
 @FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
-def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed, **options) -> None:
+def reconstruct(
+    source, depths, planes, block, camera, out, dark, optical_thickness, l_curve, seed, **options
+) -> None:
     """Find the emission of each depth that explains a light field of a flame.
 
     Refocused images cannot tell: each holds the blurred light of all other depths. SOURCE is read
@@ -132,11 +141,17 @@ def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed,
       lf-flame reconstruct simulated/flames/light_field.npz \\
           --camera simulated/flames/simulation.json --depth-mm 20 --depth-mm 10 --depth-mm 0
       lf-flame reconstruct raw.png --white white.png --camera camera.toml --depths -12 12 2
+      lf-flame reconstruct flame.npy --camera camera.toml --depths -12 12 2 --optical-thickness 0.3
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
-    from lf_flame.commands.tomography_output import RECORD, write_reconstruction
+    from lf_flame.commands.tomography_output import (
+        RECORD,
+        read_thickness,
+        thickness_facts,
+        write_reconstruction,
+    )
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.reconstruction import planes_between
@@ -146,13 +161,15 @@ def reconstruct(source, depths, planes, block, camera, out, dark, l_curve, seed,
             "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
         )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
+    thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.read_above(source, dark)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
-        rng = np.random.default_rng(seed)
-        found = find_emission(light_field, grid, whole_curve=l_curve, rng=rng, **options)
+        options |= {"whole_curve": l_curve, "optical_thickness": thickness}
+        found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": str(source), "seed": seed, "redraws": options["redraws"]}
+        folder.facts |= thickness_facts(optical_thickness, thickness)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
     click.echo(

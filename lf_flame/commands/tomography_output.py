@@ -12,7 +12,9 @@ from tabulate import tabulate
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record, to_json
+from lf_flame._common.input_files import readable
 from lf_flame._common.output_folders import OutputFolder
+from lf_flame._common.pixels import TIFF_ERRORS, TIFF_SUFFIXES, read_series
 from lf_flame.errors import InputError
 from lf_flame.formats import write_focal_stack
 from lf_flame.lightfield import LightField
@@ -128,6 +130,42 @@ def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray
     stack = shift_and_sum(light_field, found.grid.slopes)
     (rows, columns), block = found.grid.pixels, found.grid.block
     return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
+
+
+def read_thickness(given: str) -> float | np.ndarray:
+    """Read an optical thickness: a number, or a TIFF of a plane or more.
+
+    Returns
+    -------
+    float, or ndarray of float, shape (planes, rows, columns)
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the file cannot be read or holds no floating-point numbers.
+    """
+    try:
+        return float(given)
+    except ValueError:
+        path = Path(given)
+    if path.suffix.lower() not in TIFF_SUFFIXES:
+        raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
+    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+        stack = read_series(file.series[:1], path)[0]
+    if stack.dtype.kind != "f" or stack.ndim < 2:
+        raise InputError(
+            f"{path} must hold planes of optical thickness as floating-point numbers, got "
+            f"{stack.dtype} of shape {stack.shape}."
+        )
+    return stack.reshape(-1, *stack.shape[-2:])
+
+
+def thickness_facts(given: str | None, thickness: float | np.ndarray | None) -> dict:
+    """Say for the record which optical thickness was given, and how much it comes to at most."""
+    if thickness is None:
+        return {"optical_thickness": None}
+    greatest = float(np.max(np.sum(thickness, axis=0))) if np.ndim(thickness) else thickness
+    return {"optical_thickness": given, "greatest_optical_thickness": greatest}
 
 
 Pair = tuple[np.ndarray, np.ndarray]

@@ -1,3 +1,4 @@
+from .absorption import AbsorbingOperator as AbsorbingOperator
 from .axisymmetric import AxisymmetricFlame as AxisymmetricFlame
 from .axisymmetric import reconstruct_axisymmetric as reconstruct_axisymmetric
 from .axisymmetric_grid import AxisymmetricGrid as AxisymmetricGrid

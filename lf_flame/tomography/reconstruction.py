@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.data_checks import check_data
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.frustum_grid import FEW_PLANES, MOST_PLANES, FrustumGrid
@@ -20,6 +23,11 @@ from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
 ITERATIONS = {FEW_PLANES: 80, MOST_PLANES: 300}
 """Of the splitting, for the solution, by the number of planes up to which it holds. For each
 strength that is tried an eighth of them, but 20, from the last one's."""
+
+UNSETTLED = (
+    "The correction for absorption has not settled: emission and optical thickness do not go "
+    "together, or the thickness is too large."
+)
 
 NOISE_BLOCK = 5
 """Pixels along each axis over which the noise of a place is averaged."""
@@ -34,7 +42,8 @@ class Reconstruction:
     grid : FrustumGrid
     emission : ndarray of float32, shape (planes, rows, columns)
         Radiance that each plane adds along the line of sight, in the unit of the light field;
-        rows and columns are the pixels of the central view. `per_mm` is emission by volume.
+        rows and columns are the pixels of the central view. `per_mm` is emission by volume. With
+        an optical thickness, the radiance that each would add if nothing were absorbed.
     draws : ndarray of float32, shape (redraws, planes, rows, columns)
         Emission of light fields that were drawn anew from what was found, with noise.
     sigma_linear : ndarray of float64, shape (planes,)
@@ -114,6 +123,7 @@ def reconstruct(
     whole_curve: bool = False,
     redraws: int = 0,
     rng: np.random.Generator | None = None,
+    optical_thickness: ArrayLike | None = None,
 ) -> Reconstruction:
     """Find the emission of the planes of a grid that explains a light field.
 
@@ -146,6 +156,12 @@ def reconstruct(
         and fitted again, for `Reconstruction.sigma`: 0, or 2 and more.
     rng : numpy.random.Generator, optional
         Needed for redraws.
+    optical_thickness : float, or array_like of shape (planes,) or (planes, rows, columns), optional
+        Absorption along the line of sight, 0 or above, known from elsewhere: the total, spread
+        evenly over the planes, or each plane's, even across it or by the pixels of the central
+        view. A plane lets ``(1 - exp(-tau)) / tau`` of its own light out and ``exp(-tau)`` of what
+        is behind it through, at greater depth, as a `Layer` does. The penalty then is on the
+        emission as it leaves towards the camera. Default: light only adds.
 
     Returns
     -------
@@ -160,46 +176,98 @@ def reconstruct(
         iterations = next(n for most, n in ITERATIONS.items() if len(grid.depths_mm) <= most)
     _check_options(noise, strength, order, iterations)
     _check_redraws(redraws, rng)
+    thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = average_blocks(light_field, grid.camera, grid.block)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    problem = RangeFit(gram, *_seen(operator, views))
-    measured = problem.measure_noise()
-    sd = measured if noise is None else float(noise)
-    uneven = noise_by_pixel(operator, views, problem.unpenalised())
-    around = np.pad(uneven, grid.reach, mode="edge")
-    share = around / around.sum()
-    search = StrengthSearch(
-        problem,
-        noise_variance(sd),
-        share,
-        order,
-        nonnegative,
-        min(iterations, max(20, iterations // 8)),
-    )
-    if whole_curve:
-        search.try_all()
-    chosen = search.find() if strength is None else float(strength)
-    cells = problem.solve(chosen, order, nonnegative, iterations, search.nearest(chosen)).cells
-    fitted = operator.matvec(cells.ravel()).reshape(views.shape)
-    residual = np.square(views - fitted, dtype=np.float64)
+    how = _How(noise, strength, order, nonnegative, iterations, whole_curve)
+    if thickness is None or not thickness.any():
+        found, settled = _explain(operator, gram, how, views), True
+        fitted = seen = operator.matvec(found.cells.ravel()).reshape(views.shape)
+        leaves = np.ones((grid.shape[0], 1, 1), np.float32)
+    else:
+        absorption = Absorption(operator, grid, thickness)
+        found, settled = absorption.settle(views, partial(_explain, operator, gram, how))
+        fitted = operator.matvec(found.cells.ravel()).reshape(views.shape)
+        seen, leaves = absorption.seen(found.cells), grid.crop(absorption.transmission)
+    sd, uneven, chosen, cells = found.noise, found.uneven, found.strength, found.cells
+    residual = np.square(views - seen, dtype=np.float64)
     chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
-    emission = np.ascontiguousarray(grid.crop(cells))
+    emission = np.ascontiguousarray(grid.crop(cells) / leaves)
     again = []
     if rng is not None and redraws:
+        # As it leaves: noise is no other for what single views see absorbed.
         draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
         options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
-        again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) for draw in draws]
+        again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) / leaves for draw in draws]
     return Reconstruction(
         grid=grid,
         emission=emission,
         draws=np.array(again, np.float32).reshape(-1, *emission.shape),
-        sigma_linear=standard_errors(gram, sd, chosen, order),
+        sigma_linear=standard_errors(gram, sd, chosen, order) * _raised(leaves),
         noise=sd,
         strength=chosen,
-        tried=tuple(search.tried[key] for key in sorted(search.tried)),
+        tried=found.tried,
         chi_squared=chi_squared,
-        warnings=check_data(views, chi_squared, sd, measured, noise is not None),
+        warnings=(
+            *check_data(views, chi_squared, sd, found.measured, noise is not None),
+            *(() if settled else (UNSETTLED,)),
+        ),
     )
+
+
+class _How(NamedTuple):
+    """Options of `reconstruct` that each of its fits takes."""
+
+    noise: float | None
+    strength: float | None
+    order: int
+    nonnegative: bool
+    iterations: int
+    whole_curve: bool
+
+
+class _Explained(NamedTuple):
+    """What one fit found, its noise and its strength."""
+
+    cells: np.ndarray
+    noise: float
+    measured: float
+    uneven: np.ndarray
+    strength: float
+    tried: tuple[TriedStrength, ...]
+
+
+def _explain(
+    operator: ProjectionOperator,
+    gram: FrequencyGram,
+    how: _How,
+    views: np.ndarray,
+    known: _Explained | None = None,
+) -> _Explained:
+    """Fit a light field in which light only adds; with the strength of a known fit, from there."""
+    problem = RangeFit(gram, *_seen(operator, views))
+    measured = problem.measure_noise()
+    sd = measured if how.noise is None else float(how.noise)
+    uneven = noise_by_pixel(operator, views, problem.unpenalised())
+    options = (how.order, how.nonnegative, how.iterations)
+    if known is not None:
+        cells = problem.solve(known.strength, *options, known.cells).cells
+        return _Explained(cells, sd, measured, uneven, known.strength, known.tried)
+    around = np.pad(uneven, gram.grid.reach, mode="edge")
+    share = around / around.sum()
+    few = min(how.iterations, max(20, how.iterations // 8))
+    search = StrengthSearch(problem, noise_variance(sd), share, how.order, how.nonnegative, few)
+    if how.whole_curve:
+        search.try_all()
+    chosen = search.find() if how.strength is None else float(how.strength)
+    cells = problem.solve(chosen, *options, search.nearest(chosen)).cells
+    tried = tuple(search.tried[key] for key in sorted(search.tried))
+    return _Explained(cells, sd, measured, uneven, chosen, tried)
+
+
+def _raised(leaves: np.ndarray) -> np.ndarray:
+    """By how much a plane's errors grow, root-mean-square, if this share of its light leaves it."""
+    return np.sqrt(np.mean(np.square(1 / leaves, dtype=np.float64), axis=(1, 2)))
 
 
 Seen = tuple[np.ndarray, float, int]

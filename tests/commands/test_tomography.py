@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
+from lf_flame.commands.tomography_output import read_thickness, thickness_facts
 from lf_flame.scenes.flames import flame_texture
 
 CAMERA = """
@@ -123,18 +124,56 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
         (["--depth-mm", 0, "--redraws", 1], "redraws must be"),
         (["--depth-mm", 0, "--noise", "nan"], "noise must be"),
         (["--depth-mm", 0, "--dark", "SMALL"], "--dark must be of the shape"),
+        (["--depth-mm", 0, "--optical-thickness", "thin"], "must be a number or a TIFF file"),
+        (["--depth-mm", 0, "--optical-thickness", "nan"], "thickness must be finite"),
+        (["--depth-mm", 0, "--optical-thickness", -0.1], "thickness must be finite, 0 or above"),
+        (["--depth-mm", 0, "--optical-thickness", 5], "at most 2 in total, got 5"),
+        (["--depth-mm", 0, "--optical-thickness", "no.tif"], "there is no such file"),
+        (["--depth-mm", 0, "--optical-thickness", "TWO"], "1 planes of 48 x 60 pixels, got shape"),
+        (["--depth-mm", 0, "--optical-thickness", "LEVELS"], "floating-point numbers, got uint8"),
+        (["--depth-mm", 0, "--optical-thickness", "BROKEN"], "broken.tif cannot be read"),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(
     source, camera_file, tmp_path, words, message
 ):
     np.save(tmp_path / "small.npy", np.zeros((5, 5, 8, 8), np.float32))
-    words = [tmp_path / "small.npy" if word == "SMALL" else word for word in words]
+    tifffile.imwrite(tmp_path / "two.tif", np.zeros((2, 48, 60), np.float32))
+    tifffile.imwrite(tmp_path / "levels.tif", np.zeros((48, 60), np.uint8))
+    (tmp_path / "broken.tif").write_bytes(b"no picture")
+    files = {"SMALL": "small.npy", "TWO": "two.tif", "LEVELS": "levels.tif", "BROKEN": "broken.tif"}
+    words = [tmp_path / files[word] if word in files else word for word in words]
     out = tmp_path / "out"
     result = run("reconstruct", source, "--camera", camera_file, "--out", out, *words)
     assert result.exit_code != 0
     assert message in f"{result.output} {result.exception}"
     assert not out.exists() or not any(out.iterdir())
+
+
+def test_absorption_is_given_back(source, camera_file, tmp_path):
+    """The nearer flame is its own (1 - exp(-tau)) / tau brighter, the other one exp(tau) more."""
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--strength", 0.01]
+    tifffile.imwrite(tmp_path / "tau.tif", np.full((2, 48, 60), 0.2, np.float32))
+    runs = {"plain": [], "planes": ["--optical-thickness", tmp_path / "tau.tif"]}
+    lights = {}
+    for name, option in runs.items():
+        out = ["--redraws", 0, "--out", tmp_path / name]
+        result = run("reconstruct", source, *words, *option, *out)
+        assert result.exit_code == 0, result.output
+        lights[name] = tifffile.imread(tmp_path / name / "emission.tif").sum(axis=(1, 2))
+    own = 0.2 / -np.expm1(-0.2)
+    assert lights["planes"] / lights["plain"] == pytest.approx([own * np.exp(0.2), own], rel=1e-3)
+    records = {
+        name: json.loads((tmp_path / name / "reconstruct.json").read_text()) for name in runs
+    }
+    assert records["plain"]["optical_thickness"] is None
+    assert records["planes"]["optical_thickness"].endswith("tau.tif")
+    assert records["planes"]["greatest_optical_thickness"] == pytest.approx(0.4)
+    assert read_thickness("0.4") == 0.4
+    assert thickness_facts("0.4", 0.4) == {
+        "optical_thickness": "0.4",
+        "greatest_optical_thickness": 0.4,
+    }
 
 
 def test_a_light_field_of_another_camera_is_refused(source):

@@ -6,7 +6,11 @@ import pytest
 from experiments.tomography.phantoms import (
     BLOCK,
     Recorder,
+    in_even_matter,
+    in_own_matter,
     overlapping_flames,
+    shrunk,
+    thickness_on,
     truth_on,
     two_blobs,
     volume_flame,
@@ -56,6 +60,21 @@ def test_truth_stands_in_the_nearest_plane(camera):
     for plane, layer in enumerate(scene.layers):
         alone = grid.crop(grid.average(layer, plane))
         assert np.array_equal(planes[plane], alone)
+
+
+def test_matter_adds_up_to_the_thickness_and_leaves_the_emission(camera):
+    flames = shrunk(overlapping_flames((16.0, 4.0, -6.0, -16.0), cell_mm=0.4), 0.25)
+    assert flames.depths_mm == (4.0, 1.0, -1.5, -4.0)
+    grid = FrustumGrid(camera, flames.depths_mm, BLOCK)
+    truth = truth_on(grid, flames)
+    even = in_even_matter(flames, 0.5, half_mm=10.0)
+    assert truth_on(grid, even) == pytest.approx(truth, abs=1e-9)
+    assert thickness_on(grid, even) == pytest.approx(0.125)
+    own = in_own_matter(flames, 0.5)
+    assert truth_on(grid, own) == pytest.approx(truth)
+    peaks = [layer.texture.max() for layer in flames.layers]
+    wanted = 0.125 * truth / np.reshape(peaks, (4, 1, 1))
+    assert thickness_on(grid, own) == pytest.approx(wanted)
 
 
 def test_noise_is_a_share_of_the_brightest_pixel_after_averaging(camera):

@@ -1,0 +1,337 @@
+"""Absorption is as the simulator composes it, front to back, and what it takes is given back."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, Layer, LightField, Scene, render
+from lf_flame.scenes.flames import flame_texture
+from lf_flame.tomography import AbsorbingOperator, FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography import absorption as module
+from lf_flame.tomography.absorption import Absorption, spread_thickness
+
+DEPTHS = (3.0, 0.0, -4.0)
+TOTAL = 0.5
+LEAVES = -np.expm1(-TOTAL) / TOTAL
+"""Of an even mixture, by the equation of transfer: 0.787."""
+
+
+@pytest.fixture(scope="module")
+def grid(camera):
+    return FrustumGrid(camera, DEPTHS)
+
+
+def operator_of(grid, thickness, dtype="float64"):
+    return AbsorbingOperator(grid, spread_thickness(grid, thickness), dtype)
+
+
+def worst(found, wanted):
+    """Largest difference; quicker than comparing one by one."""
+    return float(np.max(np.abs(found - wanted)))
+
+
+def views_of(operator, cells):
+    return operator.matvec(cells.ravel()).reshape(operator.dimsd)
+
+
+def smooth_thickness(grid, total):
+    """A bump in each plane, off the middle, another in each."""
+    y, x = (np.linspace(-1, 1, count) for count in grid.pixels)
+    bumps = [
+        np.exp(-(((y[:, None] - 0.2) / 0.5) ** 2) - ((x - place) / 0.4) ** 2)
+        for place in np.linspace(-0.4, 0.3, grid.shape[0])
+    ]
+    return np.array(bumps) * total / np.sum(bumps, axis=0).max()
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [("float32", 1e-6), ("float64", 1e-12)])
+@pytest.mark.parametrize("block", [1, 2])
+def test_inner_products_agree_across_it(camera, dtype, tolerance, block):
+    grid = FrustumGrid(camera, [40.0, 6.0, -7.5], block)
+    operator, rng = operator_of(grid, smooth_thickness(grid, 0.8), dtype), np.random.default_rng(2)
+    cells = rng.standard_normal(operator.shape[1]).astype(dtype)
+    views = rng.standard_normal(operator.shape[0]).astype(dtype)
+    seen, back = operator.matvec(cells), operator.rmatvec(views)
+    assert seen.dtype == back.dtype == np.dtype(dtype)
+    left = np.vdot(seen.astype(np.float64), views)
+    right = np.vdot(cells.astype(np.float64), back)
+    assert abs(left - right) <= tolerance * np.linalg.norm(seen) * np.linalg.norm(views)
+
+
+@pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::-1]])
+def test_even_absorbers_are_as_rendered(camera, depths):
+    """Random cells behind and within matter that is even across: exactly the simulator's light."""
+    grid = FrustumGrid(camera, depths)
+    cells = np.random.default_rng(1).random(grid.shape)
+    layers = grid.scene(cells).layers
+    thickness = (0.1, 0.25, 0.4)
+    scene = Scene(
+        [
+            Layer(layer.texture, layer.depth_mm, layer.size_mm, optical_thickness=tau)
+            for layer, tau in zip(layers, thickness, strict=True)
+        ]
+    )
+    wanted = render(scene, camera, tolerance=1e-9).views
+    found = views_of(operator_of(grid, thickness), cells)
+    assert worst(found, wanted) < 1e-6 * wanted.max()
+
+
+def test_a_map_before_an_even_glow_is_as_rendered(camera):
+    """Random absorption cell by cell, in the nearer plane alone."""
+    grid = FrustumGrid(camera, [8.0, -6.0])
+    absorbing = np.zeros(grid.shape)
+    absorbing[1] = np.random.default_rng(3).random(grid.shape[1:])
+    behind, before = grid.scene(
+        np.array([np.ones(grid.shape[1:]), np.zeros(grid.shape[1:])])
+    ).layers
+    card = Layer(before.texture, -6.0, before.size_mm, optical_thickness=absorbing[1])
+    wanted = render(Scene([behind, card]), camera, tolerance=1e-9).views
+    glow = np.zeros(grid.shape)
+    glow[0] = 1
+    found = views_of(AbsorbingOperator(grid, absorbing, "float64"), glow)
+    assert worst(found, wanted) < 1e-6
+    assert wanted.min() < 0.8
+
+
+def test_two_even_planes_by_hand(camera):
+    """The nearer one, at the smaller depth, dims itself and the farther one."""
+    grid = FrustumGrid(camera, [8.0, -6.0])
+    far, near = 0.3, 0.7
+    cells = np.ones(grid.shape)
+    cells[1] *= 2
+    wanted = (1 - np.exp(-far)) / far * np.exp(-near) + 2 * (1 - np.exp(-near)) / near
+    assert worst(views_of(operator_of(grid, [far, near]), cells), wanted) < 1e-9
+
+
+@pytest.mark.parametrize("planes", [1, 2, 7])
+def test_slabs_of_an_even_mixture_add_up_whatever_their_number(camera, planes):
+    grid = FrustumGrid(camera, np.linspace(-6, 6, planes) if planes > 1 else [0.0])
+    cells = np.full(grid.shape, 1 / planes)
+    assert worst(views_of(operator_of(grid, TOTAL), cells), LEAVES) < 1e-9
+
+
+def test_the_mean_share_that_leaves_is_between_those_of_the_views(camera):
+    grid = FrustumGrid(camera, [8.0, -6.0])
+    even = operator_of(grid, [0.3, 0.7]).mean_transmission()
+    assert worst(grid.crop(even[0]), np.exp(-0.7) * -np.expm1(-0.3) / 0.3) < 1e-6
+    assert worst(grid.crop(even[1]), -np.expm1(-0.7) / 0.7) < 1e-6
+    thickness = spread_thickness(grid, smooth_thickness(grid, 1.0))
+    shares = AbsorbingOperator(grid, thickness).mean_transmission()
+    assert shares.max() <= 1 + 1e-6
+    assert shares[0].min() >= np.exp(-thickness[0].max() - thickness[1].max())
+    assert worst(shares[1], -np.expm1(-thickness[1]) / thickness[1]) < 1e-6
+
+
+def mixture(camera, total):
+    """Six equal flames behind each other in matter that is even, and wider than the field."""
+    canvas = np.zeros((120, 140))
+    flame = flame_texture(6.0, 0.45, cell_mm=0.2)
+    rows, columns = flame.shape
+    canvas[45 : 45 + rows, 62 : 62 + columns] = flame
+    depths = [7.5, 4.5, 1.5, -1.5, -4.5, -7.5]
+    layers = [
+        Layer(canvas / 6, depth, (24.0, 28.0), optical_thickness=total / 6) for depth in depths
+    ]
+    grid = FrustumGrid(camera, depths)
+    truth = np.stack([grid.crop(grid.average(one, p)) for p, one in enumerate(layers)])
+    return grid, render(Scene(layers), camera, tolerance=1e-6), truth
+
+
+@pytest.mark.parametrize("total", [0.2, TOTAL])
+def test_the_bias_of_an_even_mixture_is_taken_off(camera, total):
+    grid, light_field, truth = mixture(camera, total)
+    ignored = reconstruct(light_field, grid).emission.sum() / truth.sum()
+    assert ignored == pytest.approx(-np.expm1(-total) / total, abs=0.01)
+    given = reconstruct(light_field, grid, optical_thickness=total)
+    assert given.emission.sum() / truth.sum() == pytest.approx(1, abs=0.01)
+    assert given.warnings == ()
+
+
+def in_line(total):
+    """Three flames behind each other that absorb where they glow."""
+    layers = []
+    for depth, x, height in ((3.0, 0.0, 6.5), (0.0, 0.2, 5.5), (-4.0, 0.1, 4.5)):
+        glow = flame_texture(height, 0.45, cell_mm=0.03)
+        tau = total / 3 * glow / glow.max()
+        layers.append(Layer(glow, depth, (height, 2.88), (0.2, x), optical_thickness=tau))
+    return Scene(layers)
+
+
+class Recorded:
+    """Rendered once: views without noise, emission and thickness on the central view's pixels."""
+
+    def __init__(self, grid, scene):
+        self.clean = render(scene, grid.camera, tolerance=1e-6).views
+        planes = list(enumerate(scene.layers))
+        self.truth = np.stack([grid.crop(grid.average(one, p)) for p, one in planes])
+        matter = [Layer(x.optical_thickness, x.depth_mm, x.size_mm, x.centre_mm) for _, x in planes]
+        self.tau = np.stack([grid.crop(grid.average(one, p)) for p, one in enumerate(matter)])
+
+    def with_noise(self, share, seed=0):
+        noise = np.random.default_rng(seed).standard_normal(self.clean.shape, dtype=np.float32)
+        return LightField(self.clean + np.float32(share * self.clean.max()) * noise)
+
+
+@pytest.fixture(scope="module")
+def flames_in_line(grid):
+    return Recorded(grid, in_line(TOTAL))
+
+
+def worst_error(found, truth):
+    return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
+
+
+def test_flames_that_absorb_where_they_glow_are_found(grid, flames_in_line):
+    """Each as well as without absorption; the bright parts of each within 1 %."""
+    truth, light_field = flames_in_line.truth, flames_in_line.with_noise(0.01)
+    assert flames_in_line.tau.sum(axis=0).max() > 0.48
+    found = reconstruct(light_field, grid, optical_thickness=flames_in_line.tau)
+    assert worst_error(found.emission, truth) < 0.02
+    assert found.emission.sum() / truth.sum() == pytest.approx(1, abs=0.02)
+    for plane, true in zip(found.emission, truth, strict=True):
+        bright = true > 0.5 * true.max()
+        assert plane[bright].sum() / true[bright].sum() == pytest.approx(1, abs=0.01)
+    assert found.noise == pytest.approx(0.01 * flames_in_line.clean.max(), rel=0.01)
+    assert found.chi_squared.mean() == pytest.approx(1, abs=0.03)
+    assert found.warnings == ()
+    assert worst_error(reconstruct(light_field, grid).emission, truth) > 0.15
+
+
+def test_flames_are_found_at_much_thickness_too(grid):
+    recorded = Recorded(grid, in_line(1.8))
+    found = reconstruct(recorded.with_noise(0), grid, optical_thickness=recorded.tau)
+    assert found.emission.sum() / recorded.truth.sum() == pytest.approx(1, abs=0.02)
+    assert worst_error(found.emission, recorded.truth) < 0.03
+    assert found.warnings == ()
+
+
+def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, flames_in_line):
+    options = {"strength": 0.01, "optical_thickness": flames_in_line.tau}
+    draws = {"redraws": 12, "rng": np.random.default_rng(5)}
+    found = reconstruct(flames_in_line.with_noise(0.05), grid, **draws, **options)
+    others = [
+        reconstruct(flames_in_line.with_noise(0.05, seed), grid, **options).emission
+        for seed in range(1, 7)
+    ]
+    scatter = np.std(others, axis=0, ddof=1)
+    lit = found.emission > 0.2 * found.emission.max()
+    for ours, theirs, where in zip(found.sigma, scatter, lit, strict=True):
+        ratio = np.sqrt(np.mean(ours[where] ** 2) / np.mean(theirs[where] ** 2))
+        assert ratio == pytest.approx(1, abs=0.25)
+
+
+def test_errors_grow_as_light_is_raised(camera, grid, noisy):
+    """Of even matter: emission, error bars and covariance are each plane's, over its share."""
+    thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
+    options = {"strength": 0.01, "redraws": 2}
+    plain = reconstruct(noisy(0.05), grid, rng=rng(1), **options)
+    found = reconstruct(noisy(0.05), grid, rng=rng(1), optical_thickness=thickness, **options)
+    share = np.array([-np.expm1(-0.2) / 0.2 * np.exp(-0.6), np.exp(-0.6), -np.expm1(-0.6) / 0.6])
+    assert found.sigma_linear == pytest.approx(plain.sigma_linear / share)
+    assert found.light_sigma == pytest.approx(plain.light_sigma / share, rel=1e-3)
+    for name in ("emission", "sigma"):
+        wanted = getattr(plain, name) / share[:, None, None]
+        assert worst(getattr(found, name), wanted) < 1e-3 * wanted.max()
+    assert found.chi_squared == pytest.approx(plain.chi_squared, rel=1e-3)
+
+
+@pytest.mark.parametrize("nothing", [0, [0.0, 0.0, 0.0], np.zeros((3, 72, 84))])
+def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy, nothing):
+    options = {"strength": 0.01, "redraws": 2}
+    before = reconstruct(noisy(0.01), grid, rng=np.random.default_rng(0), **options)
+    after = reconstruct(
+        noisy(0.01), grid, rng=np.random.default_rng(0), optical_thickness=nothing, **options
+    )
+    for name in ("emission", "sigma", "light_sigma", "sigma_linear", "chi_squared"):
+        assert np.array_equal(getattr(before, name), getattr(after, name)), name
+
+
+def padded(grid, planes):
+    margin = (grid.reach, grid.reach)
+    return np.pad(planes, ((0, 0), margin, margin))
+
+
+class Fit:
+    """A fit that finds what it is told to, and remembers what it was asked."""
+
+    def __init__(self, found):
+        self._found, self.asked = iter(found), []
+
+    def __call__(self, views, known):
+        self.asked.append((views, known))
+        self.cells = next(self._found)
+        return self
+
+
+def test_a_light_field_is_corrected_until_that_stands(grid, flames_in_line):
+    """By the last fit's excess; the first two fits choose their strength, the rest keep it."""
+    absorption = Absorption(
+        ProjectionOperator(grid), grid, spread_thickness(grid, flames_in_line.tau)
+    )
+    cells = padded(grid, flames_in_line.truth).astype(np.float32) * absorption.transmission
+    fit = Fit([cells, 1.1 * cells, 1.02 * cells, 1.02001 * cells])
+    _, settled = absorption.settle(flames_in_line.clean, fit)
+    assert settled
+    assert [known is None for _, known in fit.asked] == [True, True, False, False]
+    assert np.array_equal(fit.asked[0][0], flames_in_line.clean)
+    for (views, _), last in zip(fit.asked[1:], (1, 1.1, 1.02), strict=True):
+        wanted = flames_in_line.clean - last * absorption.excess(cells)
+        assert worst(views, wanted) < 1e-5
+    assert worst(absorption.excess(cells), 0) > 0.01
+
+
+def test_an_unsettled_correction_is_said(grid, flames_in_line, monkeypatch):
+    monkeypatch.setattr(module, "MOST_FITS", 1)
+    options = {"strength": 0.01, "optical_thickness": flames_in_line.tau}
+    found = reconstruct(flames_in_line.with_noise(0.01), grid, **options)
+    assert any("not settled" in warning for warning in found.warnings)
+
+
+def test_a_strength_that_is_given_is_kept(grid, flames_in_line):
+    options = {"strength": 0.02, "optical_thickness": flames_in_line.tau}
+    found = reconstruct(flames_in_line.with_noise(0.01), grid, **options)
+    assert found.strength == 0.02
+    assert found.tried == ()
+
+
+def test_thickness_is_laid_on_the_cells(grid):
+    assert worst(spread_thickness(grid, 0.6), 0.2) < 1e-12
+    by_plane = spread_thickness(grid, [0.1, 0.2, 0.3])
+    assert by_plane.shape == grid.shape
+    assert by_plane[:, 5, 7] == pytest.approx([0.1, 0.2, 0.3])
+    given = np.random.default_rng(0).random((3, 72, 84)) / 3
+    cells = spread_thickness(grid, given)
+    assert np.array_equal(grid.crop(cells), given)
+    assert cells[2, 0, 0] == given[2, 0, 0]
+    assert cells[2, -1, 40 + grid.reach] == given[2, -1, 40]
+
+
+@pytest.mark.parametrize(
+    ("thickness", "says"),
+    [
+        (float("nan"), "must be finite"),
+        ([0.1, float("inf"), 0.0], "must be finite"),
+        (-0.1, "0 or above"),
+        ([0.1, -0.1, 0.1], "0 or above"),
+        (2.1, "at most 2 in total, got 2.1"),
+        ([1.0, 0.5, 0.6], "at most 2 in total"),
+        ([0.1, 0.1], "numbers for 3 planes"),
+        (np.zeros((3, 72, 83)), "72 x 84 pixels, got shape"),
+        ("0.5", "must be a number"),
+        (1j, "must be a number"),
+        (True, "must be a number"),
+    ],
+)
+def test_a_bad_thickness_is_refused(grid, clean, thickness, says):
+    with pytest.raises(InputError, match=says):
+        reconstruct(clean, grid, optical_thickness=thickness)
+
+
+def test_a_bad_operator_is_refused(grid, monkeypatch):
+    thickness = spread_thickness(grid, 0.5)
+    with pytest.raises(InputError, match="float32 or float64"):
+        AbsorbingOperator(grid, thickness, "int16")
+    with pytest.raises(InputError, match="grid's shape"):
+        AbsorbingOperator(grid, thickness[:2])
+    monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.001")
+    with pytest.raises(InputError, match="Transmissions of 3 planes"):
+        AbsorbingOperator(grid, thickness)
