@@ -152,6 +152,7 @@ CORE = {
     "tomography/frequency_gram.py": ("tomography/test_reconstruction.py",),
     "tomography/frustum_grid.py": ("tomography/test_projection_operator.py",),
     "tomography/penalised_fit.py": ("tomography/test_reconstruction.py",),
+    "tomography/profiles.py": (),
     "tomography/projection_operator.py": (),
     "tomography/pyrometry.py": (),
     "tomography/reconstruction.py": (),

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 RECORD = "reconstruct.json"
 TEMPERATURE_RECORD = "temperature.json"
+DRAWS = "draws.tif"
 
 
 @dataclass(frozen=True)
@@ -72,15 +73,16 @@ def write_reconstruction(
 ) -> None:
     """Write ``emission.tif`` and what tells how far to trust it.
 
-    Also ``sigma.tif``, where light fields were drawn anew, ``depth.csv`` and ``depth.png`` (light
-    against depth), ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of
-    each view, L-curve).
+    Also ``sigma.tif`` and ``draws.tif``, where light fields were drawn anew, ``depth.csv`` and
+    ``depth.png`` (light against depth), ``slices.png`` (planes beside refocused images) and
+    ``trust.png`` (residual of each view, L-curve).
     """
     write_focal_stack(found.emission, found.grid.slopes, folder.path("emission.tif"))
     if found.sigma is not None:
         write_focal_stack(
             found.sigma.astype(np.float32), found.grid.slopes, folder.path("sigma.tif")
         )
+        tifffile.imwrite(folder.path(DRAWS), found.draws)
     light, error = light_by_depth(found)
     _write_depths(folder.path("depth.csv"), found, light, error)
     figures.save(depth_figure(found, light, error), folder.path("depth.png"))
@@ -192,13 +194,20 @@ def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
         )
     depths = records[0].depths_mm
     emissions, sigmas = (
-        (_read_stack(first / name, len(depths)), _read_stack(second / name, len(depths)))
+        (read_stack(first / name, len(depths)), read_stack(second / name, len(depths)))
         for name in ("emission.tif", "sigma.tif")
     )
     return emissions, sigmas, depths
 
 
-def _read_stack(path: Path, planes: int) -> np.ndarray:
+def read_stack(path: Path, planes: int) -> np.ndarray:
+    """Read a TIFF of so many planes of floats, shape (planes, rows, columns).
+
+    Raises
+    ------
+    InputError
+        If there is none, or it holds something else.
+    """
     if not path.is_file():
         raise InputError(f"There is no {path}; call lf-flame reconstruct with --redraws 20.")
     try:

@@ -12,6 +12,7 @@ RECORDS = (
     "simulation.json",
     "prediction.json",
     "abel.json",
+    "profiles.json",
     "reconstruct.json",
     "temperature.json",
     "flicker.json",

@@ -17,6 +17,7 @@ from lf_flame.tomography.resolution import (
 )
 
 if TYPE_CHECKING:
+    from lf_flame.tomography.profiles import Profile
     from lf_flame.tomography.pyrometry import Temperatures
     from lf_flame.tomography.reconstruction import Reconstruction
 
@@ -201,4 +202,39 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
             axis.set_yticks([])
             axis.set_title(f"{word}, {depths_mm[number]:+g} mm", fontsize=8)
         figure.colorbar(picture, ax=list(line), shrink=0.85, label=unit)
+    return figure
+
+
+def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float]):
+    """Draw profiles up and across each plane, with what noise does to them.
+
+    Parameters
+    ----------
+    found : dict
+        Lists "axial" and "radial", a profile for each plane.
+    depths_mm : sequence of float
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    count = len(depths_mm)
+    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
+    figure, axes = subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    places = (("axial", "height (mm)"), ("radial", "across (mm)"))
+    for axis, (name, label) in zip(axes, places, strict=True):
+        for colour, plane in enumerate(shown):
+            profile = found[name][plane]
+            style = {"color": f"C{colour}"}
+            depth = f"{depths_mm[plane]:+g} mm"
+            axis.plot(profile.places_mm, profile.values, linewidth=1.2, label=depth, **style)
+            if profile.sigma is not None:
+                low, high = (profile.values + sign * 1.96 * profile.sigma for sign in (-1, 1))
+                axis.fill_between(profile.places_mm, low, high, alpha=0.3, linewidth=0, **style)
+        axis.set_xlabel(label)
+        axis.set_ylabel("emission")
+        axis.set_title(f"{name} profiles, 95 % of noise", fontsize=10)
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+    axes[1].legend(fontsize=8, title="depth", title_fontsize=8)
     return figure

@@ -1,0 +1,108 @@
+"""Profiles of emission as the files that a user looks at."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import load_record
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.commands.tomography_output import DRAWS, EmissionRecord, read_stack
+from lf_flame.commands.tomography_output import RECORD as EMISSION_RECORD
+from lf_flame.errors import InputError
+from lf_flame.tomography.figures import profiles_figure
+from lf_flame.tomography.profiles import Profile, axial, radial
+
+RECORD = "profiles.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Emission:
+    """What a folder of `lf-flame reconstruct` holds.
+
+    Attributes
+    ----------
+    planes : ndarray of float32, shape (planes, rows, columns)
+    draws : ndarray of float32, shape (redraws, planes, rows, columns)
+    depths_mm, cell_mm : list of float
+        Of each plane.
+    """
+
+    planes: np.ndarray
+    draws: np.ndarray
+    depths_mm: list[float]
+    cell_mm: list[float]
+
+
+def read_emission(folder: Path) -> Emission:
+    """Read a folder of `lf-flame reconstruct`, with its draws where it has some.
+
+    Raises
+    ------
+    InputError
+        If the folder is no such, or a file of it is damaged.
+    """
+    record = load_record(EmissionRecord, folder / EMISSION_RECORD)
+    planes = read_stack(folder / "emission.tif", len(record.depths_mm))
+    path = folder / DRAWS
+    draws = np.empty((0, *planes.shape), np.float32)
+    if path.is_file():
+        try:
+            draws = tifffile.imread(path)
+        except (tifffile.TiffFileError, ValueError) as error:
+            raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
+        if draws.size % planes.size or draws.dtype.kind != "f":
+            raise InputError(
+                f"{path} must hold planes as emission.tif does, {planes.shape}, of float32, got "
+                f"{draws.shape} of {draws.dtype}."
+            )
+    return Emission(
+        planes, draws.reshape(-1, *planes.shape), record.depths_mm, list(record.cell_mm)
+    )
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Where profiles are taken; None: where the light's middle is."""
+
+    across: float | None = None
+    width: float = 0.0
+    height: float | None = None
+    thickness: float = 0.0
+
+
+def take_profiles(emission: Emission, strips: Strips) -> dict[str, list[Profile]]:
+    """Take profiles up and across every plane: lists "axial" and "radial"."""
+    of_planes = [
+        (plane, emission.draws[:, number], emission.cell_mm[number])
+        for number, plane in enumerate(emission.planes)
+    ]
+    return {
+        "axial": [axial(*one, strips.across, strips.width) for one in of_planes],
+        "radial": [radial(*one, strips.height, strips.thickness) for one in of_planes],
+    }
+
+
+def write_profiles(
+    found: dict[str, list[Profile]], depths_mm: list[float], folder: OutputFolder
+) -> None:
+    """Write ``axial.csv``, ``radial.csv`` and ``profiles.png``."""
+    for name, place in (("axial", "height_mm"), ("radial", "across_mm")):
+        columns = ["depth_mm", place, "emission", "standard_deviation"]
+        path = folder.path(f"{name}.csv")
+        with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            for depth, profile in zip(depths_mm, found[name], strict=True):
+                writer.writerows([depth, *row] for row in _rows(profile))
+    figures.save(profiles_figure(found, depths_mm), folder.path("profiles.png"))
+    folder.facts["depths_mm"] = depths_mm
+
+
+def _rows(profile: Profile):
+    sigma = [""] * len(profile.values) if profile.sigma is None else profile.sigma
+    return zip(profile.places_mm, profile.values, sigma, strict=True)
