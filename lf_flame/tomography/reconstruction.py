@@ -15,14 +15,14 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.data_checks import check_data
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
-from lf_flame.tomography.frustum_grid import FEW_PLANES, MOST_PLANES, FrustumGrid
+from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.penalised_fit import RIDGE, RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
 
-ITERATIONS = {FEW_PLANES: 80, MOST_PLANES: 300}
-"""Of the splitting, for the solution, by the number of planes up to which it holds. For each
-strength that is tried an eighth of them, but 20, from the last one's."""
+ITERATIONS = 160
+"""Of the splitting, for the solution. For each strength that is tried an eighth of them, from the
+last one's."""
 
 UNSETTLED = (
     "The correction for absorption has not settled: emission and optical thickness do not go "
@@ -119,7 +119,7 @@ def reconstruct(
     strength: float | None = None,
     order: int = ROUGHNESS_ORDER,
     nonnegative: bool = True,
-    iterations: int | None = None,
+    iterations: int = ITERATIONS,
     whole_curve: bool = False,
     redraws: int = 0,
     rng: np.random.Generator | None = None,
@@ -147,8 +147,7 @@ def reconstruct(
         Of the differences that are penalised: 1 to 4.
     nonnegative : bool, optional
     iterations : int, optional
-        Of the splitting that keeps light from being negative. Default: 80, and 300 for more than 8
-        planes, whose light is harder to tell apart.
+        Of the splitting that keeps light from being negative.
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
     redraws : int, optional
@@ -172,8 +171,6 @@ def reconstruct(
     InputError
         If light field and grid do not fit, or a value cannot be used.
     """
-    if iterations is None:
-        iterations = next(n for most, n in ITERATIONS.items() if len(grid.depths_mm) <= most)
     _check_options(noise, strength, order, iterations)
     _check_redraws(redraws, rng)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
