@@ -12,7 +12,7 @@ from experiments.remaking.commands import results
 from experiments.screenshots.commands import screenshots
 from experiments.slope_maps.commands import slope_maps
 from experiments.studies.commands import study
-from experiments.systems.commands import compare
+from experiments.systems.commands import compare, system_scenes
 from experiments.texts.commands import texts
 from experiments.tomography.commands import emission
 from lf_flame.commands import program
@@ -34,7 +34,7 @@ SECTIONS = [
     cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
     cloup.Section("What bounds hold", [bounds]),
     cloup.Section("What networks learn", [study, depth_test]),
-    cloup.Section("Systems side by side", [compare]),
+    cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission]),
     cloup.Section("What the documents say", [results, texts, screenshots]),
 ]

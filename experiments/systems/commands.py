@@ -1,4 +1,4 @@
-"""The command that sets refocusing systems side by side: compare."""
+"""The commands that set refocusing systems side by side: compare, system-scenes."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
-from experiments.paths import DATA_SETS
+from experiments.paths import DATA_SETS, EXPERIMENTS
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, quiet_tensorflow
 from lf_flame.errors import InputError
@@ -90,6 +90,53 @@ def compare(
     entries += [systems.variant_entry(path, configs, runs, light_fields) for path in variants]
     path = benchmark.run_benchmark(entries, test_sets, out, step_bar)
     click.echo(set_beside(path, "compare/compare.md"))
+
+
+@cloup.command("system-scenes")
+@click.option(
+    "--config", type=FILE, default=EXPERIMENTS / "systems.toml", show_default="the systems' recipes"
+)
+@click.option(
+    "--system",
+    "systems",
+    multiple=True,
+    default=["aperturenet", "volumetric", "refocusnet"],
+    show_default=True,
+    help="Of the configuration; may be repeated.",
+)
+@click.option(
+    "--light-fields",
+    "counts",
+    type=click.IntRange(min=1),
+    multiple=True,
+    default=[25, 100, 400, 1600],
+    show_default=True,
+    help="To learn from; may be repeated.",
+)
+@click.option("--held-out", default=20, show_default=True, help="That choose the best epoch.")
+@click.option("--scored", default=40, show_default=True, help="Others, to score with.")
+@click.option("--work", type=FOLDER, default=Path("runs/system_scenes"), show_default=True)
+@click.option("--out", type=FOLDER, default=Path("results/system_scenes"), show_default=True)
+def system_scenes(config, systems, counts, held_out, scored, work, out) -> None:
+    """Measure what systems reach against the number of light fields to learn from.
+
+    Each system is trained by its own recipe on fewer and more light fields, with as many steps, and
+    scored on others, beside shift-and-sum of the views that it looks at. WORK holds the runs: what
+    is done is not done again. It takes three to four minutes a run on two cores.
+
+    \b
+      python -m experiments system-scenes
+      python -m experiments system-scenes --system aperturenet --light-fields 25 --light-fields 1600
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    quiet_tensorflow()
+    from experiments.systems.scene_counts import run_scene_counts
+    from lf_flame.systems.training import read_systems_config
+
+    path = run_scene_counts(
+        read_systems_config(config), systems, counts, held_out, scored, work, out
+    )
+    click.echo(set_beside(path, "system_scenes/scene_counts.md"))
 
 
 def _as_numbers(text: str) -> list[float]:

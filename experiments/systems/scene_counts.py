@@ -1,0 +1,187 @@
+"""What refocusing systems reach, against the number of light fields that they learn from."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from experiments.systems import scene_counts_report as report
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.config import to_json
+from lf_flame._common.metrics import psnr, ssim
+from lf_flame._common.progress import step_bar
+from lf_flame.errors import InputError
+from lf_flame.learning.run_folders import load_run
+from lf_flame.systems.base import RefocusingSystem
+from lf_flame.systems.formulas import ShiftAndSum
+from lf_flame.systems.registry import NETWORKS
+from lf_flame.systems.training import SystemsConfig, SystemsPreset, load_system, train_system
+from lf_flame.systems.training_scenes import PROJECTED, TrainingSamples
+
+FIRST_SCORED = 2_000_000
+"""Index of the first sample to score with: none of those that are learnt from or held out."""
+
+PRESET = "scenes"
+
+KEPT = ("system", "seed", "recipe", "counts", "epochs", "best_epoch", "git_revision", "date")
+"""Of a run's record."""
+
+
+def run_scene_counts(
+    config: SystemsConfig,
+    names: Sequence[str],
+    counts: Sequence[int],
+    held_out: int,
+    scored: int,
+    work: Path,
+    out: Path,
+) -> Path:
+    """Train systems on more and more light fields, and score them on the same others.
+
+    Every run of a system takes the same steps of the same recipe; only the light fields that its
+    patches are cut from are more. Beside it stands shift-and-sum of the views that it looks at.
+
+    Parameters
+    ----------
+    config : SystemsConfig
+        Its presets do not count.
+    names : sequence of str
+        Systems of the configuration.
+    counts : sequence of int
+        Light fields to train on.
+    held_out, scored : int
+        Light fields that choose the best epoch, and others that are scored.
+    work : Path
+        Folder of the runs; those that are done are not done again.
+    out : Path
+        Folder for ``scene_counts.csv``, ``.md``, ``.png`` and ``.json``.
+
+    Returns
+    -------
+    Path
+        ``scene_counts.md``.
+
+    Raises
+    ------
+    InputError
+        If there is no such system, or a number cannot be used.
+    """
+    if not counts or min(*counts, held_out, scored) < 1:
+        raise InputError(
+            f"Light fields to learn from, to hold out and to score must be 1 or more, got "
+            f"{list(counts)}, {held_out} and {scored}."
+        )
+    jobs = {
+        f"{name}-{count}": (name, count)
+        for name in dict.fromkeys(names)
+        for count in sorted(set(counts))
+    }
+    for name, count in jobs.values():
+        _job(config, count, held_out).recipe(name, PRESET)  # refuses an unknown one now
+    for folder, (name, count) in step_bar(jobs.items(), 0, len(jobs)):
+        train_system(_job(config, count, held_out), name, PRESET, work / folder)
+    records = {folder: load_run(work / folder) for folder in jobs}
+    rows = []
+    for name in dict.fromkeys(names):
+        rows += _score_system(
+            config, name, work, [n for one, n in jobs.values() if one == name], scored
+        )
+    table = pd.DataFrame(rows)
+    record = {
+        "training_samples": to_json(config.training_samples),
+        "seed": config.seed,
+        "held_out": held_out,
+        "scored": scored,
+        "runs": {
+            folder: {key: one[key] for key in KEPT if key in one} for folder, one in records.items()
+        },
+        "rows": table.replace({np.nan: None}).to_dict("records"),
+        **provenance.environment(),
+    }
+    with together(out, last="scene_counts.json") as aside:
+        write_text(aside / "scene_counts.csv", table.round(4).to_csv(index=False))
+        write_text(aside / "scene_counts.md", report.text(table, record))
+        figures.save(report.figure(table), aside / "scene_counts.png")
+        write_json(aside / "scene_counts.json", record)
+    return out / "scene_counts.md"
+
+
+def _job(config: SystemsConfig, count: int, held_out: int) -> SystemsConfig:
+    return replace(config, presets={PRESET: SystemsPreset(count, held_out)})
+
+
+def _score_system(
+    config: SystemsConfig, name: str, work: Path, counts: Sequence[int], scored: int
+) -> list[dict]:
+    """Score the runs of a network, and the formula that looks at the same views; a row each."""
+    trained = {count: load_system(work / f"{name}-{count}") for count in counts}
+    any_one = next(iter(trained.values()))
+    formula = ShiftAndSum("shift-and-sum of the same views", any_one.view_indices)
+    systems = [formula, *trained.values()]
+    scores = score_systems(
+        systems, config.training_samples, config.seed, scored, any_one, NETWORKS[name].truth
+    )
+    camera = config.training_samples.configs[0].camera
+    about = {
+        "system": NETWORKS[name].title,
+        "views": len(any_one.view_indices(camera.views, camera.views)),
+    }
+    recipe = config.systems[name]
+    steps = recipe.epochs * recipe.steps_per_epoch
+    methods = [{"method": formula.name, "light_fields": np.nan, "steps": np.nan}]
+    methods += [{"method": "trained", "light_fields": n, "steps": steps} for n in trained]
+    return [about | method | score for method, score in zip(methods, scores, strict=True)]
+
+
+def score_systems(
+    systems: Sequence[RefocusingSystem],
+    training_samples: TrainingSamples,
+    seed: int,
+    count: int,
+    learner,
+    truth: str = PROJECTED,
+) -> list[dict[str, float]]:
+    """Score systems on samples that no run has seen.
+
+    Parameters
+    ----------
+    systems : sequence of RefocusingSystem
+        That look at the same views.
+    training_samples : TrainingSamples
+    seed : int
+    count : int
+        Samples to draw, from `FIRST_SCORED` on.
+    learner : lf_flame.systems.base.NetworkSystem
+        Whose views are drawn, at the slopes from which it learns.
+    truth : str, optional
+        What all views give: a key of `lf_flame.systems.formulas.REFERENCES`.
+
+    Returns
+    -------
+    list of dict
+        Of each system: mean PSNR in dB (peak 1) and SSIM over all images, PSNR of their mean
+        squared error, and their number.
+    """
+    looks = learner.view_indices if truth == PROJECTED else None
+    found: list[list[tuple[float, float, float]]] = [[] for _ in systems]
+    for index in range(FIRST_SCORED, FIRST_SCORED + count):
+        sample = training_samples.draw(seed, index, looks=looks)
+        slopes = learner.slopes_to_learn(sample.slopes, sample.block)
+        wanted = sample.truth(slopes, truth)
+        for scores, system in zip(found, systems, strict=True):
+            drawn = system.refocus(sample.seen, slopes, sample.block)
+            for one, image in zip(wanted, drawn, strict=True):
+                error = float(np.mean(np.square(image - one, dtype=np.float64)))
+                scores.append((psnr(one, image), ssim(one, image), error))
+    return [
+        {
+            "psnr_db": float(np.mean(psnrs)),
+            "ssim": float(np.mean(ssims)),
+            "psnr_of_mean_error_db": float(-10 * np.log10(np.mean(errors))),
+            "images": len(psnrs),
+        }
+        for psnrs, ssims, errors in (zip(*scores, strict=True) for scores in found)
+    ]
