@@ -94,7 +94,7 @@ def compare(
 
 @cloup.command("system-scenes")
 @click.option(
-    "--config", type=FILE, default=EXPERIMENTS / "systems.toml", show_default="the systems' recipes"
+    "--config", type=FILE, default=EXPERIMENTS / "system_scenes.toml", show_default="our recipes"
 )
 @click.option(
     "--system",
@@ -122,7 +122,7 @@ def system_scenes(config, systems, counts, held_out, scored, work, out) -> None:
 
     Each system is trained by its own recipe on fewer and more light fields, with as many steps, and
     scored on others, beside shift-and-sum of the views that it looks at. WORK holds the runs: what
-    is done is not done again. It takes three to four minutes a run on two cores.
+    is done is not done again. It takes about 25 minutes on two cores.
 
     \b
       python -m experiments system-scenes

@@ -33,8 +33,8 @@ def text(table: pd.DataFrame, record: dict) -> str:
 
 `{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}.
 
-Each run of a system takes the same steps of its own recipe (`experiments/systems.toml`), from the
-same start; only the light fields that its patches are cut from are more. {record["held_out"]}
+Each run of a system takes the same steps of its own recipe (`experiments/system_scenes.toml`), from
+the same start; only the light fields that its patches are cut from are more. {record["held_out"]}
 others choose its best epoch, and {record["scored"]} again others are scored here, the same for all
 runs: whole images against all views, at the slopes that the system learns. PSNR is the mean over
 {int(table["images"].min())} images or more; beside it that of the mean squared error, in which the
