@@ -43,7 +43,7 @@ endif
 .PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: flames results texts mutants campaign lint types clean
+.PHONY: flames flames-by-networks results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -102,8 +102,11 @@ compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## se
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
+	$(EXPERIMENT) emission --out results/tomography
+
+flames-by-networks: $(RUNS)/flames/model.keras  ## take the planes of the paper's network for sections of flames
 	$(EXPERIMENT) emission --out results/tomography \
-	  $(patsubst %/model.keras,--network %,$(wildcard runs/quick/flames/model.keras runs/paper/flames/model.keras))
+	  $(foreach run,$(RUNS)/flames $(PAPERS_NETWORK),--network $(run))
 
 costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs

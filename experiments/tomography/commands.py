@@ -18,8 +18,8 @@ from lf_flame.commands.options import FOLDER, RUN
     "networks",
     type=RUN,
     multiple=True,
-    help="Run of the paper's network on its flames, whose planes are taken for sections; may be "
-    "repeated.",
+    help="Instead of all that: take the planes of this run of the paper's network on its "
+    "flames for sections; may be repeated.",
 )
 def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
     """Find emission by depth in phantoms of known emission, in minutes.
@@ -27,9 +27,11 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
     that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
     images, a fit cut off at zero and plain gradient steps as rivals. A round flame's half section,
-    with PyAbel as the rival where it is installed. The paper's network, where runs of it are given.
+    with PyAbel as the rival where it is installed. Other solvers, soot in two colours, bands of
+    profiles in 200 draws of the noise, and a video at full size.
 
-    OUT gets emission.csv, .md and .json, the record, and pictures.
+    OUT gets emission.csv, .md and .json, the record, and pictures; with --network, networks.csv,
+    .md and .json.
 
     \b
       python -m experiments emission --network runs/paper/flames
@@ -38,15 +40,23 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
 
     import numpy as np
 
-    from experiments.tomography.report import write_report
+    from experiments.tomography.bands import profile_bands
+    from experiments.tomography.colours import two_colours
+    from experiments.tomography.networks import networks_as_sections
+    from experiments.tomography.report import write_networks, write_report
     from experiments.tomography.round_flames import round_flame
-    from experiments.tomography.tasks import TASKS, networks_as_sections
+    from experiments.tomography.solvers import solvers
+    from experiments.tomography.tasks import TASKS
+    from experiments.tomography.video import video
     from lf_flame._common.progress import step_bar
 
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)
-    tasks = [*TASKS, round_flame, partial(networks_as_sections, networks)]
+    tasks = [*TASKS, solvers, round_flame, two_colours, profile_bands, video]
+    if networks:
+        tasks = [partial(networks_as_sections, networks)]
     for task in step_bar(tasks, 0, len(tasks)):
         rows += list(task(rng))
-    path = write_report(out, rows, time.perf_counter() - begin)
+    write = write_networks if networks else write_report
+    path = write(out, rows, time.perf_counter() - begin)
     click.echo(set_beside(path, f"tomography/{path.name}"))

@@ -2,17 +2,15 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from pyproximal import Box
 from pyproximal.optimization.primal import ProximalGradient
 from pyproximal.proximal import Quadratic
 
-from experiments.systems.entries import by_recipe
 from experiments.tomography.phantoms import (
     BLOCK,
     EXACT,
@@ -28,7 +26,6 @@ from experiments.tomography.phantoms import (
     volume_flame,
 )
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
@@ -150,7 +147,7 @@ def planes_known(rng: np.random.Generator) -> Iterator[Row]:
         for noise, record in NOISE.items():
             light_field = record(recorder, rng)
             for method, find in methods.items():
-                found, seconds = _timed(find, light_field, grid)
+                found, seconds = timed(find, light_field, grid)
                 worst = max(relative_errors(found, truth))
                 limit = accepted.get(noise) if method == OURS else None
                 yield Row(task, noise, method, "worst plane's error", worst, limit, seconds)
@@ -169,49 +166,11 @@ def against_noise(rng: np.random.Generator) -> Iterator[Row]:
     for share in NOISE_SHARES:
         light_field = recorder.with_noise(share, rng)
         for method, find in METHODS.items():
-            found, seconds = _timed(find, light_field, grid)
+            found, seconds = timed(find, light_field, grid)
             worst = max(relative_errors(found, truth))
             yield Row(
                 AGAINST_NOISE, f"{share:.1%}", method, "worst plane's error", worst, None, seconds
             )
-
-
-def networks_as_sections(runs: Sequence[Path], rng: np.random.Generator) -> Iterator[Row]:
-    """Take the planes of the paper's network for emission, on a scene that it has not learnt from.
-
-    Parameters
-    ----------
-    runs : sequence of Path
-        Of the paper's network, on its flames.
-    rng : numpy.random.Generator
-    """
-    if not runs:
-        return
-    load_keras()
-    from lf_flame.learning.run_folders import open_run
-    from lf_flame.systems.resnet50 import ResNet50
-
-    for run in runs:
-        sample = open_run(run).record["test_indices"][0]
-        scene, camera = paper_flames(sample)
-        grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
-        truth = truth_on(grid, scene)
-        light_field = Recorder(scene, camera).with_noise(0.01, rng)
-        system = ResNet50.of_run(run)
-        methods = {
-            by_recipe(run): partial(_by_network, system),
-            OURS: by_reconstruction,
-            "focal stack as emission": by_focal_stack,
-        }
-        for method, find in methods.items():
-            found, seconds = _timed(find, light_field, grid)
-            worst = max(relative_errors(found, truth))
-            task = f"the paper's four flames, test sample {sample}"
-            yield Row(task, "1 %", method, "worst plane's error", worst, None, seconds)
-
-
-def _by_network(system, light_field: LightField, grid: FrustumGrid) -> np.ndarray:
-    return system.refocus(light_field.views, system.slopes, (BLOCK, BLOCK))
 
 
 def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
@@ -225,7 +184,7 @@ def depth_unknown(rng: np.random.Generator) -> Iterator[Row]:
     for noise, limit in (("none", 0.1), ("1 %", 0.5)):
         light_field = NOISE[noise](recorder, rng)
         for method in (OURS, "focal stack as emission"):
-            found, seconds = _timed(METHODS[method], light_field, grid)
+            found, seconds = timed(METHODS[method], light_field, grid)
             off = []
             for depth, plane in zip(DEPTHS_MM, truth, strict=True):
                 light = found[:, plane > 0.05 * plane.max()].sum(axis=1, dtype=np.float64)
@@ -248,7 +207,7 @@ def thick_flame(rng: np.random.Generator) -> Iterator[Row]:
     for noise, limit in (("none", None), ("1 %", 0.2), ("5 %", 0.3)):
         light_field = NOISE[noise](recorder, rng)
         for method in (OURS, "focal stack as emission"):
-            found, seconds = _timed(METHODS[method], light_field, grid)
+            found, seconds = timed(METHODS[method], light_field, grid)
             error = float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
             accepted = limit if method == OURS else None
             task = "thick flame, 13 planes"
@@ -277,7 +236,7 @@ def absorption(rng: np.random.Generator) -> Iterator[Row]:
             noise = np.float32(0.01 * clean.max()) * rng.standard_normal(clean.shape, np.float32)
             for method, given, limit in ((OURS, thickness, 0.02), (IGNORED, None, None)):
                 find = partial(by_reconstruction, thickness=given)
-                found, seconds = _timed(find, LightField(clean + noise), grid)
+                found, seconds = timed(find, LightField(clean + noise), grid)
                 task = f"flames in {matter}, thickness {total:g}"
                 bias = abs(float(found.sum() / truth.sum()) - 1)
                 yield Row(task, "1 %", method, "bias of all light", bias, limit, seconds)
@@ -350,7 +309,7 @@ def disturbances(rng: np.random.Generator) -> Iterator[Row]:
 
 
 def _disturbed(what: str, light_field: LightField, grid: FrustumGrid, truth: np.ndarray) -> Row:
-    found, seconds = _timed(by_reconstruction, light_field, grid)
+    found, seconds = timed(by_reconstruction, light_field, grid)
     worst = max(relative_errors(found, truth))
     return Row("disturbed", f"1 %, {what}", OURS, "worst plane's error", worst, None, seconds)
 
@@ -362,7 +321,8 @@ def _width(planes: np.ndarray, depths: np.ndarray) -> float:
     return float(np.sqrt(light @ (depths - middle) ** 2 / light.sum()))
 
 
-def _timed(find: Method, light_field: LightField, grid: FrustumGrid) -> tuple[np.ndarray, float]:
+def timed(find: Method, light_field: LightField, grid: FrustumGrid) -> tuple[np.ndarray, float]:
+    """Call a method; also the seconds that it takes."""
     begin = time.perf_counter()
     found = find(light_field, grid)
     return found, time.perf_counter() - begin

@@ -31,14 +31,14 @@ from lf_flame.commands.options import FOLDER, RUN
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default profiles/FOLDER.")
 def profiles(folder, out, **strips) -> None:
-    """Take profiles of emission up a flame and across it, with what noise does to them.
+    """Take profiles of emission up a flame and across it, with bands of 95 %.
 
     FOLDER is one of `lf-flame reconstruct`. Places and heights are in mm from the optical axis, to
     the right and upwards; without any, the strips run through the middle of each plane's light.
     axial.csv and radial.csv hold a row for each place of each plane, profiles.png shows them.
     Standard deviations need the folder's draws (`--redraws` of reconstruct) and are those of noise
-    alone. Of a round flame, `lf-flame abel`
-    gives profiles along the radius.
+    alone. Bands also hold the reconstruction's correction; what a light field cannot tell in depth
+    is in neither. Of a round flame, `lf-flame abel` gives profiles along the radius.
 
     \b
       lf-flame profiles reconstructed/flames
@@ -60,7 +60,7 @@ def profiles(folder, out, **strips) -> None:
         written.facts |= {"source": str(folder), "redraws": len(emission.draws), **strips}
     if not len(emission.draws):
         click.echo(
-            "Warning: the folder holds no draws, so the profiles have no standard deviations.",
+            "Warning: the folder holds no draws, so the profiles have no bands.",
             err=True,
         )
     click.echo(f"axial.csv, radial.csv, profiles.png and {RECORD} are in {written.folder}")

@@ -11,7 +11,7 @@ from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame.commands.tomography_output import DRAWS, EmissionRecord, read_stack
+from lf_flame.commands.tomography_output import CORRECTION, DRAWS, EmissionRecord, read_stack
 from lf_flame.commands.tomography_output import RECORD as EMISSION_RECORD
 from lf_flame.errors import InputError
 from lf_flame.tomography.figures import profiles_figure
@@ -28,12 +28,14 @@ class Emission:
     ----------
     planes : ndarray of float32, shape (planes, rows, columns)
     draws : ndarray of float32, shape (redraws, planes, rows, columns)
+    correction : ndarray of float32, shape of planes, or None
     depths_mm, cell_mm : list of float
         Of each plane.
     """
 
     planes: np.ndarray
     draws: np.ndarray
+    correction: np.ndarray | None
     depths_mm: list[float]
     cell_mm: list[float]
 
@@ -60,9 +62,16 @@ def read_emission(folder: Path) -> Emission:
                 f"{path} must hold planes as emission.tif does, {planes.shape}, of float32, got "
                 f"{draws.shape} of {draws.dtype}."
             )
-    return Emission(
-        planes, draws.reshape(-1, *planes.shape), record.depths_mm, list(record.cell_mm)
-    )
+    path, correction = folder / CORRECTION, None
+    if path.is_file():
+        correction = read_stack(path, len(planes))
+        if correction.shape != planes.shape:
+            raise InputError(
+                f"{path} must hold planes as emission.tif does, {planes.shape}, got "
+                f"{correction.shape}."
+            )
+    drawn = draws.reshape(-1, *planes.shape)
+    return Emission(planes, drawn, correction, record.depths_mm, list(record.cell_mm))
 
 
 @dataclass(frozen=True)
@@ -77,14 +86,14 @@ class Strips:
 
 def take_profiles(emission: Emission, strips: Strips) -> dict[str, list[Profile]]:
     """Take profiles up and across every plane: lists "axial" and "radial"."""
-    of_planes = [
-        (plane, emission.draws[:, number], emission.cell_mm[number])
-        for number, plane in enumerate(emission.planes)
-    ]
-    return {
-        "axial": [axial(*one, strips.across, strips.width) for one in of_planes],
-        "radial": [radial(*one, strips.height, strips.thickness) for one in of_planes],
-    }
+    added = emission.correction
+    found: dict[str, list[Profile]] = {"axial": [], "radial": []}
+    for k, plane in enumerate(emission.planes):
+        one = plane, emission.draws[:, k], emission.cell_mm[k]
+        correction = None if added is None else added[k]
+        found["axial"].append(axial(*one, strips.across, strips.width, correction))
+        found["radial"].append(radial(*one, strips.height, strips.thickness, correction))
+    return found
 
 
 def write_profiles(
@@ -92,7 +101,7 @@ def write_profiles(
 ) -> None:
     """Write ``axial.csv``, ``radial.csv`` and ``profiles.png``."""
     for name, place in (("axial", "height_mm"), ("radial", "across_mm")):
-        columns = ["depth_mm", place, "emission", "standard_deviation"]
+        columns = ["depth_mm", place, "emission", "standard_deviation", "low_95", "high_95"]
         path = folder.path(f"{name}.csv")
         with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
@@ -104,5 +113,10 @@ def write_profiles(
 
 
 def _rows(profile: Profile):
-    sigma = [""] * len(profile.values) if profile.sigma is None else profile.sigma
-    return zip(profile.places_mm, profile.values, sigma, strict=True)
+    missing = [""] * len(profile.values)
+    sigma, low, high = missing, missing, missing
+    if profile.sigma is not None:
+        sigma = profile.sigma
+    if profile.band is not None:
+        low, high = profile.values - profile.band, profile.values + profile.band
+    return zip(profile.places_mm, profile.values, sigma, low, high, strict=True)

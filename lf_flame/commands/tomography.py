@@ -98,9 +98,17 @@ FITTING = cloup.option_group(
         help="Standard deviation of a pixel's noise (default: measured).",
     ),
     cloup.option(
+        "--penalty",
+        type=click.Choice(["roughness", "variation"]),
+        default="roughness",
+        show_default=True,
+        help="What the fit keeps small: roughness, for flames; total variation, for emission with "
+        "sharp edges.",
+    ),
+    cloup.option(
         "--strength",
         type=click.FloatRange(min=0),
-        help="Of the penalty on roughness (default: what the noise allows).",
+        help="Of the penalty (default: what the noise allows).",
     ),
     cloup.option(
         "--optical-thickness",

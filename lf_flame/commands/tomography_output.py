@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 RECORD = "reconstruct.json"
 TEMPERATURE_RECORD = "temperature.json"
 DRAWS = "draws.tif"
+CORRECTION = "correction.tif"
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,13 @@ def write_reconstruction(
 ) -> None:
     """Write ``emission.tif`` and what tells how far to trust it.
 
-    Also ``sigma.tif`` and ``draws.tif``, where light fields were drawn anew, ``depth.csv`` and
-    ``depth.png`` (light against depth), ``slices.png`` (planes beside refocused images) and
-    ``trust.png`` (residual of each view, L-curve).
+    Also ``correction.tif`` (what was added to the fit); ``sigma.tif`` and ``draws.tif``, where
+    light fields were drawn anew; ``depth.csv`` and ``depth.png`` (light against depth),
+    ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of each view,
+    L-curve).
     """
     write_focal_stack(found.emission, found.grid.slopes, folder.path("emission.tif"))
+    tifffile.imwrite(folder.path(CORRECTION), found.correction)
     if found.sigma is not None:
         write_focal_stack(
             found.sigma.astype(np.float32), found.grid.slopes, folder.path("sigma.tif")

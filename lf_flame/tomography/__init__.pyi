@@ -19,3 +19,4 @@ from .reconstruction import reconstruct as reconstruct
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes
 from .resolution import depth_singular_values as depth_singular_values
+from .tikhonov import fit_tikhonov as fit_tikhonov

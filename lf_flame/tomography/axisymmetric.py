@@ -15,9 +15,10 @@ from lf_flame.tomography.axisymmetric_fit import AxisymmetricFit, BandedGram
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric_operator import AxisymmetricOperator
 from lf_flame.tomography.data_checks import check_data
+from lf_flame.tomography.error_bars import noise_by_pixel, noise_variance
 from lf_flame.tomography.flame_axis import FlameAxis
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
-from lf_flame.tomography.reconstruction import average_blocks, noise_by_pixel, noise_variance
+from lf_flame.tomography.plane_fit import average_blocks
 from lf_flame.tomography.strength_search import StrengthSearch
 
 MODEL_ERROR = 1e-3

@@ -8,7 +8,8 @@ from scipy.linalg.blas import dsbmv
 
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric_operator import gram_bands
-from lf_flame.tomography.penalised_fit import RIDGE, Fit
+from lf_flame.tomography.frequency_gram import RIDGE
+from lf_flame.tomography.penalised_fit import Fit
 
 STEP = 10.0
 """Step of the splitting, where the Gram matrix's diagonal is scaled to 1."""

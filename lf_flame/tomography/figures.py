@@ -206,7 +206,7 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
 
 
 def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float]):
-    """Draw profiles up and across each plane, with what noise does to them.
+    """Draw profiles up and across each plane, with their bands, or else what noise does to them.
 
     Parameters
     ----------
@@ -228,12 +228,14 @@ def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float
             style = {"color": f"C{colour}"}
             depth = f"{depths_mm[plane]:+g} mm"
             axis.plot(profile.places_mm, profile.values, linewidth=1.2, label=depth, **style)
-            if profile.sigma is not None:
-                low, high = (profile.values + sign * 1.96 * profile.sigma for sign in (-1, 1))
+            half = profile.band if profile.band is not None else profile.sigma
+            if half is not None:
+                low, high = profile.values - half, profile.values + half
                 axis.fill_between(profile.places_mm, low, high, alpha=0.3, linewidth=0, **style)
         axis.set_xlabel(label)
         axis.set_ylabel("emission")
-        axis.set_title(f"{name} profiles, 95 % of noise", fontsize=10)
+        words = "band of 95 %" if found[name][0].band is not None else "one standard deviation"
+        axis.set_title(f"{name} profiles, {words}", fontsize=10)
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
     axes[1].legend(fontsize=8, title="depth", title_fontsize=8)

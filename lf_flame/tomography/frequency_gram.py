@@ -32,6 +32,10 @@ COPIES = 10
 take less."""
 
 
+RIDGE = 1e-6
+"""Of `FrequencyGram.scale`: what is added where the unpenalised fit must be unique."""
+
+
 class FrequencyGram:
     """A'A of a grid on a torus that is wide enough for nothing to meet its own image.
 
@@ -109,6 +113,11 @@ class FrequencyGram:
         """Square of what the light field sees of each eigenvector, shape (fy, fx, planes)."""
         _, vectors = self.decomposition
         return np.sum(vectors * np.matmul(self.matrices, vectors), axis=-2)
+
+    @cached_property
+    def plain_inverse(self) -> np.ndarray:
+        """Inverse of the matrices, with a ridge where they are singular; their shape."""
+        return np.linalg.inv(self.matrices + RIDGE * self.scale * np.eye(self.matrices.shape[-1]))
 
     def compose(self, values: np.ndarray) -> np.ndarray:
         """Make the matrices that have other eigenvalues, shape (fy, fx, planes)."""

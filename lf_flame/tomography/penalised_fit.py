@@ -1,13 +1,15 @@
 """Least squares with a penalty on roughness and no negative light, frequency by frequency."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pyproximal import Box, ProxOperator
 from pyproximal.optimization.primal import DouglasRachfordSplitting
 from scipy import fft
 
-from lf_flame.tomography.frequency_gram import FrequencyGram, multiply
+from lf_flame.tomography._frequency_kernels import multiply_frequencies
+from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEP = 60.0
 """Step of the splitting, in units of 1 / `FrequencyGram.scale`. With it the four flames stand after
@@ -16,9 +18,6 @@ some 50 iterations, where steps 10 times shorter or longer take some 300."""
 RELAXATION = 1.8
 """Of the splitting, between 1 and 2 (Eckstein and Bertsekas, Math. Program. 55, 293, 1992): with it
 flames behind each other take half the iterations."""
-
-RIDGE = 1e-6
-"""Of `FrequencyGram.scale`: what is added where the unpenalised fit must be unique."""
 
 
 class FrequencyFit(ProxOperator):
@@ -42,7 +41,7 @@ class FrequencyFit(ProxOperator):
         self._values = gram.decomposition[0] + penalty
         # In float64: G alone is singular where depths cannot be told apart.
         inverse = gram.compose(1 / (1 + self._step * self._values))
-        self._inverse = inverse.astype(np.float32)
+        self._inverse = np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
 
     def __call__(self, x: np.ndarray) -> float:
         """Value of the quadratic."""
@@ -54,11 +53,13 @@ class FrequencyFit(ProxOperator):
 
     def prox(self, x: np.ndarray, tau: float) -> np.ndarray:
         """Minimise the quadratic plus ``|z - x|^2 / (2 tau)`` over z."""
-        if tau != self._step:
+        if abs(tau / self._step - 1) > 1e-6:  # solvers of float32 round it
             raise ValueError(f"The matrices are inverted for the step {self._step}, not {tau}.")
-        torus = x.reshape(self._shape) + np.float32(tau) * self._focal_stack
+        torus = x.reshape(self._shape).astype(np.float32, copy=False)
+        torus = torus + np.float32(tau) * self._focal_stack
         spectrum = fft.rfft2(torus, workers=-1)
-        solved = np.moveaxis(multiply(self._inverse, np.moveaxis(spectrum, 0, -1)), -1, 0)
+        solved = np.empty_like(spectrum)
+        multiply_frequencies(self._inverse, spectrum.view(np.float32), solved.view(np.float32))
         return fft.irfft2(solved, s=self._shape[1:], workers=-1).ravel()
 
 
@@ -90,24 +91,46 @@ class RangeFit:
         Sum of the squares of y.
     pixels : int
         Number of pixels of y.
+
+    Attributes
+    ----------
+    gram : FrequencyGram
+    stack : ndarray
+        A'y on the torus.
     """
 
     def __init__(self, gram: FrequencyGram, focal_stack: np.ndarray, squared: float, pixels: int):
         self.gram = gram
-        self._stack = gram.spread(focal_stack)
-        self._spectrum = gram.transform(self._stack.astype(np.float64))
-        ridge = RIDGE * gram.scale * np.eye(gram.matrices.shape[-1])
-        plain = np.linalg.inv(gram.matrices + ridge)
-        self._fitted = multiply(plain, self._spectrum)
-        explained = self._explain(self._fitted)
-        self.outside = max(squared - explained, 0.0)
-        self._explained = explained
-        self.modes = self._count(np.einsum("yxpq,yxqp->yx", plain, gram.matrices))
-        self._noise_modes = pixels - self.modes
+        self.stack = gram.spread(focal_stack)
+        self._squared, self._pixels = squared, pixels
+
+    @cached_property
+    def _spectrum(self) -> np.ndarray:
+        return self.gram.transform(self.stack.astype(np.float64))
+
+    @cached_property
+    def _fitted(self) -> np.ndarray:
+        return multiply(self.gram.plain_inverse, self._spectrum)
+
+    @cached_property
+    def _explained(self) -> float:
+        """How much of the squares of the light field the best of all fits explains."""
+        return self._explain(self._fitted)
+
+    @property
+    def outside(self) -> float:
+        """Sum of the squares of what no cells explain."""
+        return max(self._squared - self._explained, 0.0)
+
+    @cached_property
+    def modes(self) -> float:
+        """Degrees of freedom of the fit without a penalty."""
+        gram = self.gram
+        return self._count(np.einsum("yxpq,yxqp->yx", gram.plain_inverse, gram.matrices))
 
     def measure_noise(self) -> float:
         """Measure the standard deviation of what no emission on the grid explains, per pixel."""
-        return float(np.sqrt(self.outside / self._noise_modes))
+        return float(np.sqrt(self.outside / (self._pixels - self.modes)))
 
     def unpenalised(self) -> np.ndarray:
         """Cells that explain as much of the light field as any can, float32."""
@@ -140,6 +163,7 @@ class RangeFit:
         nonnegative: bool,
         iterations: int,
         start: np.ndarray | None = None,
+        foreground: np.ndarray | None = None,
     ) -> Fit:
         """Fit with one strength of the penalty.
 
@@ -153,23 +177,32 @@ class RangeFit:
         iterations : int
         start : ndarray, shape (planes, rows, columns), optional
             Cells from which to start.
+        foreground : ndarray of bool, shape (planes, rows, columns), optional
+            Cells that may glow, where light must not be negative. Default: all.
         """
         gram = self.gram
         penalty = gram.penalty(strength, order)
         if nonnegative:
-            torus = self._split(penalty, iterations, start)
+            torus = self._split(penalty, iterations, start, foreground)
         else:
             values, _ = gram.decomposition
             spectrum = self._solve_linear(1 / (values + penalty + RIDGE * gram.scale))
             torus = fft.irfft2(np.moveaxis(spectrum, -1, 0), s=gram.size, workers=-1)
         cells = gram.gather(torus).astype(np.float32)
-        return Fit(cells, self._misfit(cells))
+        return Fit(cells, self.misfit(cells))
 
-    def _split(self, penalty: np.ndarray, iterations: int, start: np.ndarray | None) -> np.ndarray:
+    def _split(
+        self,
+        penalty: np.ndarray,
+        iterations: int,
+        start: np.ndarray | None,
+        foreground: np.ndarray | None,
+    ) -> np.ndarray:
         gram = self.gram
-        fit = FrequencyFit(gram, self._stack, penalty)
+        fit = FrequencyFit(gram, self.stack, penalty)
+        may_glow = np.ones(gram.grid.shape, bool) if foreground is None else foreground
         # Nothing glows beyond the grid.
-        roof = gram.spread(np.full(gram.grid.shape, np.inf, np.float32)).ravel()
+        roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0))).ravel()
         box = Box(np.zeros_like(roof), roof)
         first = np.zeros(gram.grid.shape, np.float32) if start is None else start
         glow, _ = DouglasRachfordSplitting(
@@ -180,9 +213,10 @@ class RangeFit:
             eta=RELAXATION,
             niter=iterations,
         )
-        return glow.reshape(self._stack.shape)
+        return glow.reshape(self.stack.shape)
 
-    def _misfit(self, cells: np.ndarray) -> float:
+    def misfit(self, cells: np.ndarray) -> float:
+        """Squared residual of some cells, without what lies outside the operator's range."""
         spectrum = self.gram.transform(self.gram.spread(cells).astype(np.float64))
         return self._explained - self._explain(spectrum)
 

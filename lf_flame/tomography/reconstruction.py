@@ -1,24 +1,29 @@
-"""Emission by depth from one light field: fit, strength of the penalty, error bars, warnings."""
+"""Emission by depth from one light field: what is found, its error bars, and warnings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.tomography.absorption import Absorption, spread_thickness
+from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.data_checks import check_data
+from lf_flame.tomography.error_bars import noise_variance, redraw, standard_errors
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.penalised_fit import RIDGE, RangeFit
+from lf_flame.tomography.plane_fit import (
+    PENALTIES,
+    ROUGHNESS,
+    FitOptions,
+    PlaneFit,
+    average_blocks,
+)
 from lf_flame.tomography.projection_operator import ProjectionOperator
-from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
+from lf_flame.tomography.strength_search import TriedStrength
 
 ITERATIONS = 160
 """Of the splitting, for the solution. For each strength that is tried an eighth of them, from the
@@ -28,9 +33,6 @@ UNSETTLED = (
     "The correction for absorption has not settled: emission and optical thickness do not go "
     "together, or the thickness is too large."
 )
-
-NOISE_BLOCK = 5
-"""Pixels along each axis over which the noise of a place is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,9 @@ class Reconstruction:
         Radiance that each plane adds along the line of sight, in the unit of the light field;
         rows and columns are the pixels of the central view. `per_mm` is emission by volume. With
         an optical thickness, the radiance that each would add if nothing were absorbed.
+    correction : ndarray of float32, shape of `emission`
+        What was added to the fit, for what penalty and even cells do to a flame; zeros where
+        nothing was.
     draws : ndarray of float32, shape (redraws, planes, rows, columns)
         Emission of light fields that were drawn anew from what was found, with noise.
     sigma_linear : ndarray of float64, shape (planes,)
@@ -63,6 +68,7 @@ class Reconstruction:
 
     grid: FrustumGrid
     emission: np.ndarray
+    correction: np.ndarray
     draws: np.ndarray
     sigma_linear: np.ndarray
     noise: float
@@ -120,10 +126,13 @@ def reconstruct(
     order: int = ROUGHNESS_ORDER,
     nonnegative: bool = True,
     iterations: int = ITERATIONS,
+    dark_cells: bool = True,
+    corrected: bool = True,
     whole_curve: bool = False,
     redraws: int = 0,
     rng: np.random.Generator | None = None,
     optical_thickness: ArrayLike | None = None,
+    penalty: str = ROUGHNESS,
 ) -> Reconstruction:
     """Find the emission of the planes of a grid that explains a light field.
 
@@ -148,6 +157,12 @@ def reconstruct(
     nonnegative : bool, optional
     iterations : int, optional
         Of the splitting that keeps light from being negative.
+    dark_cells : bool, optional
+        Whether light that is hardly more than what noise alone makes is taken for none, unless the
+        light field speaks against it: see `lf_flame.tomography.foreground`.
+    corrected : bool, optional
+        Whether what penalty and even cells do to a flame is computed and taken off: see
+        `lf_flame.tomography.plane_fit.PlaneFit.correct`.
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
     redraws : int, optional
@@ -161,6 +176,10 @@ def reconstruct(
         view. A plane lets ``(1 - exp(-tau)) / tau`` of its own light out and ``exp(-tau)`` of what
         is behind it through, at greater depth, as a `Layer` does. The penalty then is on the
         emission as it leaves towards the camera. Default: light only adds.
+    penalty : {"roughness", "variation"}, optional
+        "variation" is for emission with sharp edges: total variation, whose strength is in standard
+        deviations of a cell's filtered noise, 2 where none is said. There `order`, `nonnegative`,
+        `dark_cells`, `corrected` and `whole_curve` are not asked.
 
     Returns
     -------
@@ -172,189 +191,59 @@ def reconstruct(
         If light field and grid do not fit, or a value cannot be used.
     """
     _check_options(noise, strength, order, iterations)
+    if penalty not in PENALTIES:
+        raise InputError(f"penalty must be one of {', '.join(PENALTIES)}, got {penalty!r}.")
+    options = FitOptions(
+        noise, strength, order, nonnegative, iterations, whole_curve, dark_cells, penalty
+    )
+    smooth_penalty = penalty == ROUGHNESS
     _check_redraws(redraws, rng)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = average_blocks(light_field, grid.camera, grid.block)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    how = _How(noise, strength, order, nonnegative, iterations, whole_curve)
+    fit = PlaneFit(operator, gram, options)
     if thickness is None or not thickness.any():
-        found, settled = _explain(operator, gram, how, views), True
-        fitted = seen = operator.matvec(found.cells.ravel()).reshape(views.shape)
+        found, settled = fit.explain(views), True
+        seen = operator.matvec(found.cells.ravel()).reshape(views.shape)
         leaves = np.ones((grid.shape[0], 1, 1), np.float32)
     else:
         absorption = Absorption(operator, grid, thickness)
-        found, settled = absorption.settle(views, partial(_explain, operator, gram, how))
-        fitted = operator.matvec(found.cells.ravel()).reshape(views.shape)
+        found, settled = absorption.settle(views, fit.explain)
         seen, leaves = absorption.seen(found.cells), grid.crop(absorption.transmission)
-    sd, uneven, chosen, cells = found.noise, found.uneven, found.strength, found.cells
-    residual = np.square(views - seen, dtype=np.float64)
-    chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
-    emission = np.ascontiguousarray(grid.crop(cells) / leaves)
-    again = []
+    chi_squared = np.square(views - seen, dtype=np.float64).mean(axis=(2, 3))
+    chi_squared /= noise_variance(found.noise)
+    # All as it leaves towards the camera: noise is no other for what single views see absorbed.
+    smooth = SmoothStack(grid)
+    correction = np.zeros_like(found.cells)
+    if smooth_penalty and nonnegative and corrected:
+        correction = fit.correct(found, smooth)
+    cells, again = found.cells + correction, []
     if rng is not None and redraws:
-        # As it leaves: noise is no other for what single views see absorbed.
-        draws = _redraw(operator, fitted, sd * np.sqrt(uneven), redraws, rng)
-        options = (chosen, order, nonnegative, max(1, iterations // 2), cells)
-        again = [grid.crop(RangeFit(gram, *draw).solve(*options).cells) / leaves for draw in draws]
+        for one in redraw(operator, gram, smooth(cells), found.pixel_noise, redraws, rng):
+            drawn = fit.again(one, found, max(1, iterations // 2)) + correction
+            again.append(grid.crop(drawn) / leaves)
+    emission = np.ascontiguousarray(grid.crop(cells) / leaves)
     return Reconstruction(
         grid=grid,
         emission=emission,
+        correction=np.ascontiguousarray(grid.crop(correction) / leaves),
         draws=np.array(again, np.float32).reshape(-1, *emission.shape),
-        sigma_linear=standard_errors(gram, sd, chosen, order) * _raised(leaves),
-        noise=sd,
-        strength=chosen,
+        sigma_linear=_raised(leaves)
+        * standard_errors(gram, found.noise, found.strength if smooth_penalty else 0.0, order),
+        noise=found.noise,
+        strength=found.strength,
         tried=found.tried,
         chi_squared=chi_squared,
         warnings=(
-            *check_data(views, chi_squared, sd, found.measured, noise is not None),
+            *check_data(views, chi_squared, found.noise, found.measured, noise is not None),
             *(() if settled else (UNSETTLED,)),
         ),
     )
 
 
-class _How(NamedTuple):
-    """Options of `reconstruct` that each of its fits takes."""
-
-    noise: float | None
-    strength: float | None
-    order: int
-    nonnegative: bool
-    iterations: int
-    whole_curve: bool
-
-
-class _Explained(NamedTuple):
-    """What one fit found, its noise and its strength."""
-
-    cells: np.ndarray
-    noise: float
-    measured: float
-    uneven: np.ndarray
-    strength: float
-    tried: tuple[TriedStrength, ...]
-
-
-def _explain(
-    operator: ProjectionOperator,
-    gram: FrequencyGram,
-    how: _How,
-    views: np.ndarray,
-    known: _Explained | None = None,
-) -> _Explained:
-    """Fit a light field in which light only adds; with the strength of a known fit, from there."""
-    problem = RangeFit(gram, *_seen(operator, views))
-    measured = problem.measure_noise()
-    sd = measured if how.noise is None else float(how.noise)
-    uneven = noise_by_pixel(operator, views, problem.unpenalised())
-    options = (how.order, how.nonnegative, how.iterations)
-    if known is not None:
-        cells = problem.solve(known.strength, *options, known.cells).cells
-        return _Explained(cells, sd, measured, uneven, known.strength, known.tried)
-    around = np.pad(uneven, gram.grid.reach, mode="edge")
-    share = around / around.sum()
-    few = min(how.iterations, max(20, how.iterations // 8))
-    search = StrengthSearch(problem, noise_variance(sd), share, how.order, how.nonnegative, few)
-    if how.whole_curve:
-        search.try_all()
-    chosen = search.find() if how.strength is None else float(how.strength)
-    cells = problem.solve(chosen, *options, search.nearest(chosen)).cells
-    tried = tuple(search.tried[key] for key in sorted(search.tried))
-    return _Explained(cells, sd, measured, uneven, chosen, tried)
-
-
 def _raised(leaves: np.ndarray) -> np.ndarray:
     """By how much a plane's errors grow, root-mean-square, if this share of its light leaves it."""
     return np.sqrt(np.mean(np.square(1 / leaves, dtype=np.float64), axis=(1, 2)))
-
-
-Seen = tuple[np.ndarray, float, int]
-"""Filtered focal stack of a light field, sum of its squares, number of its pixels."""
-
-
-def _seen(operator: ProjectionOperator, views: np.ndarray) -> Seen:
-    stack = operator.rmatvec(views.ravel()).reshape(operator.dims)
-    return stack, float(np.sum(np.square(views, dtype=np.float64))), views.size
-
-
-def _redraw(
-    operator: ProjectionOperator, fitted: np.ndarray, sd: np.ndarray, count: int, rng
-) -> Iterator[Seen]:
-    """Draw light fields of the fitted emission with noise anew; sd[t, s] of each pixel."""
-    for _ in range(count):
-        noise = rng.standard_normal(fitted.shape, dtype=np.float32)
-        yield _seen(operator, fitted + sd.astype(np.float32) * noise)
-
-
-def noise_by_pixel(
-    operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray
-) -> np.ndarray:
-    """Measure the noise by place: bright pixels have more of it, as light comes in portions.
-
-    Parameters
-    ----------
-    operator : ProjectionOperator
-    views : ndarray, shape (v, u, t, s)
-    cells : ndarray, shape (planes, rows, columns)
-        That explain all of the light field which any can.
-
-    Returns
-    -------
-    ndarray of float64, shape (t, s)
-        Variance relative to its mean over the pixels.
-    """
-    rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
-    power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
-    # A running sum may end just below 0 where there is no noise.
-    smooth = np.clip(ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest"), 0, None)
-    return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
-
-
-def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
-    """Estimate the standard deviation of each plane's cells in the linear fit, by its covariance.
-
-    With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
-    frequency; a cell's variance is its mean over the frequencies.
-
-    Returns
-    -------
-    ndarray of float64, shape (planes,)
-    """
-    values, _ = gram.decomposition
-    shrunk = gram.gains / (values + gram.penalty(strength, order) + RIDGE * gram.scale) ** 2
-    diagonal = np.diagonal(gram.compose(shrunk), axis1=-2, axis2=-1)
-    mean = np.sum(gram.multiplicity[..., None] * diagonal, axis=(0, 1)) / np.prod(gram.size)
-    return noise * np.sqrt(np.clip(mean, 0, None))
-
-
-def noise_variance(sd: float) -> float:
-    """Variance of the noise, above 0 so that it may divide."""
-    return max(sd**2, float(np.finfo(np.float32).tiny))
-
-
-def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
-    """Average blocks of a camera's lenslets, float32 with float64 sums.
-
-    Returns
-    -------
-    ndarray of float32, shape (v, u, t, s)
-
-    Raises
-    ------
-    InputError
-        If the light field is not grey, or not of that camera.
-    """
-    views = light_field.views
-    wanted = (camera.views, camera.views, *camera.lenslets)
-    if views.shape != wanted:
-        raise InputError(
-            f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
-            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}."
-        )
-    if block == 1:
-        return views
-    t, s = (count // block for count in camera.lenslets)
-    cells = views.reshape(*views.shape[:2], t, block, s, block)
-    return cells.mean(axis=(3, 5), dtype=np.float64).astype(np.float32)
 
 
 def _check_options(

@@ -91,11 +91,16 @@ class StrengthSearch:
     def find(self) -> float:
         """Find the strongest whose residual is what noise leaves, or else stands least above it."""
         here = FIRST
-        while self._excess(here) <= 0 and self._excess(here + 1) <= 0:
-            here += 1
-        while self._excess(here) > 0 and self._excess(here - 1) < self._excess(here):
-            here -= 1
-        return STRENGTHS[here]
+        # By whole decades first.
+        while self._excess(here) <= 0 and self._excess(here + 2) <= 0:
+            here += 2
+        while self._excess(here) > 0 and self._excess(here - 2) < self._excess(here):
+            here -= 2
+        if self._excess(here) <= 0:
+            return STRENGTHS[here + 1 if self._excess(here + 1) <= 0 else here]
+        near = [here - 1, here, here + 1]
+        enough = [index for index in near if self._excess(index) <= 0]
+        return STRENGTHS[max(enough) if enough else min(near, key=self._excess)]
 
     def find_by_risk(self) -> float:
         """Find the strength at which what noise alone would see is foretold best.

@@ -1,0 +1,91 @@
+"""Temperature of soot from two reconstructions, of one flame in two colours."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.tomography.phantoms import BLOCK, Recorder, paper_flames, truth_on
+from experiments.tomography.tasks import DEPTHS_MM, NOISE, OURS, Row, relative_errors
+from lf_flame import Scene
+from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
+from lf_flame.tomography.pyrometry import emission_ratio
+
+WAVELENGTHS_NM = (550.0, 650.0)
+
+MIDDLE_K, SWING_K = 1800.0, 150.0
+"""Temperature in the middle of a flame's height, and how much hotter its tip is."""
+
+REDRAWS = 20
+
+BRIGHT = 0.2
+"""Share of a plane's peak from which temperatures are compared."""
+
+TASK = "soot in two colours"
+
+
+def in_green(scene: Scene) -> Scene:
+    """Let each layer glow at the first wavelength as soot does whose red glow it is."""
+    layers = []
+    for layer in scene.layers:
+        rows = layer.texture.shape[0]
+        kelvin = MIDDLE_K + SWING_K * np.linspace(1, -1, rows)[:, None]
+        glow = layer.texture * emission_ratio(kelvin, WAVELENGTHS_NM)
+        layers.append(replace(layer, texture=glow))
+    return Scene(layers)
+
+
+def two_colours(rng: np.random.Generator) -> Iterator[Row]:
+    """Find temperatures of the paper's four flames from reconstructions at 550 and 650 nm."""
+    red, camera = paper_flames()
+    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    scenes = in_green(red), red
+    truths = [truth_on(grid, scene) for scene in scenes]
+    # Of the cells' own light, so that how temperature varies within a cell is no error.
+    wanted = two_colour_temperature(*truths, WAVELENGTHS_NM).kelvin
+    bright = truths[1] > BRIGHT * truths[1].max(axis=(1, 2), keepdims=True)
+    for noise in ("none", "1 %"):
+        begin = time.perf_counter()
+        found = [
+            reconstruct(NOISE[noise](Recorder(scene, camera), rng), grid, redraws=REDRAWS, rng=rng)
+            for scene in scenes
+        ]
+        emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
+        soot = two_colour_temperature(*emissions, WAVELENGTHS_NM, sigmas)
+        seconds = time.perf_counter() - begin
+        known = bright & np.isfinite(soot.kelvin)
+        off = (soot.kelvin - wanted)[known]
+        yield Row(TASK, noise, OURS, "temperature, rms error, K", _rms(off), None, seconds)
+        yield Row(
+            TASK, noise, OURS, "temperature, median error, K", float(np.median(np.abs(off))),
+            1.0 if noise == "none" else None, seconds,
+        )  # fmt: skip
+        worst = max(max(relative_errors(a, b)) for a, b in zip(emissions, truths, strict=True))
+        yield Row(TASK, noise, OURS, "emission, worst plane's error", worst, None, seconds)
+        if noise != "none":
+            spread = _rms(off / soot.sigma[known])
+            yield Row(TASK, noise, OURS, "errors over propagated ones", spread, None, seconds)
+            yield from _spread(scenes, camera, grid, known, soot.sigma, rng)
+
+
+DRAWS = 8
+"""Of the noise, whose scatter is held against the propagated error."""
+
+
+def _spread(scenes, camera, grid, known, sigma, rng) -> Iterator[Row]:
+    """Scatter of temperatures from draw to draw, relative to the error that was propagated."""
+    recorders = [Recorder(scene, camera) for scene in scenes]
+    begin, drawn = time.perf_counter(), []
+    for _ in range(DRAWS):
+        emissions = [reconstruct(one.with_noise(0.01, rng), grid).emission for one in recorders]
+        drawn.append(two_colour_temperature(*emissions, WAVELENGTHS_NM).kelvin)
+    scatter = np.std(drawn, axis=0, ddof=1)[known]
+    ratio = float(np.sqrt(np.nanmean(scatter**2) / np.mean(sigma[known] ** 2)))
+    seconds = (time.perf_counter() - begin) / DRAWS
+    what = "scatter over propagated errors"
+    yield Row(TASK, "1 %", OURS, what, ratio, 1.5, seconds)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

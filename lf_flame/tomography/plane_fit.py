@@ -1,0 +1,195 @@
+"""A fit of planes to a light field: its noise, strength, foreground, and what cells cannot hold."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.tomography.cell_detail import SmoothStack
+from lf_flame.tomography.error_bars import draw_noise, noise_by_pixel, noise_variance
+from lf_flame.tomography.foreground import Fitting, find_foreground
+from lf_flame.tomography.frequency_gram import FrequencyGram
+from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.projection_operator import ProjectionOperator
+from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
+from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
+
+ROUGHNESS, VARIATION = "roughness", "variation"
+PENALTIES = ROUGHNESS, VARIATION
+"""On differences between cells, squared, for smooth emission; on the length of gradients, for
+emission with sharp edges."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of `lf_flame.tomography.reconstruct` that each of its fits takes."""
+
+    noise: float | None
+    strength: float | None
+    order: int
+    nonnegative: bool
+    iterations: int
+    whole_curve: bool
+    dark_cells: bool
+    penalty: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Cells that explain a light field.
+
+    Attributes
+    ----------
+    cells : ndarray of float32, shape (planes, rows, columns)
+    foreground : ndarray of bool, same shape, or None
+        Those that may glow; None if all may.
+    noise, measured : float
+        Standard deviation of a pixel that was taken, and that was measured.
+    uneven : ndarray of float64, shape (t, s)
+        Variance of a pixel relative to the mean.
+    strength : float
+    tried : tuple of TriedStrength
+    """
+
+    cells: np.ndarray
+    foreground: np.ndarray | None
+    noise: float
+    measured: float
+    uneven: np.ndarray
+    strength: float
+    tried: tuple[TriedStrength, ...]
+
+    @property
+    def pixel_noise(self) -> np.ndarray:
+        """Standard deviation of each pixel's noise, float64, shape (t, s)."""
+        return self.noise * np.sqrt(self.uneven)
+
+
+class PlaneFit:
+    """Fits the planes of a grid to light fields in which light only adds.
+
+    Parameters
+    ----------
+    operator : ProjectionOperator
+    gram : FrequencyGram
+    options : FitOptions
+    """
+
+    def __init__(self, operator: ProjectionOperator, gram: FrequencyGram, options: FitOptions):
+        self.operator, self.gram, self.options = operator, gram, options
+
+    def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
+        """Fit a light field; with the strength and the foreground of a known fit, from there.
+
+        Parameters
+        ----------
+        views : ndarray of float32, shape (v, u, t, s)
+        known : Explanation, optional
+        """
+        options = self.options
+        problem = self._problem(views)
+        measured = problem.measure_noise()
+        sd = measured if options.noise is None else float(options.noise)
+        uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
+        if known is not None:
+            cells = self.again(problem, known, options.iterations)
+            return Explanation(
+                cells, known.foreground, sd, measured, uneven, known.strength, known.tried
+            )
+        if options.penalty == VARIATION:
+            chosen = STRENGTH if options.strength is None else float(options.strength)
+            dark = np.zeros(self.gram.grid.shape, np.float32)
+            draft = Explanation(dark, None, sd, measured, uneven, chosen, ())
+            return replace(draft, cells=self.again(problem, draft, 2 * options.iterations))
+        around = np.pad(uneven, self.gram.grid.reach, mode="edge")
+        share = around / around.sum()
+        few = min(options.iterations, max(20, options.iterations // 8))
+        search = StrengthSearch(
+            problem, noise_variance(sd), share, options.order, options.nonnegative, few
+        )
+        if options.whole_curve:
+            search.try_all()
+        chosen = search.find() if options.strength is None else float(options.strength)
+        tried = tuple(search.tried[key] for key in sorted(search.tried))
+        start, half = search.nearest(chosen), options.iterations // 2
+        first = problem.solve(chosen, options.order, options.nonnegative, half or 1, start).cells
+        draft = Explanation(first, None, sd, measured, uneven, chosen, tried)
+        if options.nonnegative and options.dark_cells:
+            draft = self._with_foreground(problem, draft, share)
+        if options.nonnegative and options.iterations > half:
+            rest = options.iterations - half
+            draft = replace(draft, cells=self.again(problem, draft, rest))
+        return draft
+
+    def again(self, problem: RangeFit, known: Explanation, iterations: int) -> np.ndarray:
+        """Solve another problem as a known one was, from its cells on."""
+        if self.options.penalty == VARIATION:
+            # The filtered noise of a cell is the sum of its views'.
+            weight = known.strength * known.noise * self.gram.grid.camera.views
+            return fit_total_variation(problem, weight, iterations, known.cells)
+        order, nonnegative = self.options.order, self.options.nonnegative
+        return problem.solve(
+            known.strength, order, nonnegative, iterations, known.cells, known.foreground
+        ).cells
+
+    def correct(self, known: Explanation, smooth: SmoothStack) -> np.ndarray:
+        """Tell what a fit has done to a flame that it found, as a correction to be added.
+
+        The light field of a smooth course through the cells, without noise, is fitted as theirs
+        was; what then differs from them is what penalty and even cells have done (Tukey's twicing,
+        Exploratory Data Analysis, 1977, here with a finer model).
+
+        Returns
+        -------
+        ndarray of float32, shape (planes, rows, columns)
+            Which leaves no cell below 0.
+        """
+        seen = RangeFit(self.gram, smooth(known.cells), 0.0, 0)
+        again = self.again(seen, known, max(1, self.options.iterations // 2))
+        return np.maximum(known.cells - again, -known.cells)
+
+    def _problem(self, views: np.ndarray) -> RangeFit:
+        stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
+        squared = float(np.sum(np.square(views, dtype=np.float64)))
+        return RangeFit(self.gram, stack, squared, views.size)
+
+    def _with_foreground(
+        self, problem: RangeFit, draft: Explanation, share: np.ndarray
+    ) -> Explanation:
+        """Find which cells may glow; the draw of the noise is always the same one."""
+        rng = np.random.default_rng(0)
+        stack = draw_noise(self.operator, draft.pixel_noise, rng)
+        noise_alone = RangeFit(self.gram, stack, 0.0, 0)
+        fitting = Fitting(draft.strength, self.options.order, noise_variance(draft.noise), share)
+        foreground, cells = find_foreground(problem, noise_alone, draft.cells, fitting)
+        return replace(draft, foreground=foreground, cells=cells)
+
+
+def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
+    """Average blocks of a camera's lenslets, float32 with float64 sums.
+
+    Returns
+    -------
+    ndarray of float32, shape (v, u, t, s)
+
+    Raises
+    ------
+    InputError
+        If the light field is not grey, or not of that camera.
+    """
+    views = light_field.views
+    wanted = (camera.views, camera.views, *camera.lenslets)
+    if views.shape != wanted:
+        raise InputError(
+            f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
+            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}."
+        )
+    if block == 1:
+        return views
+    t, s = (count // block for count in camera.lenslets)
+    # Along whole rows first: memory is read once, in its order.
+    rows = views.reshape(*views.shape[:2], t, block, -1).sum(axis=3, dtype=np.float64)
+    cells = rows.reshape(*views.shape[:2], t, s, block).sum(axis=4)
+    return (cells / block**2).astype(np.float32)

@@ -1,0 +1,57 @@
+"""A fit with a penalty on total variation, for emission with sharp edges."""
+
+import numpy as np
+from pylops import FirstDerivative, Identity, VStack
+from pyproximal import L21, Box
+from pyproximal import VStack as Proximals
+from pyproximal.optimization.primaldual import PrimalDual
+
+from lf_flame.tomography.penalised_fit import STEP, FrequencyFit, RangeFit
+
+LENGTH = 9.0
+"""Square of the norm of gradient and identity together: at most 8 + 1."""
+
+STRENGTH = 2.0
+"""Of the penalty where none is said, in standard deviations of a cell's filtered noise. On discs
+and squares half and twice of it did no better at both 2 and 10 % of noise."""
+
+
+def fit_total_variation(
+    problem: RangeFit, weight: float, iterations: int, start: np.ndarray
+) -> np.ndarray:
+    """Fit cells with the least squares, little total variation and no negative light.
+
+    The penalty is the sum over cells of the length of the gradient across, of each plane by itself
+    (Rudin, Osher and Fatemi, Physica D 60, 259, 1992), by primal-dual splitting (Chambolle and
+    Pock, J. Math. Imaging Vis. 40, 120, 2011), whose step on the data is exact, frequency by
+    frequency.
+
+    Parameters
+    ----------
+    problem : RangeFit
+    weight : float
+        Of the variation, beside half of the squares.
+    iterations : int
+    start : ndarray, shape (planes, rows, columns)
+        Cells from which to start.
+
+    Returns
+    -------
+    ndarray of float32, shape (planes, rows, columns)
+        0 or above: what the iterations have left below is cut off.
+    """
+    gram = problem.gram
+    torus = gram.spread(start.astype(np.float32))
+    count, step = torus.size, STEP / gram.scale
+    gradient = [
+        FirstDerivative(torus.shape, axis=k, kind="forward", dtype="float32") for k in (1, 2)
+    ]
+    operator = VStack([*gradient, Identity(count, dtype="float32")])
+    roof = gram.spread(np.full(gram.grid.shape, np.inf, np.float32)).ravel()
+    penalties = Proximals(
+        [L21(2, sigma=weight), Box(np.zeros_like(roof), roof)], nn=[2 * count, count]
+    )
+    data = FrequencyFit(gram, problem.stack, gram.penalty(0.0))
+    dual = 0.99 / (LENGTH * step)
+    cells = PrimalDual(data, penalties, operator, torus.ravel(), step, dual, niter=iterations)
+    return np.clip(gram.gather(np.asarray(cells).reshape(torus.shape)), 0, None).astype(np.float32)

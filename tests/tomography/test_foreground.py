@@ -1,0 +1,79 @@
+"""Which cells glow: noise is told from light, and faint light is not lost where it is seen."""
+
+import numpy as np
+import pytest
+
+from lf_flame import Layer, LightField, Scene, render
+from lf_flame.tomography import FrustumGrid, reconstruct
+
+DEPTHS_MM = [3.0, 0.0, -4.0]
+
+
+@pytest.fixture(scope="module")
+def grid(camera):
+    return FrustumGrid(camera, DEPTHS_MM)
+
+
+def in_noise(light_field, share, seed=5):
+    views = light_field.views
+    noise = np.random.default_rng(seed).standard_normal(views.shape, dtype=np.float32)
+    return LightField(views + np.float32(share * views.max()) * noise)
+
+
+def errors(found, truth):
+    return np.array([np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth)])  # noqa: B905
+
+
+def test_light_that_noise_makes_is_taken_from_no_flame(grid, flames, clean):
+    """The naive fit gives dark cells light, and takes it from bright ones at other depths."""
+    truth = np.array([grid.crop(grid.average(layer, k)) for k, layer in enumerate(flames.layers)])
+    noisy = in_noise(clean, 0.05)
+    naive = reconstruct(noisy, grid, dark_cells=False, corrected=False).emission
+    found = reconstruct(noisy, grid).emission
+    dark = truth < 1e-6 * truth.max()
+    assert (found[dark] > 0).mean() < 0.3 * (naive[dark] > 0).mean()
+    assert errors(found, truth).max() < 0.6 * errors(naive, truth).max()
+    # Bright cells have lost light in the naive fit, and hardly any in ours.
+    bright = truth > 0.3 * truth.max()
+    lost, kept = (1 - image[bright].sum() / truth[bright].sum() for image in (naive, found))
+    assert lost > 0.005
+    assert abs(kept) < 0.4 * lost
+
+
+def test_faint_light_that_many_pixels_see_is_kept(camera, grid, flames, clean):
+    """An even faint disc, fainter than the noise of a pixel, but seen by thousands of them."""
+    y, x = np.mgrid[-1:1:80j, -1:1:80j]
+    glow = 0.03 * (np.hypot(y, x) < 0.8)
+    sheet = Layer(glow, -4.0, (6.0, 6.0))
+    scene = Scene([flames.layers[0], sheet])
+    grid = FrustumGrid(camera, [3.0, -4.0])
+    noisy = in_noise(render(scene, camera), 0.05)
+    truth = grid.crop(grid.average(sheet, 1))
+    found = reconstruct(noisy, grid).emission[1]
+    assert found.sum() == pytest.approx(truth.sum(), rel=0.1)
+
+
+def test_without_noise_nothing_is_taken_for_dark(grid, clean):
+    plain = reconstruct(clean, grid, dark_cells=False).emission
+    found = reconstruct(clean, grid).emission
+    assert np.abs(found - plain).max() < 2e-3 * plain.max()
+
+
+def test_it_is_the_same_each_time(grid, clean):
+    noisy = in_noise(clean, 0.05)
+    first, again = (reconstruct(noisy, grid).emission for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+
+
+def test_a_correction_takes_the_cells_error_off(grid, flames, clean):
+    """Cells glow evenly and flames do not: with hardly any noise that is the error that is left."""
+    truth = np.array([grid.crop(grid.average(layer, k)) for k, layer in enumerate(flames.layers)])
+    noisy = in_noise(clean, 0.002)
+    plain = reconstruct(noisy, grid, corrected=False)
+    found = reconstruct(noisy, grid)
+    assert not plain.correction.any()
+    np.testing.assert_allclose(found.emission - found.correction, plain.emission, atol=1e-6)
+    assert found.emission.min() >= 0
+    uneven = [0, 2]  # the plane in focus has no error to correct
+    before, after = errors(plain.emission, truth)[uneven], errors(found.emission, truth)[uneven]
+    assert (after < 0.6 * before).all()

@@ -1,0 +1,105 @@
+"""Total variation, and Tikhonov's fit by LSMR, against what they are good for and each other."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from lf_flame import InputError, Layer, LightField, Scene, render
+from lf_flame.tomography import (
+    FrequencyGram,
+    FrustumGrid,
+    ProjectionOperator,
+    fit_tikhonov,
+    reconstruct,
+)
+from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.total_variation import fit_total_variation
+
+
+@pytest.fixture(scope="module")
+def sharp():
+    """A disc and a square in line, even within their edges."""
+    y, x = np.mgrid[-1:1:120j, -1:1:120j]
+    disc = (np.hypot(y, x) < 0.8).astype(float)
+    square = 0.7 * (np.maximum(np.abs(y), np.abs(x)) < 0.6)
+    return Scene(
+        [Layer(disc, 3.0, (5.0, 5.0), (0.0, -0.6)), Layer(square, -4.0, (5.0, 5.0), (0.4, 0.8))]
+    )
+
+
+def in_noise(views, share):
+    noise = np.random.default_rng(0).standard_normal(views.shape, dtype=np.float32)
+    return LightField(views + np.float32(share * views.max()) * noise)
+
+
+def worst(found, scene, grid):
+    truth = [grid.crop(grid.average(layer, k)) for k, layer in enumerate(scene.layers)]
+    return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
+
+
+def test_sharp_edges_want_total_variation_and_flames_do_not(camera, sharp, flames, clean):
+    grid = FrustumGrid(camera, sharp.depths_mm)
+    noisy = in_noise(render(sharp, camera).views, 0.1)
+    smooth, varying = (reconstruct(noisy, grid, penalty=one) for one in ("roughness", "variation"))
+    assert worst(varying.emission, sharp, grid) < 0.8 * worst(smooth.emission, sharp, grid)
+    assert varying.emission.min() >= 0
+    assert varying.tried == ()
+    assert varying.strength == 2
+    grid = FrustumGrid(camera, flames.depths_mm)
+    noisy = in_noise(clean.views, 0.1)
+    smooth, varying = (reconstruct(noisy, grid, penalty=one) for one in ("roughness", "variation"))
+    assert worst(varying.emission, flames, grid) > 1.5 * worst(smooth.emission, flames, grid)
+
+
+def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
+    """The optimum of the whole sum, by small changes of its own and by other fits."""
+    grid = FrustumGrid(camera, sharp.depths_mm)
+    views = in_noise(render(sharp, camera).views, 0.1).views
+    operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
+    stack, weight = operator.rmatvec(views.ravel()).reshape(grid.shape), 1.4
+    problem = RangeFit(gram, stack, 0.0, 0)
+
+    def total(cells):
+        seen = operator.matvec(cells.astype(np.float32).ravel()) - views.ravel()
+        steps = [np.diff(cells, axis=k, append=0) for k in (1, 2)]
+        return np.sum(seen.astype(np.float64) ** 2) / 2 + weight * np.hypot(*steps).sum()
+
+    dark = np.zeros(grid.shape, np.float32)
+    found = fit_total_variation(problem, weight, 600, dark)
+    least = total(found)
+    for other in (0.98 * found, 1.02 * found, ndimage.uniform_filter(found, (1, 3, 3))):
+        assert total(other) > least
+    for wrong in (0.5, 2.0):
+        assert total(fit_total_variation(problem, wrong * weight, 600, dark)) > least
+
+
+@pytest.mark.parametrize("strength", [0.1, 0.5])
+def test_lsmr_is_the_linear_fit_by_frequency(camera, strength):
+    """Of light that no view loses beyond its edge, where the torus is as good as the field."""
+    grid = FrustumGrid(camera, [3.0, 0.0, -4.0])
+    cells, far = np.zeros(grid.shape, np.float32), 12
+    middle = (slice(None), slice(far, -far), slice(far, -far))
+    rng = np.random.default_rng(0)
+    # Smooth, so that little of the linear fits comes near the edges.
+    y, x = (np.linspace(-4, 4, n) for n in cells[middle].shape[1:])
+    blob = np.exp(-(y[:, None] ** 2) - x**2)
+    cells[middle] = rng.uniform(0.5, 1, (3, 1, 1)) * blob
+    operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
+    seen = operator.matvec(cells.ravel())
+    found = fit_tikhonov(operator, seen.reshape(operator.dimsd), strength)
+    stack = operator.rmatvec(seen).reshape(grid.shape)
+    # Order 0: the penalty is on the cells themselves.
+    wanted = RangeFit(gram, stack, 0.0, 0).solve(strength, 0, False, 1).cells
+    # A strength that is 5 % off makes three times as much.
+    assert np.abs(found - wanted)[middle].max() < 1e-3 * wanted.max()
+
+
+def test_what_cannot_be_is_refused(camera, clean):
+    grid = FrustumGrid(camera, [3.0, 0.0])
+    with pytest.raises(InputError, match="penalty must be one of roughness, variation"):
+        reconstruct(clean, grid, penalty="edges")
+    operator = ProjectionOperator(grid)
+    with pytest.raises(InputError, match="must be of the operator's shape"):
+        fit_tikhonov(operator, clean.views[1:], 0.1)
+    with pytest.raises(InputError, match="strength must be"):
+        fit_tikhonov(operator, clean.views, -0.1)
