@@ -100,7 +100,7 @@ def compare(
     "--system",
     "systems",
     multiple=True,
-    default=["aperturenet", "refocusnet"],
+    default=["aperturenet"],
     show_default=True,
     help="Of the configuration; may be repeated.",
 )
@@ -122,7 +122,7 @@ def system_scenes(config, systems, counts, held_out, scored, work, out) -> None:
 
     Each system is trained by its own recipe on fewer and more light fields, with as many steps, and
     scored on others, beside shift-and-sum of the views that it looks at. WORK holds the runs: what
-    is done is not done again. It takes about 20 minutes on two cores.
+    is done is not done again. It takes six minutes on two cores.
 
     \b
       python -m experiments system-scenes
