@@ -113,10 +113,10 @@ def write_profiles(
 
 
 def _rows(profile: Profile):
-    missing = [""] * len(profile.values)
-    sigma, low, high = missing, missing, missing
-    if profile.sigma is not None:
-        sigma = profile.sigma
-    if profile.band is not None:
-        low, high = profile.values - profile.band, profile.values + profile.band
+    missing = np.full(len(profile.values), "")
+    sigma = missing if profile.sigma is None else profile.sigma
+    low, high = (
+        missing if profile.band is None else profile.values + sign * profile.band
+        for sign in (-1, 1)
+    )
     return zip(profile.places_mm, profile.values, sigma, low, high, strict=True)

@@ -30,8 +30,7 @@ def draw_noise(
     ndarray of float32, shape (planes, rows, columns)
         The filtered focal stack A'y.
     """
-    noise = rng.standard_normal(operator.dimsd, dtype=np.float32)
-    noise *= sd.astype(np.float32)
+    noise = sd.astype(np.float32) * rng.standard_normal(operator.dimsd, dtype=np.float32)
     return operator.rmatvec(noise.ravel()).reshape(operator.dims)
 
 

@@ -27,7 +27,7 @@ DEPTH_WEIGHT = 1e-4
 Where many planes sample a volume the light field hardly tells their light apart, and without it
 one has too much and the next too little."""
 
-COPIES = 10
+COPIES = 15
 """Arrays of the matrices' size that a reconstruction holds at once: fewer planes, or larger blocks,
 take less."""
 

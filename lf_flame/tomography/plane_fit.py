@@ -7,6 +7,7 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import align_views
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.error_bars import draw_noise, noise_by_pixel, noise_variance
 from lf_flame.tomography.foreground import Fitting, find_foreground
@@ -168,7 +169,7 @@ class PlaneFit:
 
 
 def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
-    """Average blocks of a camera's lenslets, float32 with float64 sums.
+    """Average blocks of a camera's lenslets.
 
     Returns
     -------
@@ -188,8 +189,7 @@ def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int)
         )
     if block == 1:
         return views
-    t, s = (count // block for count in camera.lenslets)
-    # Along whole rows first: memory is read once, in its order.
-    rows = views.reshape(*views.shape[:2], t, block, -1).sum(axis=3, dtype=np.float64)
-    cells = rows.reshape(*views.shape[:2], t, s, block).sum(axis=4)
-    return (cells / block**2).astype(np.float32)
+    # Aligned at slope 0: shift-and-sum's engine averages blocks at the speed of reading.
+    indices = [(v, u) for v in range(camera.views) for u in range(camera.views)]
+    aligned = align_views(views, 0.0, indices, (block, block))[0]
+    return aligned.reshape(*views.shape[:2], *aligned.shape[1:])

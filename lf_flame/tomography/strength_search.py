@@ -40,7 +40,9 @@ class TriedStrength:
 class Problem(Protocol):
     """What is fitted: see `lf_flame.tomography.penalised_fit.RangeFit`."""
 
-    modes: float
+    @property
+    def modes(self) -> float:
+        """Degrees of freedom of the fit without a penalty."""
 
     def solve(
         self,
