@@ -9,6 +9,7 @@ import numpy as np
 from experiments.tomography.phantoms import BLOCK, Recorder, paper_flames, truth_on
 from experiments.tomography.tasks import DEPTHS_MM, NOISE, OURS, Row, relative_errors
 from lf_flame import Scene
+from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
 from lf_flame.tomography.pyrometry import emission_ratio
 
@@ -89,3 +90,40 @@ def _spread(scenes, camera, grid, known, sigma, rng) -> Iterator[Row]:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def colours_figure():
+    """Show temperatures of a flame at 1 % of noise: truth, found, error, and emission's error."""
+    rng = np.random.default_rng(0)
+    red, camera = paper_flames()
+    grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
+    scenes = in_green(red), red
+    truths = [truth_on(grid, scene) for scene in scenes]
+    wanted = two_colour_temperature(*truths, WAVELENGTHS_NM).kelvin
+    found = [
+        reconstruct(Recorder(scene, camera).with_noise(0.01, rng), grid, redraws=REDRAWS, rng=rng)
+        for scene in scenes
+    ]
+    emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
+    soot = two_colour_temperature(*emissions, WAVELENGTHS_NM, sigmas)
+    plane, (_, columns) = 1, np.nonzero(np.isfinite(soot.kelvin[1]))
+    shown = slice(columns.min() - 3, columns.max() + 4)
+    peak = truths[1][plane].max()
+    panels = (
+        ("true temperature (K)", np.where(np.isfinite(soot.kelvin), wanted, np.nan), 1600, 2000),
+        ("found (K)", soot.kelvin, 1600, 2000),
+        ("found - true (K)", soot.kelvin - wanted, -20, 20),
+        ("standard deviation (K)", soot.sigma, 0, 20),
+        ("error of emission (%)", 100 * (emissions[1] - truths[1]) / peak, -1, 1),
+    )
+    figure, axes = subplots(1, len(panels), figsize=(12, 4.6), layout="constrained")
+    for axis, (word, planes, low, high) in zip(axes, panels, strict=True):
+        colours = "RdBu_r" if low < 0 else "inferno"
+        image = planes[plane][20:, shown]
+        drawn = axis.imshow(image, cmap=colours, vmin=low, vmax=high)
+        axis.set_facecolor("0.6")
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.set_title(word, fontsize=8)
+        figure.colorbar(drawn, ax=axis, shrink=0.9)
+    return figure

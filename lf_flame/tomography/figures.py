@@ -191,9 +191,13 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
         (found.sigma, "standard deviation", "K", 1.0),
         (found.relative_error, "error of the emissions' ratio", "%", 100.0),
     )
+    spread = np.asarray(found.sigma)[shown]
+    if not np.isfinite(spread).any():
+        spread = np.zeros_like(spread)
     for line, (planes, word, unit, scale) in zip(axes, lines, strict=True):
         values = scale * np.asarray(planes)[shown]
-        known = values[np.isfinite(values)]
+        # The range of what is well known: at a flame's rim temperatures are nearly noise.
+        known = values[np.isfinite(values) & (spread <= np.nanmedian(spread))]
         low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
         for axis, plane, number in zip(line, values, shown, strict=True):
             picture = axis.imshow(plane, cmap="inferno", vmin=low, vmax=high)
