@@ -2,7 +2,6 @@
 
 import csv
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -71,6 +70,3 @@ def video(rng: np.random.Generator) -> Iterator[Row]:
     yield Row(TASK, "1 %", METHOD, "frequency's error, 1 / duration", hertz, 1.0, seconds)
     # Reading, measuring, drawing and the program's start.
     yield Row(TASK, "1 %", METHOD, "seconds a frame", seconds / FRAMES, 1 / 3, seconds)
-    # In kB, as Linux gives it; this program's other children are small.
-    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / views.nbytes
-    yield Row(TASK, "1 %", METHOD, "peak memory, light fields", memory, None, seconds)
