@@ -156,7 +156,7 @@ $(BASELINES)/installed: experiments/benchmarks/baselines.txt
 	$(BASELINES)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
-test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (six minutes)
+test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (some minutes)
 	$(BIN)/python -m pytest -m 'not slow' $(TEST_JOBS)
 
 test-all: | $(INSTALLED)  ## run all tests, as CI does

@@ -113,6 +113,7 @@ def test_a_later_call_may_remove_what_an_earlier_one_wrote(there, done, wrong):
     assert pairs._mixed(found, alone, done) == wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [kills, pairs, damages, malformed, known, places])
 def test_cases_are_the_same_in_every_run(part):
     """So that one can be repeated by its number."""

@@ -115,6 +115,7 @@ def test_every_file_of_the_core_has_tests():
             assert (mutants.ROOT / test).exists(), test
 
 
+@pytest.mark.slow
 def test_what_is_explained_can_still_be_planted():
     entries = tomllib.loads(mutants.EXPLAINED.read_text(encoding="utf-8"))["explained"]
     for entry in entries:

@@ -29,6 +29,7 @@ def test_a_white_field_is_white_through_both_square_apertures(small_camera, skew
     assert stopped.error.max() < 2e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skew", [{}, SKEWED])
 def test_a_real_square_stop_differs_by_its_ramp(small_camera, textured, skew):
     """The lenslet's image is 0.7 % of an outermost pixel: a quarter of that goes next door."""

@@ -68,6 +68,7 @@ def test_many_callers_at_once():
             np.testing.assert_array_equal(done, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_helpers_help(two_threads):
     """Two threads take part: a loop in which each piece notes who does it."""
@@ -157,6 +158,7 @@ def test_a_thread_that_outlives_the_program_does_without_helpers(tmp_path):
     assert (done.stdout.strip(), done.stderr) == ("1.0", "")
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_loops_kept_on_disk_are_those_of_all_files_they_are_compiled_from(tmp_path):
     """Numba itself looks at the loop's own file alone."""

@@ -129,6 +129,7 @@ def test_height_and_frequency_of_flames_that_flicker(video, camera_file, tmp_pat
     assert run("verify", out).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_pattern_a_list_and_a_folder_are_the_same_video(video, tmp_path):
     folder, truth = video
     ways = {
@@ -172,6 +173,7 @@ def test_what_is_measured_of_a_frame(video):
     assert (Measures().image(LightField(views[:4, :2])) == views[1, 0]).all()
 
 
+@pytest.mark.slow
 def test_focus_is_where_it_was_asked_for(video, camera_file, tmp_path):
     """A flame is brightest in focus, and blurred as far on the other side."""
     words = ["--frames-per-second", RATE_HZ]

@@ -59,6 +59,7 @@ def test_an_interruption_is_no_damage():
     assert (result.returncode, result.stderr[:13]) == (130, "show: Stopped")
 
 
+@pytest.mark.slow
 def test_an_interruption_in_a_destructor_is_not_lost():
     result = ended("""
     import signal, time

@@ -183,6 +183,7 @@ def leaves(tmp_path):
     return tmp_path / "leaves.npy"
 
 
+@pytest.mark.slow
 def test_a_trained_network_refocuses(leaves, system_runs, tmp_path):
     """It takes values from 0 to 1: brighter light fields are dimmed for it."""
     network = system_runs / "refocusnet"

@@ -96,6 +96,7 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path):
     assert run("verify", out).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
     np.save(tmp_path / "bright.npy", flames + np.float32(0.1))
     np.save(tmp_path / "dark.npy", np.full_like(flames, 0.1))
@@ -150,6 +151,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
     assert not out.exists() or not any(out.iterdir())
 
 
+@pytest.mark.slow
 def test_absorption_is_given_back(source, camera_file, tmp_path):
     """The nearer flame is its own (1 - exp(-tau)) / tau brighter, the other one exp(tau) more."""
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--strength", 0.01]
@@ -218,6 +220,7 @@ def two_flames(brightness):
     return views + np.float32(0.005 * max(brightness)) * noise
 
 
+@pytest.mark.slow
 def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
     reconstruct_two_colours(camera_file, tmp_path)
     green, red, out = (tmp_path / name for name in ("green", "red", "hot"))
@@ -240,6 +243,7 @@ def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
     words = ["--camera", camera_file, "--strength", 0.01]
     for name, depths, redraws in (("a", (6, -4), 2), ("b", (6, -3), 2), ("c", (6, -4), 0)):
@@ -265,6 +269,7 @@ def without_solvers(code):
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_resolution_needs_no_solvers_and_reconstruct_says_that_it_does(source, camera_file):
     program = "from lf_flame.commands.cli import main; import sys; sys.argv[1:] = {}; main()"
     told = without_solvers(program.format(["resolution", "--period", "1"]))

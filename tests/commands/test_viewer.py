@@ -106,6 +106,7 @@ def test_the_local_page_is_served_until_ctrl_c(source, more):
     assert rest.endswith("Ended.\n")
 
 
+@pytest.mark.slow
 def test_the_demo_holds_what_its_help_says(tmp_path):
     """The burner and the wall, whose patterns have a slope of their own, where they stand."""
     found = find_slope_range(demo_light_field())

@@ -66,6 +66,7 @@ def chunk_bytes(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in files}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["shapes", "flames"])
 def test_slopes_found_are_the_geometrys(name):
     config = read_config(DATA_GEN / f"{name}.toml")
@@ -117,6 +118,7 @@ def test_targets_are_the_stack_at_the_recorded_slopes(tiny, tmp_path):
     assert set(dataset.attrs["provenance"]) >= {"command", "versions", "git_revision", "wall_s"}
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_the_number_of_workers(tiny, tmp_path):
     for workers in (1, 2):
         make_dataset(tiny, 5, tmp_path / f"{workers}.zarr", workers)

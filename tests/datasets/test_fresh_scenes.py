@@ -23,6 +23,7 @@ def some_and_all(request, tmp_path_factory):
     return Dataset(folder / "3.zarr"), Dataset(folder / "8.zarr")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_they_are_what_a_longer_data_set_would_hold(some_and_all, workers, monkeypatch):
     some, whole = some_and_all

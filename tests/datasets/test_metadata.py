@@ -115,6 +115,7 @@ def read_all(path):
     dataset.parameters("brightness")
 
 
+@pytest.mark.slow
 def test_no_value_in_the_metadata_makes_a_traceback(path, rng):
     for _ in range(400):
         file = path / rng.choice(["", *ARRAYS]) / "zarr.json"
@@ -132,6 +133,7 @@ def test_no_value_in_the_metadata_makes_a_traceback(path, rng):
         file.write_text(before)
 
 
+@pytest.mark.slow
 def test_no_damage_makes_a_traceback(path, rng):
     files = sorted(file for file in path.rglob("*") if file.is_file())
     refused = 0

@@ -123,6 +123,7 @@ def test_simulate_writes_what_it_says(tmp_path):
     assert not list(out.glob(".*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [

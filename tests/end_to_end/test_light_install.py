@@ -76,6 +76,7 @@ def test_simulation_and_refocusing_work(light):
     assert len(list((light / "views").iterdir())) == 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

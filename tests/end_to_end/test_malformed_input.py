@@ -353,6 +353,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(key=st.sampled_from(sorted(CARD)), value=VALUES, inner=st.sampled_from(["", *CAMERA]))
 def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, inner):

@@ -62,6 +62,7 @@ def test_backbone_is_frozen_and_in_inference_mode(paper_model, rng):
         np.testing.assert_array_equal(keras.ops.convert_to_numpy(weight), old)
 
 
+@pytest.mark.slow
 def test_three_channels_are_not_repeated(rng):
     """Grey repeated to three channels and three equal channels are the same input."""
     grey = rng.uniform(size=(2, *IMAGE, 1)).astype(np.float32)
@@ -81,6 +82,7 @@ def test_the_first_channel_is_the_last_of_resnet(rng):
     np.testing.assert_allclose(np.array(model(image)), np.array(resnet(fed)), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_inputs_may_be_larger_than_outputs(tmp_path):
     model = build_refocus_resnet50(
         IMAGE, 2, "random", "conv4", neck="positions", shown=(80, 128, 1)
@@ -101,6 +103,7 @@ def test_output_planes_are_not_scrambled(paper_model, rng):
     np.testing.assert_array_equal(stack, np.moveaxis(np.array(channels)[0], -1, 0))
 
 
+@pytest.mark.slow
 def test_random_weights_depend_on_the_seed_alone():
     first, again, other = (build_backbone(GREY, "random", "conv4", seed) for seed in (1, 1, 2))
     kernels = [
@@ -121,6 +124,7 @@ def test_preprocessing_is_the_backbones_own(rng):
     np.testing.assert_allclose(np.array(inner(grey)), expected, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_weights_file_reaches_the_features(resnet_arrays, tmp_path, rng):
     np.savez(tmp_path / "all.npz", **resnet_arrays)
     resnet = keras.applications.ResNet50(include_top=False, weights=None, input_shape=(*IMAGE, 3))

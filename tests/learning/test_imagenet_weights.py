@@ -90,6 +90,7 @@ def test_other_connections_of_the_process_keep_their_patience(server):
     assert seen == [None]
 
 
+@pytest.mark.slow
 def test_a_cached_file_becomes_the_backbone(monkeypatch, tmp_path):
     """Weights in Keras's cache are those of the backbone, and no connection is made."""
     monkeypatch.setenv("KERAS_HOME", str(tmp_path))

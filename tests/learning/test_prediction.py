@@ -139,6 +139,7 @@ def test_the_card_tells_a_stranger_what_the_network_is(run_folder, exported):
     assert replace(theirs, sha256=ours.sha256, exported={}) == ours
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["run_folder", "exported"])
 def test_a_picture_is_refocused_as_in_the_evaluation(where, sample, tmp_path, request):
     """From a picture of 16 bits, three times as large in both directions."""
@@ -355,6 +356,7 @@ def test_help_says_what_a_prediction_is():
     assert "no pickled code" in " ".join(run("export", "--help").output.split())
 
 
+@pytest.mark.slow
 def test_a_run_stands_alone(run_folder, sample, tmp_path, monkeypatch):
     """From another working folder, moved, and without its data set it predicts the same."""
     picture, prediction = sample
@@ -373,6 +375,7 @@ def test_a_run_stands_alone(run_folder, sample, tmp_path, monkeypatch):
         predict_test_split(tmp_path / "moved")  # scores, and nothing else, need it
 
 
+@pytest.mark.slow
 def test_records_hold_no_path_but_relative_ones(run_folder, sample, tmp_path):
     """Neither where a run or a picture lay on this machine, nor whose machine it was."""
     write_image(tmp_path / "picture.tif", sample[0])

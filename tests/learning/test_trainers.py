@@ -37,6 +37,7 @@ def plain_losses(samples, rate, batch_size, options):
     return losses, plain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch_size", [2, 9])
 @pytest.mark.parametrize(
     "options",

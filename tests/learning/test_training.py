@@ -150,6 +150,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
     assert record["backbone_weights"] == "random (seed 1), conv4"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

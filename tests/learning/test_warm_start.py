@@ -86,6 +86,7 @@ def test_normalisations_hold_the_statistics_of_the_samples_alone(rng, frozen):
         np.testing.assert_allclose(stored, spread, rtol=1e-3, atol=1e-5 * scale**2)
 
 
+@pytest.mark.slow
 def test_refinements_lower_the_error_of_images(rng):
     """Few numbers, of features far off zero: the regression of logits leaves something."""
     training, held_out = (
@@ -219,6 +220,7 @@ def test_products_do_not_depend_on_the_blocks(rng, size, monkeypatch):
     np.testing.assert_allclose(products.of_others(others), expected, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_many_samples_in_half_precision_draw_as_well(rng, monkeypatch):
     """With more samples than landmarks: their images are rounded, and the network is as good."""
     errors = []

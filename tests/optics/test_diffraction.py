@@ -131,6 +131,7 @@ def test_lines_go_on_beyond_their_border(rng, spread, axis):
     np.testing.assert_allclose(blur_lines(image, axis, 0, 1.0), image, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("round_aperture", [False, True])
 def test_share_beyond_a_line(round_aperture):
     """Against ``1 - 2 integral of T(f) sin(2 pi f t) / (pi f)`` over the transfer function T."""
@@ -276,6 +277,7 @@ def test_dark_pixels_do_not_become_negative(kernel):
     assert blur_raw(image, kernel(0.3, 1.0, 1e-2)).min() >= 0
 
 
+@pytest.mark.slow
 @any_aperture
 @given(spread=st.floats(0.01, 3), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10, deadline=None)

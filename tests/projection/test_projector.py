@@ -98,6 +98,7 @@ def apertures(views):
     return [None, round_aperture(shape), annular_aperture(shape, 0.5), one, rng.uniform(size=shape)]
 
 
+@pytest.mark.slow
 @given(
     scene=scenes(),
     camera=cameras(),

@@ -179,6 +179,7 @@ def test_an_even_number_of_views_and_colour(rng):
     assert psnr(found.all_in_focus[inside], picture[inside]) > 30
 
 
+@pytest.mark.slow
 def test_nothing_to_focus_on_gives_no_confidence():
     found = all_in_focus(np.full((3, 3, 12, 10), 0.4), SLOPES)
     assert found.confidence.max() == 0
@@ -205,6 +206,7 @@ def test_bad_input_is_refused(call, message):
         call()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not LYTRO.is_dir(), reason="no Lytro example light field beside the checkout")
 def test_a_real_light_field_agrees_with_a_learned_disparity():
     """EPINET's disparity is positive for what is near: minus the slope."""

@@ -236,6 +236,7 @@ def test_confidence_is_low_without_parallax(rng):
     assert found.confidence < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("columns", [3, 512, 1100])
 def test_the_compiled_product_adds_that_of_matrices(compiled, columns, rng):
@@ -396,6 +397,7 @@ def test_report_draws_all_layers_into_one_picture(tmp_path, monkeypatch):
         assert [text.get_text() for text in axis.texts] == [f"paper {2.1 - geometry[0]:+.2f}"]
 
 
+@pytest.mark.slow
 def test_the_slope_is_the_same_to_the_last_bit_for_any_number_of_threads(tmp_path):
     """In processes of their own: BLAS takes its number of threads when it is loaded."""
     code = (

@@ -33,6 +33,7 @@ def light_fields(draw, shapes=SHAPES, types=TYPES):
     return views
 
 
+@pytest.mark.slow
 @given(
     views=light_fields(),
     slope=st.one_of(st.floats(-30, 30), st.integers(-8, 8).map(lambda k: k / 4)),
@@ -139,6 +140,7 @@ def test_slope_zero_is_the_plain_mean(rng):
     np.testing.assert_allclose(shift_and_sum(views, 0)[0], views.mean(axis=(0, 1)), rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(5, 5), (3, 3), (7, 3), (9, 9)])
 def test_the_mean_of_whole_numbers_is_rounded_once(shape, rng):
     """No digit of a sum is lost before the last: up to 81 x 255 it fits into float32."""

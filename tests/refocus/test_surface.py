@@ -69,6 +69,7 @@ def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_cubic_is_exact_on_parabolas():
     """Keys' kernel with a = -1/2 reproduces polynomials of degree 2."""
     t, s = np.indices((20, 22)) - 10.0
@@ -90,6 +91,7 @@ def test_several_maps_and_colour_keep_their_order(rng):
     np.testing.assert_array_equal(stack[1, ..., 2], refocus_surface(views[..., 2], slopes[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["u1", "u2", "i2", "i8", "f2", "f4", ">f4", "f8", "bool"])
 def test_pixels_of_any_type_and_layout_are_read(dtype, rng):
     views = rng.integers(0, 200, size=(3, 3, 8, 9)).astype(dtype)

@@ -166,6 +166,7 @@ def compared(case, count=30, rays=2**13):
     return image[tuple(pixels.T)] - traced.mean, traced.error, image.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(cases()))
 def test_an_effect_is_right(name):
     case = CASES[name]
@@ -216,6 +217,7 @@ def test_all_effects_at_once_meet_the_tolerance():
     assert found <= 0.2 * tolerance * peak
 
 
+@pytest.mark.slow
 def test_what_exceeds_the_full_well_is_cut_off_pixel_by_pixel():
     """Behind lenslets that overlap, where no single bundle would fill the well."""
     camera = replace(BASE, **WIDE)

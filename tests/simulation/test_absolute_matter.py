@@ -73,6 +73,7 @@ def seen_below(camera, edge_mm, depth_mm, on_pixel):
 PLACES = (np.arange(400) + 0.5) / 400 - 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [0.0, 12.0, -18.0])
 def test_a_thick_slit_stands_and_spreads_as_its_geometry_says(depth):
     """The mean over its depths, pixel by pixel; then its middle and its width in each view."""

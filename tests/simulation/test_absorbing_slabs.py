@@ -198,6 +198,7 @@ def test_a_strongly_absorbing_layer_is_planned(name, tolerance):
         assert error <= tolerance * peak / 3  # an eighth, and of these single rays
 
 
+@pytest.mark.slow
 def test_a_strongly_absorbing_flame_is_rendered():
     """Before a picture, against rays by the lenses' equations through both."""
     camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (10, 10))

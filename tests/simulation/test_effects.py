@@ -101,6 +101,7 @@ ABSENT = ("occlusion", "round_aperture", "vignetting", "saturation")
 """Effects that cannot be had in small amounts: their spare scenes do without."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_scene_that_calls_for_an_effect_gets_it(name):
     scene, camera = NEEDS[name]
@@ -114,6 +115,7 @@ def test_a_scene_that_calls_for_an_effect_gets_it(name):
     assert (rms if name.endswith("noise") else largest) <= planned.bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_scene_that_does_not_call_for_an_effect_does_not_get_it(name):
     scene, camera = SPARES[name]
@@ -252,6 +254,7 @@ def changes_left_out(drawn, camera, tolerance=0.1):
     yield "everything", *found, bound
 
 
+@pytest.mark.slow
 def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
     """Every pixel; what is drawn and then refused is counted, and rare."""
     seen, refused = Counter(), []
@@ -277,6 +280,7 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
     assert len(seen) >= 7, seen
 
 
+@pytest.mark.slow
 @given(
     drawn=st.lists(layers(), min_size=1, max_size=3),
     camera=cameras(),

@@ -65,6 +65,7 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
     assert use((3, 3), "views", 2) == use((1, 7), "raw", 3)
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
@@ -122,6 +123,7 @@ def falloff(camera):
     return (1 + down[:, None, :, None] + right[None, :, None, :]) ** -2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "optics",
     [

@@ -66,6 +66,7 @@ def test_light_from_beyond_the_field_comes_in(rng):
     assert 1 - ends[8, 0] < dark
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "odd",
     [
@@ -114,6 +115,7 @@ def test_all_light_is_kept_on_any_cells(rng, size, cells):
     np.testing.assert_allclose([y, x], given, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nm", [1e-9, 1e4])
 def test_hard_cases_stay_light(rng, nm):
     """Patterns far smaller than a cell, and far wider than the field; cells of any size."""

@@ -138,6 +138,7 @@ def test_two_stops_that_cut_opposite_sides_leave_what_is_between(distance_mm, di
     np.testing.assert_allclose(coarse, fine, atol=0.0075)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [0.01, -0.02])
 def test_a_stretched_array_behind_a_card_is_exact_too(small_camera, rng, error):
     """Parts of pixels, cut into polygons, against many rays."""

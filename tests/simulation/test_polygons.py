@@ -246,6 +246,7 @@ def test_polygons_fill_the_bundle(small_camera, depths, rng):
         assert table.areas.min() > 0
 
 
+@pytest.mark.slow
 def test_planes_with_the_same_edges_are_cut_once(small_camera, rng):
     """And what rounding leaves between them is dropped."""
     one = Layer(rng.random((70, 70)), 7.0, (3.0, 3.0))

@@ -171,6 +171,7 @@ def test_matter_inside_a_thick_layer_counts_where_it_covers_most(small_camera):
     assert found <= plan_effects(scene, small_camera, 0.05)["thickness"].bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cause"),
     [

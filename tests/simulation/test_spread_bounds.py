@@ -99,6 +99,7 @@ def textures(rng):
     yield ((right - 15) ** 2 + (down - 12) ** 2) / 400
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPREADS)
 @pytest.mark.parametrize("depth_mm", [0.0, 7.0])
 def test_no_texture_changes_by_more_than_the_bound(name, depth_mm, rng):

@@ -206,6 +206,7 @@ FULL = replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("brightness", [2.0**-99, 2.0**99, 1e-30, 1e30])
 @pytest.mark.parametrize("camera", [CAMERA, FULL], ids=["plain", "full"])
 def test_images_scale_with_the_brightness(camera, brightness):
@@ -329,6 +330,7 @@ for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.jit
 def test_bits_are_the_same_for_one_to_eight_threads(rng):
     """Naive: each thread adds its rays to a float32 image of its own, or draws its own noise."""

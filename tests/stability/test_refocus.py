@@ -141,6 +141,7 @@ def test_a_constant_keeps_its_value_at_any_slope(refocus):
     assert abs(naive / value - 1).max() > 1e3 * 2 * UNIT32
 
 
+@pytest.mark.slow
 def test_means_over_many_views_keep_their_digits():
     """Naive: a running sum in float32 over 40,000 views."""
     value = np.float32(0.1)

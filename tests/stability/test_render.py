@@ -345,6 +345,7 @@ SETUPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETUPS)
 def test_images_and_plans_do_not_depend_on_the_unit_of_length(name):
     """Every bit for a power of two, else the rounding of float32.

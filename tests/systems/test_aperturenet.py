@@ -127,6 +127,7 @@ def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
     assert system.parameters < 1_000_000
 
 
+@pytest.mark.slow
 def test_training_changes_all_but_the_boxes(rng):
     model = build_aperturenet()
     before = [np.array(x) for x in model.get_weights()]

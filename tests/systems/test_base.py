@@ -94,6 +94,7 @@ def test_views_that_are_not_chosen_do_not_count(system, views):
     np.testing.assert_array_equal(system.refocus(other, 0.3), system.refocus(views, 0.3))
 
 
+@pytest.mark.slow
 def test_images_too_small_are_refused(network):
     side = network.smallest
     with pytest.raises(InputError, match=f"{side} pixels or more .* got {side - 1} x 60"):

@@ -143,6 +143,7 @@ OFFICIAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not (WEIGHTS.is_file() and LYTRO.is_dir()),
     reason="no RefocusNet weights or no Lytro example light field beside the checkout",

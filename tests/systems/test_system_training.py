@@ -85,6 +85,7 @@ def test_something_is_sharp_at_the_first_half_of_a_scenes_slopes(config):
         assert changes[:4].mean() > changes[4:].mean()
 
 
+@pytest.mark.slow
 def test_every_network_gets_what_it_sees_and_the_truth_for_it(config):
     for name, network in NETWORKS.items():
         system = network.build(0)
@@ -157,6 +158,7 @@ def test_refnet_learns_its_own_slopes(config):
     np.testing.assert_allclose(slopes, 3 * SLOPES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
     path = train_system(config, name, "smoke", tmp_path / name, show=False)
@@ -196,6 +198,7 @@ def test_interrupted_training_goes_on_to_the_same_result(config, tmp_path, monke
     np.testing.assert_allclose(losses[0], losses[1], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_network_learns(config):
     """From one sample, by the trainer, RefocusNet's error falls to a tenth."""
     system = NETWORKS["refocusnet"].build(1)
@@ -210,6 +213,7 @@ def test_a_network_learns(config):
     assert trainer.evaluate("validation") < start / 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["aperturenet", "refnet", "volumetric"])
 def test_every_network_takes_the_steps_of_the_recipe(config, name):
     """However many images it sees of a light field; down the cosine, the last step's rate is 0."""

@@ -136,6 +136,7 @@ def mixture(camera, total):
     return grid, render(Scene(layers), camera, tolerance=1e-6), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("total", [0.2, TOTAL])
 def test_the_bias_of_an_even_mixture_is_taken_off(camera, total):
     grid, light_field, truth = mixture(camera, total)
@@ -204,6 +205,7 @@ def test_flames_are_found_at_much_thickness_too(grid):
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, flames_in_line):
     options = {"strength": 0.01, "optical_thickness": flames_in_line.tau}
     draws = {"redraws": 12, "rng": np.random.default_rng(5)}

@@ -159,6 +159,7 @@ def test_flame_that_leans_or_is_not_round_is_told_so(camera):
     assert "not round" in check_roundness(find_axis(LightField(views), camera))[0]
 
 
+@pytest.mark.slow
 def test_sharp_burner_is_followed_where_it_is_known(camera):
     def cut(height, radius):
         return np.where(height > -1.0, glow(height, radius), 0.0)
@@ -174,6 +175,7 @@ def test_sharp_burner_is_followed_where_it_is_known(camera):
     assert errors[1] < 0.015 < 0.05 < errors[0]
 
 
+@pytest.mark.slow
 def test_error_bars_are_those_of_other_draws(grid, seen):
     noise, grid = 0.1, replace(grid, block=2)
     found = reconstruct_axisymmetric(

@@ -120,6 +120,7 @@ def test_too_many_planes_are_refused_before_memory_is_taken():
         FrequencyGram(grid)
 
 
+@pytest.mark.slow
 def test_as_many_copies_are_held_as_is_said(camera):
     """The peak of traced memory of a reconstruction, but for what does not grow with the planes."""
     grid = FrustumGrid(camera, np.linspace(-8, 8, 25).tolist())

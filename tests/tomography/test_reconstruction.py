@@ -61,6 +61,7 @@ def test_more_noise_asks_for_a_stronger_penalty(grid, noisy):
     assert strengths[0] < strengths[-1]
 
 
+@pytest.mark.slow
 def test_the_strength_is_near_the_best(grid, truth, noisy):
     """Within 1.5 times of the error of the best of all that are tried."""
     for share in (0.01, 0.1):
@@ -73,6 +74,7 @@ def test_the_strength_is_near_the_best(grid, truth, noisy):
         assert worst_error(curve.emission, truth) < 1.5 * min(errors)
 
 
+@pytest.mark.slow
 def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, noisy):
     """Of eight light fields whose noise is drawn apart, within what eight of them can tell."""
     options = {"strength": 0.01}
@@ -87,6 +89,7 @@ def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, noisy
     assert np.all(found.light_sigma < 3 * sums)
 
 
+@pytest.mark.slow
 def test_error_bars_follow_the_light_where_noise_does(grid, clean):
     """Photons of 200 electrons at the brightest: dark places have no noise, bright ones all."""
     sensor = Sensor(exposure_e=200 / float(clean.views.max()))
@@ -131,6 +134,7 @@ def test_a_glow_without_detail_is_shared_among_depths_and_not_told(camera):
     assert found.warnings
 
 
+@pytest.mark.slow
 def test_depths_of_light_are_found_on_a_stack(camera, flames, clean):
     grid = FrustumGrid(camera, planes_between(-8.5, 7.5, 1))
     found = reconstruct(clean, grid)

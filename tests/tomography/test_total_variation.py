@@ -37,6 +37,7 @@ def worst(found, scene, grid):
     return max(np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(found, truth, strict=True))
 
 
+@pytest.mark.slow
 def test_sharp_edges_want_total_variation_and_flames_do_not(camera, sharp, flames, clean):
     grid = FrustumGrid(camera, sharp.depths_mm)
     noisy = in_noise(render(sharp, camera).views, 0.1)

@@ -151,6 +151,7 @@ def test_by_heart_lies_between_what_is_there_and_what_was_learnt(rng):
     assert np.isnan(share_memorised(noise, truth, truth))
 
 
+@pytest.mark.slow
 def test_a_network_that_knows_its_scenes_by_heart_is_found_out(runs, tmp_path):
     result = CliRunner().invoke(
         commands, ["depth-test", *map(str, runs), "--out", str(tmp_path), "--samples", "3"]

@@ -165,6 +165,7 @@ def test_less_light_is_shot_noise_of_the_same_scenes(sets):
     assert np.all(table.psnr_db.between(40, 70))
 
 
+@pytest.mark.slow
 def test_a_price_is_measured_in_a_process_of_its_own(sets):
     scene = next(sets[0].scenes())
     large = np.ones(100_000_000)  # what this process holds does not count
