@@ -99,30 +99,36 @@ class PlaneFit:
             return Explanation(
                 cells, known.foreground, sd, measured, uneven, known.strength, known.tried
             )
+        dark = np.zeros(self.gram.grid.shape, np.float32)
+        draft = Explanation(dark, None, sd, measured, uneven, options.strength or 0.0, ())
         if options.penalty == VARIATION:
-            chosen = STRENGTH if options.strength is None else float(options.strength)
-            dark = np.zeros(self.gram.grid.shape, np.float32)
-            draft = Explanation(dark, None, sd, measured, uneven, chosen, ())
+            strength = STRENGTH if options.strength is None else float(options.strength)
+            draft = replace(draft, strength=strength)
             return replace(draft, cells=self.again(problem, draft, 2 * options.iterations))
-        around = np.pad(uneven, self.gram.grid.reach, mode="edge")
-        share = around / around.sum()
+        return self._fit_smooth(problem, draft)
+
+    def _fit_smooth(self, problem: RangeFit, draft: Explanation) -> Explanation:
+        """Choose the strength, fit, find out which cells are dark, and fit again."""
+        options = self.options
+        around = np.pad(draft.uneven, self.gram.grid.reach, mode="edge")
+        share, variance = around / around.sum(), noise_variance(draft.noise)
         few = min(options.iterations, max(20, options.iterations // 8))
-        search = StrengthSearch(
-            problem, noise_variance(sd), share, options.order, options.nonnegative, few
-        )
+        search = StrengthSearch(problem, variance, share, options.order, options.nonnegative, few)
         if options.whole_curve:
             search.try_all()
         chosen = search.find() if options.strength is None else float(options.strength)
         tried = tuple(search.tried[key] for key in sorted(search.tried))
-        start, half = search.nearest(chosen), options.iterations // 2
-        first = problem.solve(chosen, options.order, options.nonnegative, half or 1, start).cells
-        draft = Explanation(first, None, sd, measured, uneven, chosen, tried)
-        if options.nonnegative and options.dark_cells:
+        half = options.iterations // 2
+        first = problem.solve(
+            chosen, options.order, options.nonnegative, half or 1, search.nearest(chosen)
+        )
+        draft = replace(draft, cells=first.cells, strength=chosen, tried=tried)
+        if not options.nonnegative:
+            return draft
+        if options.dark_cells:
             draft = self._with_foreground(problem, draft, share)
-        if options.nonnegative and options.iterations > half:
-            rest = options.iterations - half
-            draft = replace(draft, cells=self.again(problem, draft, rest))
-        return draft
+        rest = options.iterations - half
+        return replace(draft, cells=self.again(problem, draft, rest)) if half else draft
 
     def again(self, problem: RangeFit, known: Explanation, iterations: int) -> np.ndarray:
         """Solve another problem as a known one was, from its cells on."""
