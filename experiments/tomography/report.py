@@ -116,7 +116,7 @@ draw of the noise each, where nothing else is said; seconds with all setting up.
 
 What is called small is a quarter in size too, and not averaged. Bands of profiles count the places
 whose truth exceeds 5 % of the plane's peak, on profiles up and across each plane, over the draws;
-90 to 98 % of them should hold it.
+90 to 98 % of them should hold it. Their seconds are on one thread, draws running side by side.
 Temperatures count where the emission exceeds 20 % of its plane's peak.
 
 The round flame's axis is found, too; its errors count heights between 3 and 97 % of its own, over

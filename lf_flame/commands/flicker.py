@@ -61,9 +61,10 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
 
     SOURCE are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
     pattern in quotes; they are taken in the order of the numbers in their names. Of each frame the
-    middle view is measured, or, with --slope or --depth-mm, the image refocused there. The flame is
-    what is brighter than a share of the peak (--level) and joined to the brightest pixel;
-    its height counts from the picture's lower edge to its tip. One frame at a time is in memory.
+    middle view is measured, or, with --slope or --depth-mm, the image refocused there, which has
+    the noise of all views averaged. The flame is what is brighter than a share of the peak
+    (--level) and joined to the brightest pixel; its height counts from the picture's lower edge to
+    its tip. One frame at a time is in memory.
 
     \b
       lf-flame flicker video --frames-per-second 100

@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from numba import get_num_threads
 from scipy import fft
 
 from lf_flame._common.memory import check_memory
@@ -153,7 +154,7 @@ class FrequencyGram:
 
     def transform(self, torus: np.ndarray) -> np.ndarray:
         """Fourier coefficients of planes, shape (fy, fx, planes)."""
-        return np.moveaxis(fft.rfft2(torus, workers=-1), 0, -1)
+        return np.moveaxis(fft.rfft2(torus, workers=get_num_threads()), 0, -1)
 
     def inner(self, a: np.ndarray, b: np.ndarray) -> float:
         """Inner product of two arrays of cells by their coefficients (Parseval)."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import get_num_threads
 from pyproximal import Box, ProxOperator
 from pyproximal.optimization.primal import DouglasRachfordSplitting
 from scipy import fft
@@ -57,10 +58,10 @@ class FrequencyFit(ProxOperator):
             raise ValueError(f"The matrices are inverted for the step {self._step}, not {tau}.")
         torus = x.reshape(self._shape).astype(np.float32, copy=False)
         torus = torus + np.float32(tau) * self._focal_stack
-        spectrum = fft.rfft2(torus, workers=-1)
+        spectrum = fft.rfft2(torus, workers=get_num_threads())
         solved = np.empty_like(spectrum)
         multiply_frequencies(self._inverse, spectrum.view(np.float32), solved.view(np.float32))
-        return fft.irfft2(solved, s=self._shape[1:], workers=-1).ravel()
+        return fft.irfft2(solved, s=self._shape[1:], workers=get_num_threads()).ravel()
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class RangeFit:
 
     def unpenalised(self) -> np.ndarray:
         """Cells that explain as much of the light field as any can, float32."""
-        torus = fft.irfft2(np.moveaxis(self._fitted, -1, 0), s=self.gram.size, workers=-1)
+        torus = fft.irfft2(np.moveaxis(self._fitted, -1, 0), s=self.gram.size, workers=get_num_threads())
         return self.gram.gather(torus).astype(np.float32)
 
     def count_modes(self, strength: float, order: int) -> float:
@@ -187,7 +188,7 @@ class RangeFit:
         else:
             values, _ = gram.decomposition
             spectrum = self._solve_linear(1 / (values + penalty + RIDGE * gram.scale))
-            torus = fft.irfft2(np.moveaxis(spectrum, -1, 0), s=gram.size, workers=-1)
+            torus = fft.irfft2(np.moveaxis(spectrum, -1, 0), s=gram.size, workers=get_num_threads())
         cells = gram.gather(torus).astype(np.float32)
         return Fit(cells, self.misfit(cells))
 
