@@ -187,14 +187,17 @@ def test_every_command_is_explained():
         assert command.hidden or re.search(rf"lf-flame {name}\b|`{name}`", text), name
 
 
-def test_extras_that_are_named_exist():
+def test_extras_that_are_named_exist_and_all_of_them_are_named():
     setup = (ROOT / "setup.cfg").read_text(encoding="utf-8")
-    extras = setup.partition("[options.extras_require]")[2].partition("\n[")[0]
+    part = setup.partition("[options.extras_require]")[2].partition("\n[")[0]
+    extras = set(re.findall(r"^(\w+) =", part, re.MULTILINE))
     for path in USER_TEXTS:
         text = path.read_text(encoding="utf-8")
-        for named in re.findall(r"pip install '\.\[([\w,]+)\]'", text):
-            for extra in named.split(","):
-                assert re.search(rf"^{extra} =", extras, re.MULTILINE), extra
+        for named in re.findall(r"pip install '(?:\.|lf_flame)\[([\w,]+)\]'", text):
+            assert set(named.split(",")) <= extras
+    start = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`\[.*?) \|", start, re.MULTILINE)
+    assert set(re.findall(r"`\[(\w+)\]`", " ".join(rows))) == extras - {"test", "dev"}
 
 
 def test_presets_that_are_named_exist():
