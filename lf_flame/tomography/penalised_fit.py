@@ -135,7 +135,8 @@ class RangeFit:
 
     def unpenalised(self) -> np.ndarray:
         """Cells that explain as much of the light field as any can, float32."""
-        torus = fft.irfft2(np.moveaxis(self._fitted, -1, 0), s=self.gram.size, workers=get_num_threads())
+        spectrum = np.moveaxis(self._fitted, -1, 0)
+        torus = fft.irfft2(spectrum, s=self.gram.size, workers=get_num_threads())
         return self.gram.gather(torus).astype(np.float32)
 
     def count_modes(self, strength: float, order: int) -> float:
