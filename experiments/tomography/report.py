@@ -121,7 +121,8 @@ Temperatures count where the emission exceeds 20 % of its plane's peak.
 
 The round flame's axis is found, too; its errors count heights between 3 and 97 % of its own, over
 the volume and over the half section. PyAbel sees the middle view alone, and has the penalty of
-least true error.
+least true error. The video is followed twice; seconds are those of the second time, when nothing is
+left to compile.
 
 {_shown(table).to_markdown(index=False)}
 """

@@ -51,6 +51,7 @@ def video(rng: np.random.Generator) -> Iterator[Row]:
         for frame in range(FRAMES):
             np.save(frames / f"frame{frame:03d}.npy", _record(frame, rng))
         for method, options in WAYS.items():
+            list(_follow(frames, method, options))  # Loops are compiled, once per installation.
             yield from _follow(frames, method, options)
 
 
