@@ -5,16 +5,30 @@ numbers in full, and the SHA-256 of the other files. Older records hold no SHA-2
 """
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lf_flame._common.atomic_files import together
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
 from lf_flame._common.input_files import read_text
+from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
 
 ENDINGS = (".csv", ".md", "_history.csv")
+
+WRITING_S = 60.0
+"""How long one writer waits for another, which is at it for about a second."""
+
+
+@contextmanager
+def results_aside(folder: Path, last: str) -> Iterator[Path]:
+    """Give an empty folder, as `together` does, to one writer of a results folder at a time."""
+    with exclusive(folder, wait_s=WRITING_S), together(folder, last=last) as aside:
+        yield aside
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,14 @@ from tqdm import tqdm
 from experiments.histories import epochs_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
-from experiments.paper.result_files import hashes_of, read_result_record, text_sha256
+from experiments.paper.result_files import (
+    hashes_of,
+    read_result_record,
+    results_aside,
+    text_sha256,
+)
 from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.input_files import read_text
 from lf_flame._common.metrics import FOREGROUND, WINDOWS
 from lf_flame.datasets.store import Dataset
@@ -226,7 +231,7 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     baselines = score_baselines(dataset, train, indices)
     windows = score_windows(targets, predictions)
     history = read_text(run / "history.csv")
-    with together(out, last=f"{table}.csv") as aside:  # make looks at it
+    with results_aside(out, last=f"{table}.csv") as aside:  # make looks at it
         figures.save(picture, aside / f"{figure}.png")
         write_text(aside / f"{table}_history.csv", history)
         write_table(scores, baselines, windows, paper, record, table, aside)
