@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 from typing import Any
 
 from experiments.paths import EXPERIMENTS
@@ -14,6 +14,7 @@ from lf_flame.errors import InputError
 
 OF_SEVERAL: dict[str, Callable[[Sequence[float]], float]] = {
     "mean": fmean,
+    "median": median,
     "largest": max,
     "smallest": min,
     "sum": sum,
@@ -29,8 +30,8 @@ def look_up(source: dict[str, Any], folder: Path = EXPERIMENTS) -> float:
         ``record``: a file, by its path below `folder`. Of a CSV file, ``row``: what its columns
         hold in one row and no other, or ``rows``, whose mean is meant, and ``column``. Of a JSON or
         TOML file, ``at``: the way to the number, keys and places; a table stands for the one entry
-        of a list that holds what it says. Or ``mean``, ``largest``, ``smallest`` or ``sum``: of a
-        list of sources. Or ``number``, which stands for itself.
+        of a list that holds what it says. Or ``mean``, ``median``, ``largest``, ``smallest`` or
+        ``sum``: of a list of sources. Or ``number``, which stands for itself.
         Then, if they are there and in this order, ``less`` and ``over``, sources too, are
         subtracted and divided by, and ``times``, a number, is multiplied with.
     folder : Path, optional

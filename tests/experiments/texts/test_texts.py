@@ -52,6 +52,10 @@ def test_every_text_for_users_has_its_sources():
         ({"record": "some.json", "at": ["rates", {"processes": 2}, "rate"]}, 413.4),
         ({"record": "some.toml", "at": ["camera", "lenslets", 1]}, 540),
         ({"mean": [in_csv(name="c"), in_csv(name="a, b")]}, 2.125),
+        (
+            {"median": [in_csv(name="c"), {"number": 9}, in_csv(name="a, b"), {"number": 8}]},
+            6.0,
+        ),
         ({"largest": [in_csv(name="c"), in_csv(name="a, b")]}, 4.0),
         ({"smallest": [in_csv(name="c"), in_csv(name="a, b")]}, 0.25),
         (in_csv(name="c") | {"less": in_csv(name="a, b")}, 3.75),
