@@ -7,6 +7,7 @@ Images are ``[v, u, t, s]``; the tables are those of `lf_flame.simulation.ray_ta
 
 import math
 
+import numpy as np
 from numba import njit
 
 from lf_flame._common.threads import pieces, shared
@@ -160,6 +161,39 @@ def _trace_planes(queue, planes, rays, weights, stop, second, falloff, seen, sha
                 out[a, b, c, d] += light * share
 
 
+def _trace_apart(queue, planes, rays, weights, seen, share, out):
+    """Do the same for one plane whose light nothing bounds, in fewer operations.
+
+    The place of ray (i, j) depends on i along y and on j along x alone. So the sum over i, of what
+    the rays of a line (a, c) see of each column of cells, is taken once for all pixels of the line:
+    the same rays x rays for each pixel, at the price of its rays along x.
+    """
+    cells = planes.stride[0]
+    lines = seen.lines
+    for k in pieces(queue, lines.size):
+        a, c = k // lines.shape[1], k % lines.shape[1]
+        if not lines[a, c]:
+            continue
+        line = np.zeros(cells)
+        for i in range(rays.rows.shape[3]):
+            add_rows(line, planes.emission, rays.rows[0, a, c, i], weights.down[0, a, c, i])
+        for b in range(seen.first.size):
+            for d in range(seen.first[b], seen.last[b]):
+                light = 0.0
+                for j in range(rays.columns.shape[3]):
+                    x = rays.columns[0, b, d, j]
+                    light += line[x] + weights.right[0, b, d, j] * (line[x + 1] - line[x])
+                out[a, b, c, d] += light * share
+
+
+def _add_rows(line, values, first, down):
+    """Add a row of cells and the next one to a line, the next with weight `down`."""
+    size = line.size
+    upper, lower = values[first : first + size], values[first + size : first + 2 * size]
+    for x in range(size):
+        line[x] += upper[x] + down * (lower[x] - upper[x])
+
+
 def _trace_lenslets(
     queue,
     planes,
@@ -203,5 +237,8 @@ radiance = njit(_radiance)
 bundle = njit(_bundle)
 through_lenslets = njit(_through_lenslets)
 
+add_rows = njit(_add_rows)
+
 trace_planes = shared(_trace_planes)
+trace_apart = shared(_trace_apart)
 trace_lenslets = shared(_trace_lenslets)

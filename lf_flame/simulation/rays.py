@@ -96,7 +96,11 @@ def _trace_group(
         stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
         rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
         rays, weights = RayTable(rows, columns, y.boxes, x.boxes), WeightTable(down, right)
-        tables = rays, weights if finite_width else None, stop, second, falloff, seen
+        bounded = table.transmission is not None or stop is not None or falloff is not None
+        if finite_width and not bounded:
+            kernel, tables = _ray_kernels.trace_apart, (rays, weights, seen)
+        else:
+            tables = rays, weights if finite_width else None, stop, second, falloff, seen
     share = optics.share / (y.count * x.count)
     kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
 
