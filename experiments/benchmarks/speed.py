@@ -146,7 +146,7 @@ def bare_integrate_rows(queue, columns, start, weight, first, last, out):
 
 @shared
 def bare_trace(queue, emission, rows, columns, down, right, stride, seen, first, last, share, out):
-    """Do what `trace_planes` does, for one plane, with no code for any effect."""
+    """Trace every ray of every pixel by itself, for one plane, with no code for any effect."""
     for k in pieces(queue, seen.size):
         a, c = k // seen.shape[1], k % seen.shape[1]
         if not seen[a, c]:
@@ -200,7 +200,7 @@ def ray_rows() -> list[tuple]:
         image[:] = 0
         trace(planes, optics, "views", 9, image)
 
-    rays = captured(_ray_kernels, "trace_planes", ours)[1]
+    rays = captured(_ray_kernels, "trace_apart", ours)[1]
     per_pixel = rays.rows.shape[3] * rays.columns.shape[3]
     traced = camera.views**2 * math.prod(camera.lenslets) * per_pixel
     found = {}
@@ -253,17 +253,17 @@ def bare_rows() -> list[tuple]:
             "time ratio at most 1.05",
         )
     )
-    args = captured(_ray_kernels, "trace_planes", lambda: trace(planes, optics, "views", 4, image))
-    table, ray_table, weights, *_, seen, share, _ = args
+    args = captured(_ray_kernels, "trace_apart", lambda: trace(planes, optics, "views", 4, image))
+    table, ray_table, weights, seen, share, _ = args
     cells, stride = table.emission, int(table.stride[0])
     bare = (cells, ray_table.rows, ray_table.columns, *weights, stride, *seen, share, other)
-    pair_rays = best_of(9, lambda: _ray_kernels.trace_planes(*args), lambda: bare_trace(*bare))
+    pair_rays = best_of(9, lambda: _ray_kernels.trace_apart(*args), lambda: bare_trace(*bare))
     rays = image.size * ray_table.rows.shape[3] * ray_table.columns.shape[3] / 1e6
     rows.append(("ray kernel, nothing kept, against a bare one", rays / pair_rays[0],
                  rays / pair_rays[1], "Mray/s", pair_rays[0] / pair_rays[1],
                  "time ratio at most 1.05"))  # fmt: skip
     image[:], other[:] = 0, 0
-    _ray_kernels.trace_planes(*args)
+    _ray_kernels.trace_apart(*args)
     bare_trace(*bare)
     return [(*row, difference(image, other)) for row in rows]
 

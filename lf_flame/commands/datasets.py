@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,9 +41,10 @@ class FolderOrUrl(click.ParamType):
 )
 @click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
 @click.option(
-    "--through-light-field",
-    is_flag=True,
-    help="Form every light field, even where light only adds and the images need none.",
+    "--route",
+    type=click.Choice(["direct", "exact", "rays"]),
+    help="Instead of CONFIG's: straight from the scene; or through a light field, in closed form or "
+    "by traced rays.",
 )
 @click.option("--scheduler", help="Dask scheduler whose workers make it: tcp://HOST:PORT.")
 @click.option(
@@ -56,7 +58,7 @@ def dataset(
     preset: str,
     out: Path | str,
     workers: int,
-    through_light_field: bool,
+    route: str | None,
     scheduler: str | None,
     local_cluster: int | None,
 ) -> None:
@@ -82,9 +84,11 @@ def dataset(
     if scheduler and local_cluster:
         raise InputError("--scheduler and --local-cluster exclude each other.")
     settings = read_config(config)
+    if route:
+        settings = replace(settings, route=route)
     samples = settings.sample_count(preset)
     if isinstance(out, Path) and out.exists():
-        _check_finished(out, settings, samples, through_light_field)
+        _check_finished(out, settings, samples)
         (out / "zarr.json").touch()  # make compares it with the configuration file
         click.echo(f"{out} is complete: {samples} samples.")
         return
@@ -94,16 +98,14 @@ def dataset(
         from lf_flame.datasets.clusters import cluster_executor
 
         with cluster_executor(scheduler, local_cluster) as executor:
-            make(through_light_field, executor)
+            make(executor)
     else:
-        make(through_light_field)
+        make()
     if isinstance(out, Path):
         (out / "zarr.json").touch()
 
 
-def _check_finished(
-    out: Path, settings: "DatasetConfig", samples: int, through_light_field: bool
-) -> None:
+def _check_finished(out: Path, settings: "DatasetConfig", samples: int) -> None:
     """Refuse a finished data set that is not the one that was asked for."""
     from lf_flame.datasets.store import Dataset
 
@@ -112,8 +114,4 @@ def _check_finished(
         raise InputError(
             f"{out} holds a data set of another configuration or size; remove it or choose "
             f"another folder."
-        )
-    if through_light_field and not found.attrs.get("through_light_field", True):
-        raise InputError(
-            f"{out} was made without forming light fields; remove it or choose another folder."
         )

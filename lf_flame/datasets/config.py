@@ -42,6 +42,11 @@ class DatasetConfig:
         Effects to force on or off.
     input : InputEncoding, optional
         What the network is shown. Default: what the paper's is.
+    route : {"direct", "exact", "rays"}, optional
+        How targets and inputs are computed. "rays": each light field is formed by traced rays and
+        refocused by shift-and-sum, as in the paper; "exact": the same, with the integrator that
+        the effect plan chooses; "direct": straight from the scene where the plan allows, else as
+        "exact".
     shuffled_depths : bool, optional
         Let the objects of each sample stand at the template's depths in an order drawn at random,
         as large in the central view as at their own depths. Unless objects hide others, the effect
@@ -56,6 +61,7 @@ class DatasetConfig:
     template: Template
     effects: dict[str, bool] = field(default_factory=dict)
     input: InputEncoding = InputEncoding()
+    route: Literal["direct", "exact", "rays"] = "direct"
     shuffled_depths: bool = False
 
     def __post_init__(self):

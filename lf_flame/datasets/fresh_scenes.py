@@ -14,7 +14,6 @@ from lf_flame._common.provenance import cpu_count
 from lf_flame._common.threads import one_thread
 from lf_flame._common.workers import worker_pool
 from lf_flame.datasets.config import DatasetConfig
-from lf_flame.datasets.making import THROUGH_LIGHT_FIELD
 from lf_flame.datasets.sampling import simulate_sample
 from lf_flame.datasets.store import Dataset
 
@@ -45,11 +44,9 @@ def fresh_samples(dataset: Dataset, count: int, workers: int = 0) -> Iterator[Im
         is left, in the order of their indices.
     """
     first, slopes = len(dataset), list(dataset.attrs["slopes"])
-    # Older data sets were always made so.
-    long_way = dataset.attrs.get(THROUGH_LIGHT_FIELD, True)
     indices = range(first, first + count)
     blocks = [indices[k : k + TOGETHER] for k in range(0, count, TOGETHER)]
-    asked = ((dataset.config, slopes, block, long_way) for block in blocks)
+    asked = ((dataset.config, slopes, block, dataset.attrs.get("rays")) for block in blocks)
     workers = min(workers or cpu_count(), len(blocks))
     if workers <= 1:
         yield from (_simulate(*ask) for ask in asked)
@@ -62,7 +59,9 @@ def fresh_samples(dataset: Dataset, count: int, workers: int = 0) -> Iterator[Im
             yield made
 
 
-def _simulate(config: DatasetConfig, slopes: list[float], indices: range, long_way: bool) -> Images:
+def _simulate(
+    config: DatasetConfig, slopes: list[float], indices: range, rays: int | None
+) -> Images:
     with one_thread():
-        made = [simulate_sample(config, slopes, index, long_way) for index in indices]
+        made = [simulate_sample(config, slopes, index, rays) for index in indices]
     return np.stack([x["input"] for x in made]), np.stack([x["target"] for x in made])

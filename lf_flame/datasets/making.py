@@ -32,14 +32,11 @@ from lf_flame.datasets.hashes import (
 )
 from lf_flame.datasets.metadata import SIMULATED
 from lf_flame.datasets.places import Place, find_place, open_group, writing
-from lf_flame.datasets.sampling import search_slopes, simulate_sample
+from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.plan import EffectPlan
-
-THROUGH_LIGHT_FIELD = "through_light_field"
-"""Attribute: whether light fields were formed even where the plan needs none for the images."""
 
 LEAST_TOGETHER, MOST_SHARDS = 16, 1000
 """Samples of a shard at least, and shards of an array at most: a million samples are below ten
@@ -60,7 +57,8 @@ class Task:
     config : str
         The configuration as JSON.
     slopes : tuple of float
-    through_light_field : bool
+    rays : int or None
+        Rays per pixel along each axis, see `lf_flame.datasets.sampling.count_rays`.
     address : str
         Of the group that is being built, see `lf_flame.datasets.places`.
     samples : range
@@ -69,7 +67,7 @@ class Task:
 
     config: str
     slopes: tuple[float, ...]
-    through_light_field: bool
+    rays: int | None
     address: str
     samples: range
 
@@ -77,8 +75,7 @@ class Task:
         """Simulate the samples, and write them all at once."""
         config, group = _open(self.config, self.address)
         made = [
-            simulate_sample(config, list(self.slopes), index, self.through_light_field)
-            for index in self.samples
+            simulate_sample(config, list(self.slopes), index, self.rays) for index in self.samples
         ]
         with writing(self.address):
             _store(group, slice(self.samples.start, self.samples.stop), made)
@@ -101,7 +98,6 @@ def make_dataset(
     path: str | Path,
     workers: int = 1,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
-    through_light_field: bool = False,
     executor: Executor | None = None,
 ) -> None:
     """Make a data set, or finish one that was cut off.
@@ -117,8 +113,6 @@ def make_dataset(
         Processes; 1 works in this one.
     progress : callable, optional
         ``progress(finished, done, total)`` wraps the iterable of finished samples.
-    through_light_field : bool, optional
-        Form every light field, even where the effect plan needs none for the images.
     executor : concurrent.futures.Executor, optional
         Who works instead of `workers`, on other machines perhaps; all of them must see the folder
         under the same name, or reach the object store.
@@ -134,10 +128,10 @@ def make_dataset(
     place = find_place(path)
     with place.reserved():
         started = time.perf_counter()
-        slopes = _begin(place, config, samples, through_light_field)
+        slopes, rays = _begin(place, config, samples)
         asked, group = json.dumps(config_to_json(config)), place.open()
         tasks = [
-            Task(asked, slopes, through_light_field, place.address, range(first, last))
+            Task(asked, slopes, rays, place.address, range(first, last))
             for first, last in _open_shards(place, group)
         ]
         missing = sum(len(task.samples) for task in tasks)
@@ -154,17 +148,19 @@ def make_dataset(
 
 
 def _begin(
-    place: Place, config: DatasetConfig, samples: int, through_light_field: bool
-) -> tuple[float, ...]:
-    """See to it that a data set is laid out, this one; returns the slopes of its targets."""
+    place: Place, config: DatasetConfig, samples: int
+) -> tuple[tuple[float, ...], int | None]:
+    """Lay out a data set, unless it is; returns the slopes of its targets and its rays."""
     begun = place.attributes()
     if begun is None:
-        searches = search_slopes(config)  # first: it also shows that the scene can be rendered
+        # First: this also shows that the scene can be rendered.
+        rays = count_rays(config)
+        searches = search_slopes(config, rays, whole_range=config.route == "rays")
         with place.laid_out() as group, writing(place.address):
-            _lay_out(group, config, samples, searches, through_light_field)
-        return tuple(search.slope for search in searches)
-    _check_same(place, config, samples, through_light_field)
-    return tuple(begun.slopes)
+            _lay_out(group, config, samples, searches, rays)
+        return tuple(search.slope for search in searches), rays
+    _check_same(place, config, samples)
+    return tuple(begun.slopes), begun.rays
 
 
 def _lay_out(
@@ -172,7 +168,7 @@ def _lay_out(
     config: DatasetConfig,
     samples: int,
     searches: Sequence[SlopeSearch],
-    through_light_field: bool,
+    rays: int | None,
 ) -> None:
     """Make empty arrays, and the attributes."""
     _, parameters = config.draw(None)
@@ -202,28 +198,19 @@ def _lay_out(
         "depths_mm": config.depths_mm,
         "objects": [o.name for o in config.template.objects],
         "plan": config.plan.to_json(),
-        THROUGH_LIGHT_FIELD: through_light_field,
+        "rays": rays,
         "config": config_to_json(config),
     }
     set_attributes(group, attributes)
 
 
-def _check_same(
-    place: Place, config: DatasetConfig, samples: int, through_light_field: bool
-) -> None:
+def _check_same(place: Place, config: DatasetConfig, samples: int) -> None:
     group = place.open()
     same = group.attrs.get("config") == config_to_json(config)
     if not same or place.count_samples(config) != samples:
         raise InputError(
             f"{place.name} was begun with another configuration or number of samples; "
             f"remove it or choose another folder."
-        )
-    # Older ones were always made so.
-    if group.attrs.get(THROUGH_LIGHT_FIELD, True) != through_light_field:
-        begun = "without forming" if through_light_field else "by forming"
-        raise InputError(
-            f"{place.name} was begun {begun} light fields: their last digits differ; remove it or "
-            f"choose another folder."
         )
     check_attributes(group, place.name)
 

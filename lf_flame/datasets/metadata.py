@@ -42,6 +42,8 @@ class Attributes:
     slopes : list of float
         Of the targets.
     objects : list of str
+    rays : int, optional
+        Rays per pixel along each axis, where the data set's route traces rays.
     sha256 : str, optional
         Of inputs and targets; where the data set is finished.
     """
@@ -49,6 +51,7 @@ class Attributes:
     config: dict[str, Any]
     slopes: list[float]
     objects: list[str]
+    rays: int | None = None
     sha256: str | None = None
 
 

@@ -1,7 +1,7 @@
 """Samples of a data set: drawn, simulated and refocused, each from the seed and its index.
 
-Where the effect plan allows, images come straight from the scene (`lf_flame.projection`); else from
-the light field. Both ways agree to 1e-6.
+On the route "direct" images come straight from the scene (`lf_flame.projection`) where the effect
+plan allows, else from the light field. The light field by the exact integrator agrees to 1e-6.
 """
 
 import numpy as np
@@ -14,14 +14,52 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.projection import Projector
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.scene import Layer, Scene
+from lf_flame.simulation import rendering
 from lf_flame.simulation.plan import EffectPlan
-from lf_flame.simulation.rendering import render_plan
 
 SEARCHED, STEPS_SEARCHED = 0.6, 25
 """Slopes to either side of the geometry's that are searched at first, and how many in all."""
 
 
-def search_slopes(config: DatasetConfig, whole_range: bool = False) -> list[SlopeSearch]:
+TARGET_ERROR = 1e-4
+"""Largest root-mean-square error of a refocused image from which the number of rays follows: 80 dB
+below white, some 30 dB below what a network that learns from the images leaves."""
+
+
+def count_rays(config: DatasetConfig) -> int | None:
+    """Find how many rays per pixel along each axis the light fields of a data set need.
+
+    On the mean scene, once for all samples. A refocused image averages over many pixels, so that
+    far fewer rays than one light field's tolerance asks for are enough: the fewest with which all
+    refocused images are, to `TARGET_ERROR`, those that come straight from the scene. Where the
+    plan allows no such images, the tolerance decides.
+
+    Returns
+    -------
+    int or None
+        None where the data set's route traces no rays.
+    """
+    if config.route != "rays":
+        return None
+    scene, _ = config.draw(None)
+    if config.plan.not_separable:
+        return rendering.count_rays(scene, config.camera, config.plan)
+    slopes = [float(config.camera.depth_to_slope(z)) for z in config.depths_mm]
+    exact = _refocus_directly(Projector(scene, config.camera, config.plan), config, slopes)
+    for rays in rendering.RAY_COUNTS:
+        light_field = render_drawn(scene, config, config.plan, 0, rays)
+        error = _refocus(light_field, config, slopes) - exact
+        if np.sqrt(np.square(error, dtype=np.float64).mean(axis=(1, 2))).max() <= TARGET_ERROR:
+            return rays
+    raise InputError(
+        f"The images of the mean scene are not within {TARGET_ERROR:g} of the exact ones with "
+        f"{rays} x {rays} rays per pixel: take route = \"exact\" or \"direct\"."
+    )
+
+
+def search_slopes(
+    config: DatasetConfig, rays: int | None = None, whole_range: bool = False
+) -> list[SlopeSearch]:
     """Find, on the mean scene, the slope that makes each object sharpest.
 
     Each search sees only the part of the image around its object.
@@ -29,6 +67,8 @@ def search_slopes(config: DatasetConfig, whole_range: bool = False) -> list[Slop
     Parameters
     ----------
     config : DatasetConfig
+    rays : int, optional
+        Rays per pixel along each axis, on the route "rays": `count_rays`.
     whole_range : bool, optional
         Search all slopes, not only those near where the geometry puts the object, which takes a
         third of the time. The slopes found agree to 1e-5.
@@ -44,7 +84,7 @@ def search_slopes(config: DatasetConfig, whole_range: bool = False) -> list[Slop
         If an object has no sharpest slope.
     """
     scene, _ = config.draw(None)
-    light_field = render_plan(scene, config.camera, config.plan, seed=config.seed)
+    light_field = render_drawn(scene, config, config.plan, 0, rays)
     regions = [_region(layer, config.camera) for layer in scene.layers]
     if whole_range:
         return [find_sharpest_slope(light_field, region=region) for region in regions]
@@ -79,7 +119,7 @@ def _region(layer: Layer, camera: PlenopticCamera) -> tuple[int, int, int, int]:
 
 
 def simulate_sample(
-    config: DatasetConfig, slopes: list[float], index: int, through_light_field: bool = False
+    config: DatasetConfig, slopes: list[float], index: int, rays: int | None = None
 ) -> dict:
     """Draw, simulate and refocus one sample.
 
@@ -88,8 +128,8 @@ def simulate_sample(
     config : DatasetConfig
     slopes : list of float
     index : int
-    through_light_field : bool, optional
-        Form the light field, even where the plan needs none.
+    rays : int, optional
+        Rays per pixel along each axis, on the route "rays": `count_rays`.
 
     Returns
     -------
@@ -99,15 +139,27 @@ def simulate_sample(
     """
     scene, parameters = draw_sample(config, index)
     plan = config.plan_of(scene)
-    if through_light_field or plan.not_separable:
-        light_field = render_drawn(scene, config, plan, index)
+    if config.route != "direct" or plan.not_separable:
+        light_field = render_drawn(scene, config, plan, index, rays)
         shown = config.encode(light_field)
-        target = area_average(shift_and_sum(light_field, slopes), config.image)
+        target = _refocus(light_field, config, slopes)
     else:
         projector = Projector(scene, config.camera, plan)
         shown = config.input.project(projector, config.image)
-        target = np.clip(projector.refocus(slopes, block=config.block), 0, 1)
+        target = _refocus_directly(projector, config, slopes)
     return {"input": shown, "target": target, "parameters": parameters, "plan": plan}
+
+
+def _refocus(light_field: LightField, config: DatasetConfig, slopes: list[float]) -> np.ndarray:
+    """Refocus a light field by shift-and-sum, at the size of the targets."""
+    return area_average(shift_and_sum(light_field, slopes), config.image)
+
+
+def _refocus_directly(
+    projector: Projector, config: DatasetConfig, slopes: list[float]
+) -> np.ndarray:
+    """Refocus a scene without a light field, at the size of the targets."""
+    return np.clip(projector.refocus(slopes, block=config.block), 0, 1)
 
 
 def draw_sample(config: DatasetConfig, index: int) -> tuple[Scene, dict]:
@@ -121,7 +173,11 @@ def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
     return render_drawn(scene, config, config.plan_of(scene), index), parameters
 
 
-def render_drawn(scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int) -> LightField:
-    """Render the scene of a sample."""
+def render_drawn(
+    scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int, rays: int | None = None
+) -> LightField:
+    """Render the scene of a sample, by so many rays along each axis, or as the plan says."""
     seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
-    return render_plan(scene, config.camera, plan, seed=seed)
+    if rays:
+        return rendering.render_plan(scene, config.camera, plan, "rays", rays, seed)
+    return rendering.render_plan(scene, config.camera, plan, seed=seed)

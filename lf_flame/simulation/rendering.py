@@ -150,6 +150,20 @@ def planned_planes(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> l
     return planes
 
 
+def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
+    """Find the fewest rays per pixel along each axis that meet a plan's tolerance.
+
+    For many scenes alike, of which one decides for all. The layout of the views is assumed.
+
+    Raises
+    ------
+    InputError
+        If a layer lies outside the field, or no number of rays is enough.
+    """
+    planes = planned_planes(scene, camera, plan)
+    return _count_rays(planes, optical_passes(camera, plan), camera, plan, "views")
+
+
 def _gather(
     planes: list[Plane],
     camera: PlenopticCamera,

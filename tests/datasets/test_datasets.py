@@ -13,13 +13,18 @@ from skimage.transform import resize
 
 from lf_flame import InputError, Scene, Sensor, plan_effects, render
 from lf_flame._common.config import build
-from lf_flame.datasets import sampling
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import LEAST_TOGETHER, make_dataset, shard_size
-from lf_flame.datasets.sampling import render_sample, search_slopes, simulate_sample
+from lf_flame.datasets.sampling import (
+    TARGET_ERROR,
+    render_sample,
+    search_slopes,
+    simulate_sample,
+)
 from lf_flame.datasets.store import Dataset
 from lf_flame.refocus import shift_and_sum
+from lf_flame.simulation import rendering
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
 
@@ -158,16 +163,31 @@ def test_anybody_may_do_the_work(tiny, tmp_path):
 def test_both_ways_to_the_images_agree(tiny, tmp_path, kind):
     """Straight from the scene, and through the light field."""
     config = replace(tiny, input=InputEncoding(kind), shuffled_depths=True)
-    with patch.object(sampling, "render_plan", wraps=sampling.render_plan) as rendered:
+    with patch.object(rendering, "render_plan", wraps=rendering.render_plan) as rendered:
         make_dataset(config, 3, tmp_path / "short.zarr")
         assert rendered.call_count == 1  # of the mean scene, to find the slopes
-        make_dataset(config, 3, tmp_path / "long.zarr", through_light_field=True)
+        make_dataset(replace(config, route="exact"), 3, tmp_path / "long.zarr")
         assert rendered.call_count == 1 + 1 + 3
     short, long = (Dataset(tmp_path / name) for name in ("short.zarr", "long.zarr"))
     np.testing.assert_allclose(short.inputs, long.inputs, rtol=0, atol=1e-6)
     np.testing.assert_allclose(short.targets, long.targets, rtol=0, atol=1e-6)
-    assert short.scenes_sha256 == long.scenes_sha256
-    assert [x.attrs["through_light_field"] for x in (short, long)] == [False, True]
+
+
+def test_traced_rays_give_the_images_of_the_exact_route(tiny, tmp_path):
+    """As many rays as the mean scene needs are traced for every sample, as the record says."""
+    config = replace(tiny, route="rays")
+    with patch.object(rendering, "render_plan", wraps=rendering.render_plan) as rendered:
+        make_dataset(config, 3, tmp_path / "rays.zarr")
+    make_dataset(tiny, 3, tmp_path / "direct.zarr")
+    rays, direct = (Dataset(tmp_path / f"{name}.zarr") for name in ("rays", "direct"))
+    count = rays.attrs["rays"]
+    assert count >= 2
+    assert direct.attrs["rays"] is None
+    integrators = [(call.args[3], call.args[4]) for call in rendered.call_args_list]
+    assert integrators[-3:] == [("rays", count)] * 3
+    error = np.square(rays.targets - direct.targets).mean(axis=(2, 3))
+    assert 0 < np.sqrt(error.max()) < 3 * TARGET_ERROR
+    np.testing.assert_allclose(rays.attrs["slopes"], direct.attrs["slopes"], atol=0.01)
 
 
 def test_images_that_need_a_light_field_get_one(tiny):
@@ -181,17 +201,11 @@ def test_images_that_need_a_light_field_get_one(tiny):
 
 
 def test_a_run_begun_the_other_way_is_not_continued(tiny, tmp_path):
-    """Their last digits differ. What was begun before there was a choice formed light fields."""
+    """Their last digits differ."""
     make_dataset(tiny, 2, tmp_path / "a.zarr")
     shutil.move(tmp_path / "a.zarr", tmp_path / "b.zarr.part")
-    with pytest.raises(InputError, match="b.zarr.part was begun without forming light fields"):
-        make_dataset(tiny, 2, tmp_path / "b.zarr", through_light_field=True)
-    described = tmp_path / "b.zarr.part" / "zarr.json"
-    values = json.loads(described.read_text())
-    del values["attributes"]["through_light_field"]
-    described.write_text(json.dumps(values))
-    with pytest.raises(InputError, match="b.zarr.part was begun by forming light fields"):
-        make_dataset(tiny, 2, tmp_path / "b.zarr")
+    with pytest.raises(InputError, match="b.zarr.part was begun with another configuration"):
+        make_dataset(replace(tiny, route="exact"), 2, tmp_path / "b.zarr")
 
 
 def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tiny, tmp_path):

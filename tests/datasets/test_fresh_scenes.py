@@ -13,13 +13,14 @@ from lf_flame.datasets.store import Dataset
 from tests.tiny_data import DATA
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["straight", "through light fields"])
+@pytest.fixture(scope="module", params=["direct", "exact", "rays"])
 def some_and_all(request, tmp_path_factory):
     """A data set of three samples, and one of the same scenes that goes on to eight."""
-    folder, config = tmp_path_factory.mktemp("data"), config_from_json(DATA, "here")
+    folder = tmp_path_factory.mktemp("data")
+    config = config_from_json({**DATA, "route": request.param}, "here")
     for count in (3, 8):
         path = folder / f"{count}.zarr"
-        make_dataset(config, count, path, through_light_field=request.param)
+        make_dataset(config, count, path)
     return Dataset(folder / "3.zarr"), Dataset(folder / "8.zarr")
 
 

@@ -277,8 +277,8 @@ def test_from_data_set_to_table(tmp_path):
     assert run(*data, cwd=tmp_path).returncode == 0
     again = run(*data, cwd=tmp_path)
     assert "is complete: 12 samples" in again.stdout
-    forced = run(*data, "--through-light-field", cwd=tmp_path)
-    assert_one_sentence(forced, "flames.zarr was made without forming light fields")
+    rays = run(*data, "--route", "direct", cwd=tmp_path)
+    assert_one_sentence(rays, "another configuration or size")
     (tmp_path / "flames.toml").write_text(text.replace("seed = 20251", "seed = 1"))
     assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
     training = [

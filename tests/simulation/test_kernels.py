@@ -38,6 +38,24 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads, small_camera, rng)
             np.testing.assert_array_equal(first, second)
 
 
+def test_rays_summed_along_one_axis_first_are_the_same_rays(small_camera, rng):
+    """Against the kernel that traces every ray of every pixel by itself."""
+    layer = Layer(rng.uniform(size=(9, 7)), 20.0, (2.0, 1.6), (0.1, -0.2))
+    planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
+
+    def each_by_itself(planes, rays, weights, *rest):
+        _ray_kernels.trace_planes(planes, rays, weights, None, None, None, *rest)
+
+    images = []
+    for kernel in (_ray_kernels.trace_apart, each_by_itself):
+        image = np.zeros((5, 5, 24, 30), np.float32)
+        with patch.object(_ray_kernels, "trace_apart", kernel):
+            trace(planes, OpticalPass(small_camera), "views", 3, image)
+        images.append(image)
+    assert images[0].any()
+    np.testing.assert_allclose(*images, rtol=1e-6)
+
+
 @pytest.mark.jit
 def test_sums_over_many_views_keep_their_digits():
     """A float32 running sum over 40,000 views of 0.1 would be off by 1e-4."""
@@ -49,7 +67,7 @@ def test_sums_over_many_views_keep_their_digits():
 def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, rng):
     """However they are reached: another scene, layout or number of rays compiles nothing."""
     kernels = [
-        _ray_kernels.trace_planes,
+        _ray_kernels.trace_apart,
         _exact_kernels.integrate_columns,
         _exact_kernels.integrate_rows,
         refocus_kernels.shift_and_sum,
@@ -70,6 +88,7 @@ def test_kernels_compile_once_for_the_types_they_are_called_with(small_camera, r
 def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, rng):
     """The types select the kernel: without a stop, no root is taken, no skew is floored."""
     kernels = {
+        "trace_apart": shared(_ray_kernels._trace_apart, cache=False),
         "trace_planes": shared(_ray_kernels._trace_planes, cache=False),
         "trace_lenslets": shared(_ray_kernels._trace_lenslets, cache=False),
     }
@@ -77,12 +96,16 @@ def test_a_kernel_for_each_kept_set_and_none_for_what_is_left_out(small_camera, 
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
     image = np.zeros((5, 5, 24, 30), np.float32)
     machine_code = {}
-    for name, optics in {
-        "bare": OpticalPass(small_camera),
-        "stop": OpticalPass(small_camera, stops=((0.0, 30.0),)),
-        "skew": OpticalPass(small_camera, lenslet_skew=1e-3, every_lenslet=True),
-    }.items():
-        kernel = kernels["trace_lenslets" if name == "skew" else "trace_planes"]
+    for name, called, optics in (
+        ("bare", "trace_apart", OpticalPass(small_camera)),
+        ("stop", "trace_planes", OpticalPass(small_camera, stops=((0.0, 30.0),))),
+        (
+            "skew",
+            "trace_lenslets",
+            OpticalPass(small_camera, lenslet_skew=1e-3, every_lenslet=True),
+        ),
+    ):
+        kernel = kernels[called]
         known = set(kernel.compiled.signatures)
         with patch.multiple(_ray_kernels, **kernels):
             trace(planes, optics, "views", 2, image)
