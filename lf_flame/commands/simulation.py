@@ -3,6 +3,8 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -59,16 +61,47 @@ def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
 @cloup.command()
 @click.argument("scene", type=FILE)
 @_effect_options
-def plan(scene: Path, tolerance: float, on: tuple[str, ...], off: tuple[str, ...]) -> None:
+@click.option(
+    "--assume",
+    metavar="LIST",
+    help="State what the file leaves open: 550nm,round,f/4,12bit,falloff (any of them), or typical.",
+)
+@click.option("--measure", is_flag=True, help="Render with and without each effect, too.")
+def plan(
+    scene: Path,
+    tolerance: float,
+    on: tuple[str, ...],
+    off: tuple[str, ...],
+    assume: str | None,
+    measure: bool,
+) -> None:
     """Print which physical effects a SCENE file calls for, and why, without rendering it.
 
     For each effect: by how much at most the image would change if it were left out, the decision
-    at this tolerance, the criterion with its numbers, and roughly the time that it adds.
-    """
+    at this tolerance, the criterion with its numbers, and roughly the time that it adds. An effect
+    whose cause the file does not state (no wavelength, no sensor ...) is shown as not stated, with
+    what it would be at a typical value. Bounds hold for any scene like this one and may be far
+    above the true change, which --measure finds.
+
+    \b
+      lf-flame plan scene.toml
+      lf-flame plan scene.toml --assume 550nm,round,12bit --measure
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame.simulation import assumptions
     from lf_flame.simulation.plan import plan_effects
 
     layers, camera, effects = _read_scene(scene, on, off)
-    click.echo(plan_effects(layers, camera, tolerance, effects))
+    if assume:
+        camera = assumptions.assume(camera, assume.replace(" ", "").split(","))
+    found = plan_effects(layers, camera, tolerance, effects, typical=True)
+    if measure:
+        from tqdm import tqdm
+
+        from lf_flame.simulation.measuring import measure_changes
+
+        bar = partial(tqdm, desc="measuring", unit="effect", leave=False)
+        found = replace(found, measured=measure_changes(layers, camera, found, progress=bar))
+    click.echo(found)
 
 
 @cloup.command()

@@ -53,7 +53,7 @@ def count_rays(config: DatasetConfig) -> int | None:
             return rays
     raise InputError(
         f"The images of the mean scene are not within {TARGET_ERROR:g} of the exact ones with "
-        f"{rays} x {rays} rays per pixel: take route = \"exact\" or \"direct\"."
+        f'{rays} x {rays} rays per pixel: take route = "exact" or "direct".'
     )
 
 

@@ -7,7 +7,7 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from tabulate import tabulate
@@ -15,6 +15,7 @@ from tabulate import tabulate
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.assumptions import CAUSES, is_stated, typical_bounds
 from lf_flame.simulation.effects import EFFECTS, MATTER, NOT_SEPARABLE, RAYS, Estimate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.part_counts import count_colours, count_slabs
@@ -46,6 +47,9 @@ class PlannedEffect:
     criterion : str
     seconds : float
         Estimate of the time that it adds, or would add, on one core.
+    stated : bool
+        Whether the camera states what the effect follows from. Where it does not, the bound of 0
+        says nothing about how large the effect is.
     """
 
     name: str
@@ -54,6 +58,7 @@ class PlannedEffect:
     forced: bool
     criterion: str
     seconds: float
+    stated: bool = True
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,11 @@ class EffectPlan:
         Focal lengths over the band of light.
     traced : tuple of str
         Kept effects that weigh or shift the rays of one bundle unevenly.
+    typical : mapping of str to float
+        Bounds of effects that are not stated, each at its typical value; see
+        `lf_flame.simulation.assumptions.typical_bounds`. Empty unless asked for.
+    measured : mapping of str to float
+        Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless asked for.
     integrator : str
         The cheapest that does everything kept: "exact" or "rays". Stops and a rotated array need
         rays; what hides or dims takes them where polygons would be too many.
@@ -82,6 +92,8 @@ class EffectPlan:
     colours: int
     traced: tuple[str, ...]
     integrator: str
+    typical: Mapping[str, float] = field(default_factory=dict)
+    measured: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def only_by_rays(self) -> tuple[str, ...]:
@@ -105,7 +117,10 @@ class EffectPlan:
 
     @property
     def left_out_bound(self) -> float:
-        """Bound on the relative change of the image by all that the plan itself left out."""
+        """Bound on the relative change of the image by all that the plan itself left out.
+
+        Effects whose causes are not stated are not counted.
+        """
         return sum(e.bound for e in self.effects if not e.kept and not e.forced)
 
     def __getitem__(self, name: str) -> PlannedEffect:
@@ -117,7 +132,7 @@ class EffectPlan:
         from lf_flame._common.notebook_html import paragraph, table
 
         rows = [
-            (e.name, f"{e.bound:.2g}", "kept" if e.kept else "left out", e.criterion)
+            (e.name, self._bound(e), "kept" if e.kept else "left out", self._criterion(e))
             for e in self.effects
         ]
         words = f"tolerance {self.tolerance:g}, integrator: {self.integrator}"
@@ -126,7 +141,7 @@ class EffectPlan:
     def to_json(self) -> dict:
         """Values for a record beside an image or a data set."""
         lines = [
-            {**asdict(e), "bound": e.bound if math.isfinite(e.bound) else None}
+            {**asdict(e), "bound": e.bound if math.isfinite(e.bound) and e.stated else None}
             for e in self.effects
         ]
         return {
@@ -143,18 +158,21 @@ class EffectPlan:
         rows = [
             (
                 effect.name,
-                f"{effect.bound:.2g}",
+                self._bound(effect),
+                *([_short(self.measured.get(effect.name))] if self.measured else []),
                 ("kept" if effect.kept else "left out") + (", forced" if effect.forced else ""),
-                effect.criterion,
+                self._criterion(effect),
                 f"{effect.seconds:.2g}" if effect.seconds else "",
             )
             for effect in self.effects
         ]
-        columns = ["effect", "bound", "decision", "criterion", "adds (s)"]
+        measured = ["measured"] if self.measured else []
+        columns = ["effect", "bound", *measured, "decision", "criterion", "adds (s)"]
         table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
-            f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is left out "
-            f"changes the image by at most {self.left_out_bound:.2g}",
+            f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is stated and "
+            f"left out changes the image by at most {self.left_out_bound:.2g}",
+            *self._not_stated(),
             f"integrator: {self.integrator}",
             *self._way_to_images(),
         ]
@@ -163,6 +181,28 @@ class EffectPlan:
         if self.colours > 1:
             notes.append(f"colours over the band: {self.colours}")
         return f"{table}\n\n" + "\n".join(notes)
+
+    def _not_stated(self) -> list[str]:
+        """Say how many effects nothing is known about, and how to state them."""
+        unknown = [effect for effect in self.effects if not effect.stated]
+        if not unknown:
+            return []
+        return [
+            f"not stated, hence not in that number: {len(unknown)} effects, whose causes the "
+            f"camera does not give; state them in its table, or try --assume 550nm,round,12bit "
+            f"or --assume typical"
+        ]
+
+    @staticmethod
+    def _bound(effect: PlannedEffect) -> str:
+        return f"{effect.bound:.2g}" if effect.stated else "not stated"
+
+    def _criterion(self, effect: PlannedEffect) -> str:
+        """Words on an effect, with what one that is not stated would typically be."""
+        if effect.name not in self.typical:
+            return effect.criterion
+        typical = self.typical[effect.name]
+        return f"{effect.criterion}; {CAUSES[effect.name].words}: up to {typical:.2g}"
 
     def _way_to_images(self) -> list[str]:
         """Say whether refocused images need the light field, and why."""
@@ -177,6 +217,7 @@ def plan_effects(
     camera: PlenopticCamera,
     tolerance: float = 1e-3,
     effects: Mapping[str, bool] | None = None,
+    typical: bool = False,
 ) -> EffectPlan:
     """Decide which effects a scene calls for, before anything is rendered.
 
@@ -188,6 +229,8 @@ def plan_effects(
         Change of the image that may be accepted, relative to its brightest pixel.
     effects : mapping of str to bool, optional
         Effects to force on (True) or off (False), whatever their bound.
+    typical : bool, optional
+        Tell how large effects would be whose causes the camera does not state, at usual values.
 
     Returns
     -------
@@ -223,10 +266,18 @@ def plan_effects(
     integrator = "rays" if rays else "exact"
     seconds = estimate_seconds(bounds, kept, slabs, colours, costs, integrator)
     planned = tuple(
-        PlannedEffect(name, e.bound, name in kept, name in forced, e.criterion, seconds[name])
+        PlannedEffect(
+            name, e.bound, name in kept, name in forced, e.criterion, seconds[name],
+            stated=is_stated(camera, name) or e.bound > 0,
+        )
         for name, e in estimates.items()
-    )
-    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator)
+    )  # fmt: skip
+    usual = typical_bounds(scene, camera) if typical else {}
+    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator, usual)
+
+
+def _short(number: float | None) -> str:
+    return "" if number is None else f"{number:.2g}"
 
 
 def _estimate_changes(

@@ -1,0 +1,142 @@
+"""What a camera leaves unstated, and what the effects that follow from it would be if it were not.
+
+A camera without a wavelength has no diffraction, one without a sensor no noise: such an effect is
+left out because nobody said what causes it, not because it is small. A plan says so, and
+`typical_bounds` says how large the effect would be at a value that is usual.
+"""
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.sensor import Sensor
+from lf_flame.scenes.scene import Scene
+from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.scene_bounds import bound_scene
+
+TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
+"""An industrial camera's: the full well and noise of EMVA 1288 data sheets of small pixels, exposed
+to four fifths of the full well."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """The field of a camera from which an effect follows.
+
+    Attributes
+    ----------
+    field : str
+    unstated : object
+        Value that stands for "not stated": the field's default.
+    typical : callable, optional
+        Takes the camera, gives a usual value; None where there is none.
+    words : str
+        That value, for people.
+    """
+
+    field: str
+    unstated: Any
+    typical: Callable[[PlenopticCamera], Any] | None
+    words: str
+
+
+_SENSOR = Cause("sensor", None, lambda camera: TYPICAL_SENSOR, "10,000 electrons, 12 bits")
+_WAVELENGTH = Cause("wavelength_nm", None, lambda camera: 550.0, "550 nm")
+
+CAUSES = {
+    "cos4": Cause("falloff_corrected", True, lambda camera: False, "without a white image"),
+    "round_aperture": Cause(
+        "aperture_diameter_mm", None, lambda camera: camera.aperture_mm, "a round, matched stop"
+    ),
+    "f_number_mismatch": Cause(
+        "aperture_diameter_mm", None, lambda camera: 1.05 * camera.aperture_mm, "a stop 5 % wider"
+    ),
+    "vignetting": Cause("rim_diameter_mm", None, None, ""),
+    "lenslet_diffraction": _WAVELENGTH,
+    "main_lens_diffraction": _WAVELENGTH,
+    # Two Lytro cameras' own calibration files: 0.54 and 0.86 mrad, 0.034 and 0.037 %.
+    "lenslet_rotation": Cause("lenslet_rotation_rad", 0.0, lambda camera: 7e-4, "0.7 mrad"),
+    "lenslet_pitch_error": Cause("lenslet_pitch_error", 0.0, lambda camera: 3.5e-4, "0.035 %"),
+    # The secondary spectrum of an achromat: W. J. Smith, Modern Optical Engineering.
+    "chromatic": Cause("chromatic_shift", 0.0, lambda camera: 1 / 2400, "an achromat"),
+    "shot_noise": _SENSOR,
+    "read_noise": _SENSOR,
+    "quantisation": _SENSOR,
+    "saturation": _SENSOR,
+}
+"""Effects that follow from what a camera may leave unstated; the others follow from the scene."""
+
+
+def is_stated(camera: PlenopticCamera, effect: str) -> bool:
+    """Tell whether a camera says what an effect follows from."""
+    cause = CAUSES.get(effect)
+    return cause is None or getattr(camera, cause.field) != cause.unstated
+
+
+def typical_bounds(scene: Scene, camera: PlenopticCamera) -> dict[str, float]:
+    """Bound the effects whose causes a camera does not state, each at its typical value alone.
+
+    Returns
+    -------
+    dict of str to float
+        Bound on the relative change of the image, as in a plan; effects with a typical value only.
+    """
+    found, known = {}, {}
+    for name, cause in CAUSES.items():
+        if is_stated(camera, name) or cause.typical is None:
+            continue
+        value = cause.typical(camera)
+        if (cause.field, value) not in known:
+            assumed = replace(camera, **{cause.field: value})
+            known[cause.field, value] = bound_scene(scene, assumed)
+        found[name] = EFFECTS[name](known[cause.field, value]).bound
+    return found
+
+
+def assume(camera: PlenopticCamera, words: Iterable[str]) -> PlenopticCamera:
+    """State of a camera what its data sheet leaves open.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    words : iterable of str
+        ``550nm``: the wavelength; ``round``: a round stop, matched to the lenslets; ``f/4``: a
+        round stop of this f-number of the main lens; ``12bit``: a sensor of so many bits, else
+        typical; ``falloff``: no white image takes cos^4 out; ``typical``: each field that is not
+        stated and has a typical value takes it.
+
+    Raises
+    ------
+    InputError
+        If a word is none of these, or a value is out of range.
+    """
+    for word in words:
+        camera = replace(camera, **_assumed_fields(camera, word))
+    return camera
+
+
+def _assumed_fields(camera: PlenopticCamera, word: str) -> dict[str, Any]:
+    number = r"(\d+(?:\.\d*)?)"
+    if word == "typical":
+        return {
+            cause.field: cause.typical(camera)
+            for name, cause in CAUSES.items()
+            if cause.typical and not is_stated(camera, name) and name != "f_number_mismatch"
+        }
+    if word == "round":
+        return {"aperture_diameter_mm": camera.aperture_mm}
+    if word == "falloff":
+        return {"falloff_corrected": False}
+    if found := re.fullmatch(number + "nm", word):
+        return {"wavelength_nm": float(found[1])}
+    if (found := re.fullmatch("f/" + number, word)) and float(found[1]) > 0:
+        return {"aperture_diameter_mm": camera.main_lens_focal_mm / float(found[1])}
+    if found := re.fullmatch(r"(\d{1,2})bit", word):
+        return {"sensor": replace(camera.sensor or TYPICAL_SENSOR, bits=int(found[1]))}
+    raise InputError(
+        f"What to assume must be 550nm, round, f/4, 12bit (any numbers), falloff or typical, "
+        f"separated by commas, got {word!r}."
+    )

@@ -1,0 +1,87 @@
+"""What a camera does not state is said to be unknown, and measured changes are true ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects
+from lf_flame.simulation.assumptions import CAUSES, assume
+from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.measuring import measure_changes
+
+CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 60))
+EVEN = Scene([Layer([[1.0]], 0.0, (90.0, 90.0))])
+
+
+def test_what_is_not_stated_has_no_bound_of_zero():
+    plan = plan_effects(EVEN, CAMERA)
+    unknown = {effect.name for effect in plan.effects if not effect.stated}
+    assert unknown == set(CAUSES)
+    shown = {line.split()[0]: line for line in str(plan).splitlines() if line[:1].isalpha()}
+    for name in EFFECTS:
+        assert ("not stated" in shown[name]) == (name in unknown)
+    assert {e["bound"] for e in plan.to_json()["effects"] if e["name"] in unknown} == {None}
+    assert "13 effects" in str(plan)
+
+
+def test_stating_a_cause_makes_its_effects_known():
+    camera = assume(CAMERA, ["550nm", "12bit"])
+    unknown = {effect.name for effect in plan_effects(EVEN, camera).effects if not effect.stated}
+    stated = {"lenslet_diffraction", "main_lens_diffraction", "shot_noise", "read_noise"}
+    assert unknown == set(CAUSES) - stated - {"quantisation", "saturation"}
+    assert all(
+        effect.stated or effect.name == "vignetting"
+        for effect in plan_effects(EVEN, assume(CAMERA, ["typical"])).effects
+    )
+
+
+def test_typical_bounds_are_those_of_the_stated_cause():
+    typical = plan_effects(EVEN, CAMERA, typical=True).typical
+    electrons = 8000.0
+    # Five standard errors of the root-mean-square over so many pixels are in the bound.
+    slack = 1 + 5 / np.sqrt(2 * 25 * 40 * 60)
+    assert typical["shot_noise"] == pytest.approx(slack / np.sqrt(electrons), rel=5e-3)
+    assert typical["quantisation"] == pytest.approx(10_000 / 4095 / 2 / electrons, rel=5e-3)
+    assert "vignetting" not in typical
+
+
+@pytest.mark.parametrize(
+    ("word", "field", "value"),
+    [
+        ("550nm", "wavelength_nm", 550.0),
+        ("632.8nm", "wavelength_nm", 632.8),
+        ("round", "aperture_diameter_mm", 150 * 326 / 176 * 0.112 / 0.4),
+        ("f/4", "aperture_diameter_mm", 37.5),
+        ("falloff", "falloff_corrected", False),
+    ],
+)
+def test_words_of_a_data_sheet(word, field, value):
+    assert getattr(assume(CAMERA, [word]), field) == pytest.approx(value)
+
+
+def test_a_sensor_that_is_there_keeps_the_rest():
+    sensor = Sensor(100.0, 200.0, 8, 5.0)
+    assert assume(replace(CAMERA, sensor=sensor), ["10bit"]).sensor == replace(sensor, bits=10)
+
+
+@pytest.mark.parametrize("word", ["", "nm", "550", "f/0", "f/", "99bit", "0bit", "1e9nm", "square"])
+def test_other_words_are_refused(word):
+    with pytest.raises(InputError):
+        assume(CAMERA, [word])
+
+
+def test_measured_changes_are_those_of_a_closed_form():
+    """Of an even field: cos^4 dims it by where pixels look; noise is that of the electrons."""
+    found = measure_changes(EVEN, CAMERA, plan_effects(EVEN, CAMERA))
+    squares = []
+    for lenslets in CAMERA.lenslets:
+        lens_mm = (np.arange(lenslets) - (lenslets - 1) / 2) * 0.112
+        pixel_mm = (np.arange(5) - 2) * CAMERA.pixel_mm
+        squares.append((pixel_mm[:, None] / 0.4 + lens_mm / CAMERA.image_distance_mm) ** 2)
+    cos4 = (1 + squares[0][:, None, :, None] + squares[1][None, :, None, :]) ** -2.0
+    assert found["cos4"] == pytest.approx(np.sqrt(np.mean((1 - cos4) ** 2)), rel=0.02)
+    assert found["shot_noise"] == pytest.approx(8000**-0.5, rel=0.02)
+    assert found["read_noise"] == pytest.approx(2 / 8000, rel=0.02)
+    assert found["lenslet_rotation"] < 1e-6  # an even field looks the same through a turned array
+    assert set(found) == set(CAUSES) - {"vignetting"}
