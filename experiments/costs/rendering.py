@@ -206,7 +206,8 @@ def _measure_sample(path: Path) -> dict:
     """Make one sample of a data set straight from the scene, and through its light field."""
     config = read_config(path)
     slopes = [float(config.camera.depth_to_slope(depth)) for depth in config.depths_mm]
-    ways = [partial(simulate_sample, config, slopes, 0, forced) for forced in (False, True)]
+    routes = (replace(config, route=route) for route in ("direct", "exact"))
+    ways = [partial(simulate_sample, route, slopes, 0) for route in routes]
     for way in ways:
         way()  # compiles
     draw = partial(draw_sample, config, 0)

@@ -163,7 +163,7 @@ differ.
 ## A sample of a data set
 
 The network's input and the refocused images, straight from the scene and through the light field
-(`--through-light-field`); drawing the scene is a part of both. Difference: the largest of any
+(`--route exact`); drawing the scene is a part of both. Difference: the largest of any
 pixel, in images from 0 to 1.
 
 {_samples_table(record["samples"])}

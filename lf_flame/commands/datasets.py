@@ -43,7 +43,7 @@ class FolderOrUrl(click.ParamType):
 @click.option(
     "--route",
     type=click.Choice(["direct", "exact", "rays"]),
-    help="Instead of CONFIG's: straight from the scene; or through a light field, in closed form or "
+    help="Instead of CONFIG's: straight from the scene, or through a light field in closed form or "
     "by traced rays.",
 )
 @click.option("--scheduler", help="Dask scheduler whose workers make it: tcp://HOST:PORT.")

@@ -64,7 +64,7 @@ def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
 @click.option(
     "--assume",
     metavar="LIST",
-    help="State what the file leaves open: 550nm,round,f/4,12bit,falloff (any of them), or typical.",
+    help="State what the file leaves open: some of 550nm,round,f/4,12bit,falloff, or typical.",
 )
 @click.option("--measure", is_flag=True, help="Render with and without each effect, too.")
 def plan(
