@@ -205,9 +205,7 @@ def is_plain(name: str) -> bool:
 
 
 @contextmanager
-def output_folder(
-    folder: str | Path, record: str, *, adds: bool = False
-) -> Iterator[OutputFolder]:
+def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Iterator[OutputFolder]:
     """Fill a folder: if the block ends well, all files and their record appear, the record last.
 
     Else nothing has changed. Nobody else can write there meanwhile.
