@@ -16,7 +16,7 @@ from experiments.systems.commands import compare, system_scenes
 from experiments.texts.commands import texts
 from experiments.tomography.commands import emission
 from lf_flame.commands import program
-from lf_flame.commands.options import HELP
+from lf_flame.commands.options import HELP, Program
 
 DESCRIPTION = """The paper's tables, and the studies of this project.
 
@@ -40,7 +40,9 @@ SECTIONS = [
 ]
 
 
-@cloup.group(help=DESCRIPTION, context_settings=HELP, sections=SECTIONS, align_sections=True)
+@cloup.group(
+    cls=Program, help=DESCRIPTION, context_settings=HELP, sections=SECTIONS, align_sections=True
+)
 def commands() -> None:
     """Gather the commands."""
 

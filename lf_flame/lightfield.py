@@ -87,6 +87,10 @@ class LightField:
         cells = np.moveaxis(self.views, (0, 1), (1, 3))
         return cells.reshape(t * v, s * u, *self.views.shape[4:])
 
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        """Give the views, as ``numpy.asarray(light_field)`` asks for them; see `numpy.array`."""
+        return np.array(self.views, dtype, copy=copy)
+
     @property
     def photograph(self) -> np.ndarray:
         """The image an ordinary camera would take: the mean view, shape (t, s), float32."""

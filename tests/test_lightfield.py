@@ -30,6 +30,17 @@ def test_photograph_is_the_mean_view(rng):
     np.testing.assert_allclose(LightField(views).photograph, views.mean(axis=(0, 1)), rtol=1e-6)
 
 
+def test_numpy_takes_a_light_field_for_its_views(rng):
+    views = rng.uniform(size=(3, 3, 4, 5)).astype(np.float32)
+    light_field = LightField(views)
+    assert np.asarray(light_field) is views
+    assert np.asarray(light_field, np.float64).dtype == np.float64
+    np.testing.assert_array_equal(np.asarray(light_field, np.float64), views)
+    assert not np.shares_memory(np.array(light_field), views)
+    assert np.mean(light_field) == views.mean()
+    assert LightField(light_field).views is views
+
+
 def test_float32_views_are_not_copied(rng):
     views = rng.uniform(size=(2, 2, 3, 3)).astype(np.float32)
     assert LightField(views).views is views

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from lf_flame._common.figures import subplots
 from lf_flame.refocus.figures import draw_searches, shown_slope
@@ -136,8 +136,10 @@ def draw_learning(axis, curves: dict) -> None:
         best = curve.loc[curve.val_psnr_db.idxmax()]
         axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
     axis.set_xscale("log")
-    axis.xaxis.set_major_formatter(LogFormatter())
-    axis.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
+    # 1 and 3 are half a decade apart, so that no two labels meet.
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    axis.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("seconds since the run was started, the data set on disk")
     axis.set_ylabel("PSNR of the validation split (dB)")
     axis.grid(alpha=0.3, which="both")

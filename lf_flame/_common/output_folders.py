@@ -1,17 +1,34 @@
 """Folders of outputs with a record that says what counts, all of which appear together."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import load_record
+from lf_flame._common.config import build_record, load_record
+from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
 from lf_flame.errors import InputError
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class EarlierCall:
+    """What an entry of the list of earlier calls in a record must say, beside its facts.
+
+    Attributes
+    ----------
+    files : list of str
+        Names of the files that the call wrote and that no later one has replaced.
+    """
+
+    files: list[str]
 
 
 @dataclass(frozen=True)
@@ -25,11 +42,14 @@ class EarlierRecord:
     files : dict of str, or list of str, optional
         The SHA-256 of each file by its name. Older versions knew only names, or none.
     source : str, optional
+    earlier : list of dict
+        Facts of the calls before that one of which files are left, and the names of these.
     """
 
     versions: dict[str, str]
     files: dict[str, str] | list[str] | None = None
     source: str | None = None
+    earlier: list[dict[str, Any]] = field(default_factory=list)
 
 
 class OutputFolder:
@@ -43,13 +63,17 @@ class OutputFolder:
         Where they are written.
     record : str
         Name of the record, a JSON file.
+    adds : bool, optional
+        Whether files of earlier calls stay, beside those of this one.
 
     Attributes
     ----------
     facts : dict
         What the record is to say, beside the SHA-256 of each file and what made it.
     files : dict of str
-        The SHA-256 of each file by its name, when all are written.
+        The SHA-256 of each file that this call wrote by its name, when all are written.
+    kept : dict of str
+        The same for those of earlier calls that stay.
     before : EarlierRecord
         The record of an earlier call.
 
@@ -59,10 +83,11 @@ class OutputFolder:
         If that record is damaged, or not from such a call.
     """
 
-    def __init__(self, folder: Path, aside: Path, record: str):
-        self.folder, self.record, self._aside = folder, record, aside
+    def __init__(self, folder: Path, aside: Path, record: str, adds: bool = False):
+        self.folder, self.record, self._aside, self._adds = folder, record, aside, adds
         self.facts: dict[str, Any] = {}
         self.files: dict[str, str] = {}
+        self.kept: dict[str, str] = {}
         self._is_first = not (folder / record).exists()
         self.before = EarlierRecord({}) if self._is_first else _read_earlier(folder / record)
 
@@ -90,17 +115,48 @@ class OutputFolder:
         """Write the record."""
         self.files = {path.name: file_sha256(path) for path in sorted(self._aside.iterdir())}
         record = {**self.facts, "files": self.files, **provenance.environment()}
+        if self._adds:
+            self.kept = dict(self._older())
+            earlier = self._earlier_calls() if self.kept else []
+            record |= {"files": {**self.files, **self.kept}}
+            record |= {"earlier": earlier} if earlier else {}
         write_json(self.path(self.record), record)
 
     def remove_older(self) -> None:
-        """Remove files of an earlier call that this one did not write, if they are as it left them.
+        """Remove files of an earlier call that this one did not write, and say so.
 
-        A record may come from anywhere: never a file outside the folder, nor one that changed.
+        Only those that are as that call left them; where files are added, none.
+        """
+        older = [] if self._adds else [name for name, _ in self._older()]
+        for name in older:
+            (self.folder / name).unlink()
+        if older:
+            LOGGER.info(
+                f"Removed from {self.folder}, as they were of an earlier call and this one makes "
+                f"none: {', '.join(older)}."
+            )
+
+    def _older(self) -> Iterator[tuple[str, str]]:
+        """Give name and SHA-256 of what earlier calls wrote, this one did not, and nobody changed.
+
+        A record may come from anywhere: never a file outside the folder.
         """
         before = self.before.files
         for name, sha256 in before.items() if isinstance(before, dict) else ():
             if name not in self.files and is_plain(name) and self._is_still(name, sha256):
-                (self.folder / name).unlink()
+                yield name, sha256
+
+    def _earlier_calls(self) -> list[dict[str, Any]]:
+        """Give the facts of each earlier call of which files are kept, and their names."""
+        path = self.folder / self.record
+        known = [
+            (entry, build_record(EarlierCall, entry, path).files) for entry in self.before.earlier
+        ]
+        named = {name for _, files in known for name in files}
+        last = {k: x for k, x in read_record(path).items() if k not in ("files", "earlier")}
+        calls = [*known, (last, [name for name in self.kept if name not in named])]
+        left = [(facts, [x for x in files if x in self.kept]) for facts, files in calls]
+        return [{**facts, "files": files} for facts, files in left if files]
 
     def _is_still(self, name: str, sha256: str) -> bool:
         path = self.folder / name
@@ -149,7 +205,7 @@ def is_plain(name: str) -> bool:
 
 
 @contextmanager
-def output_folder(folder: str | Path, record: str) -> Iterator[OutputFolder]:
+def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Iterator[OutputFolder]:
     """Fill a folder: if the block ends well, all files and their record appear, the record last.
 
     Else nothing has changed. Nobody else can write there meanwhile.
@@ -159,6 +215,9 @@ def output_folder(folder: str | Path, record: str) -> Iterator[OutputFolder]:
     folder : str or Path
     record : str
         Name of the record, a JSON file.
+    adds : bool, optional
+        Whether files of earlier calls that this one does not write stay, and the record says which
+        call made which; otherwise they are removed, because a folder holds one result.
 
     Raises
     ------
@@ -169,7 +228,7 @@ def output_folder(folder: str | Path, record: str) -> Iterator[OutputFolder]:
     folder = Path(folder)
     with exclusive(folder):
         with together(folder, last=record) as aside:
-            outputs = OutputFolder(folder, aside, record)
+            outputs = OutputFolder(folder, aside, record, adds)
             yield outputs
             outputs.finish()
         outputs.remove_older()

@@ -1,11 +1,72 @@
-"""Progress bars over long work."""
+"""Progress bars over long work, and the words of what has no steps.
 
-from collections.abc import Iterable
+The library's own work shows nothing unless a program asks for it (`show`), and then only what takes
+longer than `PATIENCE`: bars of quick work would hide what matters.
+"""
+
+import logging
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from threading import Timer
 from typing import TypeVar
 
 from tqdm import tqdm
 
 T = TypeVar("T")
+
+PATIENCE = 1.0
+"""Seconds of silence after which a bar or a line appears."""
+
+LOGGER = logging.getLogger(__name__)
+
+_program = {"shows": False}
+
+
+def show(shows: bool = True) -> None:
+    """Let the library's long work show how far it is: for programs."""
+    _program["shows"] = shows
+
+
+@contextmanager
+def bar(what: str, total: int | None = None, unit: str = "step") -> Iterator[tqdm]:
+    """Give a bar to be updated, which appears where the work takes longer than `PATIENCE`."""
+    shown = tqdm(
+        desc=what,
+        total=total,
+        unit=unit,
+        delay=PATIENCE,
+        leave=False,
+        disable=not _program["shows"],
+    )
+    # tqdm looks at the clock only when a step has ended, and the first may take minutes.
+    with shown, _after(shown.refresh):
+        yield shown
+
+
+def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Iterator[T]:
+    """Go through some work with a `bar`."""
+    with bar(what, total, unit) as shown:
+        for step in work:
+            yield step
+            shown.update()
+
+
+@contextmanager
+def stage(what: str) -> Iterator[None]:
+    """Say what is being done where it takes longer than `PATIENCE`."""
+    with _after(lambda: LOGGER.info(f"{what} ...")):
+        yield
+
+
+@contextmanager
+def _after(act) -> Iterator[None]:
+    timer = Timer(PATIENCE, act if _program["shows"] else lambda: None)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:

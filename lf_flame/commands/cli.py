@@ -22,7 +22,7 @@ from lf_flame.commands import (
     verify,
     viewer,
 )
-from lf_flame.commands.options import HELP
+from lf_flame.commands.options import HELP, Program
 
 TOUR = """Simulate a plenoptic camera, refocus light fields, and train networks to do it.
 
@@ -68,7 +68,7 @@ SECTIONS = [
 ]
 
 
-@cloup.group(help=TOUR, context_settings=HELP, sections=SECTIONS, align_sections=True)
+@cloup.group(cls=Program, help=TOUR, context_settings=HELP, sections=SECTIONS, align_sections=True)
 @click.version_option(__version__)
 def commands() -> None:
     """Gather the commands."""

@@ -88,7 +88,7 @@ def refocus(source, camera, out, **options):
         if network:
             folder.facts["network"] = network.name
         _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
-    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    _tell_files(folder)
 
 
 def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) -> None:
@@ -109,6 +109,13 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
     if focus.slope_map:
         share = output.write_slope_map(job, focus.slope_map, folder)
         click.echo(f"slope map: {share:.0%} of the pixels are certain")
+
+
+def _tell_files(folder) -> None:
+    """Say what was written, and what stays of earlier calls."""
+    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    if folder.kept:
+        click.echo(f"beside those of earlier calls: {', '.join(folder.kept)}")
 
 
 def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
@@ -200,7 +207,7 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
         measure = "certain" if dense else "ms_ssim"
         facts = [{"slope": slope, measure: trust} for slope, trust in found]
         write_regions(job, image, surface, regions, facts, folder)
-    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    _tell_files(folder)
 
 
 @cloup.command()

@@ -5,6 +5,7 @@ import stat
 from pathlib import Path
 
 import click
+import cloup
 
 
 class UsablePath(click.Path):
@@ -40,6 +41,17 @@ FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
 FOLDER = UsablePath(file_okay=False, path_type=Path)
 RUN = UsablePath(exists=True, file_okay=False, path_type=Path)
 PATH = UsablePath(path_type=Path)
+
+
+class Program(cloup.Group):
+    """A program that lists each of its commands with the whole first sentence of its help."""
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        for command in self.commands.values():
+            # Click's own list ends each line where the terminal does, in the middle of a word.
+            command.short_help = " ".join((command.help or "").partition("\n\n")[0].split())
+
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 """Settings of a program's outermost group."""

@@ -11,6 +11,7 @@ from typing import NoReturn
 import click
 from PIL import Image
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 
 
@@ -90,6 +91,7 @@ def prepare_process() -> None:
     ours = logging.getLogger("lf_flame")
     ours.setLevel(logging.INFO)
     ours.handlers = [_ToStandardError()]  # one, however often a process is prepared
+    progress.show()
     sys.unraisablehook = _interrupt_again
     warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     threads = os.environ.get("NUMBA_NUM_THREADS", "1")

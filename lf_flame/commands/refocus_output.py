@@ -26,7 +26,9 @@ SWEEP_FRAMES = 41
 
 @contextmanager
 def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
-    """Fill a folder with the pictures of one light field, and ``refocus.json``, their record.
+    """Add pictures of one light field to a folder, and ``refocus.json``, their record.
+
+    Pictures of earlier calls stay, but for those of the same names.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
     InputError
         If the folder holds pictures of another light field; or as `output_folder` says.
     """
-    with output_folder(folder, RECORD) as out:
+    with output_folder(folder, RECORD, adds=True) as out:
         _refuse_other_source(out, source)
         out.facts["source"] = os.path.relpath(source, folder)
         yield out

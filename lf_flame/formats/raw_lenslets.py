@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid
@@ -72,14 +73,14 @@ def decode_raw(
         If an argument cannot be used, or no micro-image lies whole in the image.
     """
     image, views = _as_image(raw, "raw"), _count_views(grid, views)
-    light_field = _cut(image, grid, views)
+    light_field = _cut(image, grid, views, "decoding")
     if white is not None:
         white = _as_image(white, "white")
         if white.shape not in (image.shape, (*image.shape[:2], 1)):
             raise InputError(
                 f"The white image must have the raw image's shape {image.shape}, got {white.shape}."
             )
-        light_field /= _level(_cut(white, grid, views))
+        light_field /= _level(_cut(white, grid, views, "decoding the white image"))
     if grid.layout == "hexagonal":
         light_field = _squared(light_field, grid, grid.block(image.shape)[0])
     return LightField(light_field if np.ndim(raw) == 3 else light_field[..., 0])
@@ -113,17 +114,19 @@ def _count_views(grid: LensletGrid, views: int | None) -> int:
     return int(views)
 
 
-def _cut(image: np.ndarray, grid: LensletGrid, views: int) -> np.ndarray:
+def _cut(image: np.ndarray, grid: LensletGrid, views: int, what: str) -> np.ndarray:
     """Mean of the image over each part of each micro-image: [v, u, row, column, channel]."""
     centres = grid.centres(image.shape)
     height, width = (side / views for side in grid.window)
     down, along = grid.turned(height * centred(views)[:, None], width * centred(views))
     out = np.empty((views, views, *centres.shape[:2], image.shape[2]), np.float32)
-    for channel in range(image.shape[2]):
-        table = _summed_area(image[..., channel])
-        for row, centre in enumerate(centres):  # by rows of lenslets: near each other in memory
-            y, x = np.add.outer(down, centre[:, 0]), np.add.outer(along, centre[:, 1])
-            out[:, :, row, :, channel] = _mean(table, y, x, height, width)
+    with progress.bar(what, image.shape[2] * len(centres), "row") as shown:
+        for channel in range(image.shape[2]):
+            table = _summed_area(image[..., channel])
+            for row, centre in enumerate(centres):  # by rows of lenslets: near each other in memory
+                y, x = np.add.outer(down, centre[:, 0]), np.add.outer(along, centre[:, 1])
+                out[:, :, row, :, channel] = _mean(table, y, x, height, width)
+                shown.update()
     return out
 
 

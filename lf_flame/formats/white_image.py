@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft, ndimage, signal
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid, check_layout
 
@@ -88,7 +89,8 @@ def estimate_grid(
             f"pitch must lie between {SMALLEST_PITCH:g} pixels and a third of the white image's "
             f"shorter side, {min(white.shape) / 3:.4g}, got {pitch}."
         )
-    grid = _refine(_guess(white, pitch), white)
+    with progress.stage("Looking for the micro-images in the white image"):
+        grid = _refine(_guess(white, pitch), white)
     if layout not in (None, grid.layout):
         raise InputError(
             f"layout must be {grid.layout}, which the white image shows, or left out, "

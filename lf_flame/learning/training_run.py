@@ -5,10 +5,13 @@ The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the ne
 network) and ``run.json`` (the record).
 """
 
+import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import keras
 import numpy as np
@@ -205,10 +208,10 @@ def _goes_on(found: dict, request: dict) -> bool:
 
 
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
-    """Train until the last epoch, with a progress bar and checkpoints."""
+    """Train until the last epoch, with a progress bar and checkpoints; Ctrl-C writes one too."""
     saved_at = time.perf_counter()
     bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=not show)
-    with bar:
+    with bar, _interrupt_after_epoch() as interrupted:
         bar.update(run.epochs_done)
         for epoch in range(run.next_epoch, job.epochs + 1):
             begun = time.perf_counter() if epoch else started
@@ -218,10 +221,41 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
             bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
             bar.update(epoch > 0)
             now = time.perf_counter()
-            if epoch == job.epochs or now - saved_at >= job.checkpoint_s:
+            if epoch == job.epochs or interrupted or now - saved_at >= job.checkpoint_s:
                 run.state = trainer.state
                 save_checkpoint(run, out, _decides_epochs(job.request))
                 saved_at = now
+            if interrupted:
+                tqdm.write(f"Saved; the same command goes on behind epoch {epoch} of {job.epochs}.")
+                raise KeyboardInterrupt
+
+
+@contextmanager
+def _interrupt_after_epoch() -> Iterator[list[int]]:
+    """Let Ctrl-C wait for the end of an epoch: in the middle of one there is no state to go on from.
+
+    Yields
+    ------
+    list of int
+        Empty until Ctrl-C. A second one is not waited for.
+    """
+    interrupted: list[int] = []
+
+    def note(number: int, _frame: Any) -> None:
+        if interrupted:
+            raise KeyboardInterrupt
+        interrupted.append(number)
+        tqdm.write("Stopping when this epoch is done and saved; Ctrl-C again stops at once.")
+
+    try:
+        before = signal.signal(signal.SIGINT, note)
+    except ValueError:  # only the main thread may
+        yield interrupted
+        return
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _run_epoch(trainer, seed: int, epoch: int) -> dict:

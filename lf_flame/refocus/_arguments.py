@@ -1,6 +1,7 @@
 """Checks that all methods of refocusing share."""
 
 import operator
+import reprlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,11 +36,19 @@ def as_readable(views: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(views)
 
 
-def as_slopes(slopes: ArrayLike) -> np.ndarray:
+def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
+    """Real numbers as float64; text, complex numbers and rows of unequal length are refused."""
     try:
-        slopes = np.atleast_1d(np.asarray(slopes, float))
+        numbers = np.asarray(values)
+        if numbers.dtype.kind in "biufO":
+            return numbers.astype(float)
     except (TypeError, ValueError):
-        raise InputError(f"slopes must be numbers, got {slopes!r}.") from None
+        pass
+    raise InputError(f"{name} must be real numbers, got {reprlib.repr(values)}.")
+
+
+def as_slopes(slopes: ArrayLike) -> np.ndarray:
+    slopes = np.atleast_1d(as_numbers(slopes, "slopes"))
     if slopes.ndim != 1 or slopes.size == 0 or not np.all(np.isfinite(slopes)):
         raise InputError(f"slopes must be one or more finite numbers, got {shown(slopes)}.")
     return slopes
@@ -79,7 +88,7 @@ def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     """Weights of the views, all 1 if none are given; float64, shape (v, u)."""
     if weights is None:
         return np.ones(shape)
-    weights = np.asarray(weights, float)
+    weights = as_numbers(weights, "weights")
     if weights.shape != shape:
         raise InputError(
             f"weights must have the shape of the views, {shape[0]} x {shape[1]}, got an array of "

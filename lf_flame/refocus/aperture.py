@@ -11,6 +11,7 @@ import numpy as np
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus._arguments import as_numbers
 
 SHAPES = ("round", "square")
 
@@ -47,6 +48,7 @@ def aperture_weights(
     InputError
         If the numbers are out of range, or no view lies inside.
     """
+    as_numbers((*views, width, ring, *centre), "Views, width, ring and centre of an aperture")
     if min(views) < 1 or not 0 < width < np.inf:
         raise InputError(
             f"An aperture needs one view or more and a finite width above 0, "

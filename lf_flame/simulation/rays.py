@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
@@ -22,6 +23,9 @@ from lf_flame.simulation.ray_tables import (
     WeightTable,
 )
 from lf_flame.simulation.slabs import Plane
+
+CELLS_AT_ONCE = 1 << 30
+"""Meetings of rays with cells between two steps of the progress bar: a few seconds of work."""
 
 
 def trace(
@@ -102,7 +106,21 @@ def _trace_group(
         else:
             tables = rays, weights if finite_width else None, stop, second, falloff, seen
     share = optics.share / (y.count * x.count)
-    kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
+    cells = out.size * y.count * x.count * len(planes)
+    if lines != slice(None) or cells <= CELLS_AT_ONCE:
+        kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
+        return
+    runs = _runs(out.shape[2], cells)
+    for some in progress.steps(runs, "tracing rays", len(runs)):
+        part_of_image = np.ascontiguousarray(out[:, :, some])
+        kernel(table, *(_take_lines(part, some) for part in tables), share, part_of_image)
+        out[:, :, some] = part_of_image
+
+
+def _runs(lines: int, cells: int) -> list[slice]:
+    """Cut lines into runs that each meet about so many cells as are traced at once."""
+    ends = np.linspace(0, lines, min(math.ceil(cells / CELLS_AT_ONCE), lines) + 1).astype(int)
+    return [slice(first, last) for first, last in zip(ends, ends[1:], strict=False)]
 
 
 def _falloff_table(

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics import diffraction
@@ -184,7 +185,9 @@ def _gather(
         for optics in passes:
             integrate(planes, optics, layout, image)
     else:
-        rays = rays or _count_rays(planes, passes, camera, plan, layout)
+        if not rays:
+            with progress.stage("Looking how many rays the tolerance needs"):
+                rays = _count_rays(planes, passes, camera, plan, layout)
         for optics in passes:
             trace(planes, optics, layout, rays, image)
     views = as_views(image.astype(np.float32, copy=False), camera, layout)

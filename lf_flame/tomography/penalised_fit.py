@@ -9,6 +9,7 @@ from pyproximal import Box, ProxOperator
 from pyproximal.optimization.primal import DouglasRachfordSplitting
 from scipy import fft
 
+from lf_flame._common import progress
 from lf_flame.tomography._frequency_kernels import multiply_frequencies
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
@@ -207,14 +208,16 @@ class RangeFit:
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0))).ravel()
         box = Box(np.zeros_like(roof), roof)
         first = np.zeros(gram.grid.shape, np.float32) if start is None else start
-        glow, _ = DouglasRachfordSplitting(
-            fit,
-            box,
-            gram.spread(first).ravel(),
-            STEP / gram.scale,
-            eta=RELAXATION,
-            niter=iterations,
-        )
+        with progress.bar("fitting", iterations) as shown:
+            glow, _ = DouglasRachfordSplitting(
+                fit,
+                box,
+                gram.spread(first).ravel(),
+                STEP / gram.scale,
+                eta=RELAXATION,
+                niter=iterations,
+                callback=lambda _: shown.update(),
+            )
         return glow.reshape(self.stack.shape)
 
     def misfit(self, cells: np.ndarray) -> float:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
@@ -90,10 +91,11 @@ class PlaneFit:
         known : Explanation, optional
         """
         options = self.options
-        problem = self._problem(views)
-        measured = problem.measure_noise()
+        with progress.stage("Preparing the fit"):
+            problem = self._problem(views)
+            measured = problem.measure_noise()
+            uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
         sd = measured if options.noise is None else float(options.noise)
-        uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
         if known is not None:
             cells = self.again(problem, known, options.iterations)
             return Explanation(

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import Absorption, spread_thickness
@@ -219,7 +220,8 @@ def reconstruct(
         correction = fit.correct(found, smooth)
     cells, again = found.cells + correction, []
     if rng is not None and redraws:
-        for one in redraw(operator, gram, smooth(cells), found.pixel_noise, redraws, rng):
+        drawn_anew = redraw(operator, gram, smooth(cells), found.pixel_noise, redraws, rng)
+        for one in progress.steps(drawn_anew, "error bars", redraws, "draw"):
             drawn = fit.again(one, found, max(1, iterations // 2)) + correction
             again.append(grid.crop(drawn) / leaves)
     emission = np.ascontiguousarray(grid.crop(cells) / leaves)

@@ -6,6 +6,7 @@ from pyproximal import L21, Box
 from pyproximal import VStack as Proximals
 from pyproximal.optimization.primaldual import PrimalDual
 
+from lf_flame._common import progress
 from lf_flame.tomography.penalised_fit import STEP, FrequencyFit, RangeFit
 
 LENGTH = 9.0
@@ -53,5 +54,15 @@ def fit_total_variation(
     )
     data = FrequencyFit(gram, problem.stack, gram.penalty(0.0))
     dual = 0.99 / (LENGTH * step)
-    cells = PrimalDual(data, penalties, operator, torus.ravel(), step, dual, niter=iterations)
+    with progress.bar("fitting", iterations) as shown:
+        cells = PrimalDual(
+            data,
+            penalties,
+            operator,
+            torus.ravel(),
+            step,
+            dual,
+            niter=iterations,
+            callback=lambda _: shown.update(),
+        )
     return np.clip(gram.gather(np.asarray(cells).reshape(torus.shape)), 0, None).astype(np.float32)

@@ -15,8 +15,8 @@ from lf_flame.errors import InputError
 RECORD = "work.json"
 
 
-def fill(folder, error=None, **files):
-    with output_folder(folder, RECORD) as out:
+def fill(folder, error=None, adds=False, **files):
+    with output_folder(folder, RECORD, adds=adds) as out:
         for name, text in files.items():
             write_text(out.path(f"{name}.txt"), text)
         if error:
@@ -38,11 +38,41 @@ def test_the_record_names_each_file_by_its_hash(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
 
 
-def test_a_second_call_replaces_what_the_first_wrote_and_leaves_the_rest(tmp_path):
+def test_a_second_call_replaces_what_the_first_wrote_and_leaves_the_rest(tmp_path, caplog):
     fill(tmp_path, a="1", b="1")
     (tmp_path / "mine.txt").write_text("mine")
-    fill(tmp_path, b="2", c="2")
+    assert not caplog.messages
+    with caplog.at_level("INFO"):
+        fill(tmp_path, b="2", c="2")
+    assert len(caplog.messages) == 1
+    assert caplog.messages[0].endswith("makes none: a.txt.")
     assert contents(tmp_path) == {"b.txt": "2", "c.txt": "2", "mine.txt": "mine"}
+
+
+def test_what_is_added_leaves_what_is_there(tmp_path):
+    """But for what the user has changed, which is the user's from then on."""
+    fill(tmp_path, adds=True, a="1", b="1", c="1")
+    (tmp_path / "c.txt").write_text("mine now")
+    fill(tmp_path, adds=True, b="2")
+    assert contents(tmp_path) == {"a.txt": "1", "b.txt": "2", "c.txt": "mine now"}
+    record = json.loads((tmp_path / RECORD).read_text())
+    assert [call["files"] for call in record["earlier"]] == [["a.txt"]]
+    assert verify_outputs(tmp_path, RECORD) == 2
+    with pytest.raises(InputError, match="c.txt is there, and work.json does not say"):
+        fill(tmp_path, adds=True, c="3")
+    fill(tmp_path, adds=True, a="4")
+    record = json.loads((tmp_path / RECORD).read_text())
+    assert [call["files"] for call in record["earlier"]] == [["b.txt"]]
+
+
+@pytest.mark.parametrize("earlier", [5, [5], [{}], [{"files": 5}], [{"files": [5]}]])
+def test_a_damaged_list_of_earlier_calls_is_one_sentence(tmp_path, earlier):
+    fill(tmp_path, adds=True, a="1")
+    record = json.loads((tmp_path / RECORD).read_text())
+    (tmp_path / RECORD).write_text(json.dumps(record | {"earlier": earlier}))
+    with pytest.raises(InputError, match=RECORD):
+        fill(tmp_path, adds=True, b="1")
+    assert contents(tmp_path) == {"a.txt": "1"}
 
 
 @pytest.mark.parametrize("error", [InputError("wrong"), OSError(28, "disk full")])

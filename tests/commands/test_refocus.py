@@ -11,6 +11,7 @@ from skimage.io import imread
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.locks import exclusive
+from lf_flame._common.output_folders import verify_outputs
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.light_field_options import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import Aperture
@@ -290,14 +291,30 @@ def test_pictures_of_another_light_field_stay(folder, leaves, tmp_path):
     assert (tmp_path / "out" / "refocused_1_slope+0.250.png").exists()
 
 
-def test_pictures_of_an_earlier_call_go(folder, tmp_path):
-    """Only those that the record names: what else lies there stays."""
-    run(folder, "--slope", -0.4, "--out", tmp_path / "out")
-    (tmp_path / "out" / "mine.png").touch()
-    run(folder, "--slope", 0.5, "--sweep", 0, 1, "--out", tmp_path / "out")
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"mine.png", "focal_stack.tif", "refocused_1_slope+0.500.png", "sweep.gif",
-                     "refocus.json"}  # fmt: skip
+def test_pictures_of_earlier_calls_stay_and_the_record_says_whose_they_are(folder, tmp_path):
+    out = tmp_path / "out"
+    run(folder, "--slope", -0.4, "--map", -1, 1, "--out", out)
+    first = {path.name: path.read_bytes() for path in out.iterdir()}
+    (out / "mine.png").touch()
+    second = run(folder, "--slope", 0.5, "--sweep", 0, 1, "--out", out)
+    assert "beside those of earlier calls: all_in_focus.png" in second.output
+    run(folder, "--slope", 0.5, "--gamma", 2, "--out", out)
+    maps = ["all_in_focus.png", "slope_map.png", "slope_map.tif"]
+    kept = [*maps[:1], "refocused_1_slope-0.400.png", *maps[1:]]
+    assert {name: (out / name).read_bytes() for name in kept} == {x: first[x] for x in kept}
+    new = ["focal_stack.tif", "refocused_1_slope+0.500.png"]
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        ["mine.png", "refocus.json", "sweep.gif", *kept, *new]
+    )
+    record = json.loads((out / "refocus.json").read_text())
+    assert verify_outputs(out, "refocus.json") == len(record["files"]) == 7
+    assert record["slopes"] == [0.5]
+    assert "sweep" not in record
+    calls = record["earlier"]
+    assert [sorted(call["files"]) for call in calls] == [kept, ["sweep.gif"]]
+    assert [(call.get("slope_map"), call.get("sweep")) for call in calls] == [
+        ([-1, 1], None), (None, [0, 1])
+    ]  # fmt: skip
     with pytest.raises(InputError, match="own folder"):
         run(folder, "--out", folder)
 
@@ -360,7 +377,9 @@ def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_pat
     (tmp_path / "out" / "refocus.json").write_text(json.dumps(record))
     run(folder, "--slope", 0.25, "--out", tmp_path / "out")
     assert thesis.read_text() == "mine"
-    assert not list((tmp_path / "out").glob("*slope+0.500.png"))  # its own are removed
+    files = json.loads((tmp_path / "out" / "refocus.json").read_text())["files"]
+    assert set(files) == {"focal_stack.tif", "refocused_1_slope+0.250.png",
+                          "refocused_1_slope+0.500.png"}  # fmt: skip
 
 
 def test_a_second_call_that_fails_leaves_the_pictures_of_the_first(folder, tmp_path, monkeypatch):

@@ -66,6 +66,8 @@ def test_help_teaches_every_command():
         for name in names:
             assert re.search(rf"^  {name} ", shown, re.MULTILINE), name
             assert len(CliRunner().invoke(gathered, [name, "--help"]).output) > 200
+            sentence = gathered.commands[name].help.partition("\n\n")[0]
+            assert " ".join(sentence.split()) in " ".join(shown.split())  # whole, not cut
     headings = re.findall(r"^(\w.*):$", run("--help").stdout, re.MULTILINE)
     assert headings[1:] == ["Simulation", "Light fields", "Emission by depth", "Data sets",
                             "The paper's network", "Refocusing systems", "Results"]  # fmt: skip

@@ -16,6 +16,7 @@ from experiments.paper.comparison import (
     report_tables,
     tabulate_learning,
 )
+from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import compare_with_paper, read_tables, score_windows, write_table
 from lf_flame import InputError
@@ -149,6 +150,21 @@ def test_histories_count_seconds_from_the_start(tmp_path):
     found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
     assert list(found) == ["quick"]
     assert list(found["quick"].seconds) == [3.0, 4.0, 5.5]
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.5, 9e3), (30, 4e3), (0.2, 3e4), (41, 44)])
+def test_labels_of_seconds_stand_apart(first, last):
+    curve = pd.DataFrame({"seconds": np.geomspace(first, last, 9), "val_psnr_db": np.arange(9.0)})
+    figure = learning_figure({"one": {"run": curve}, "two": {"run": curve}},
+                             {"one": [3, 4], "two": [3, 4]})  # fmt: skip
+    figure.canvas.draw()
+    for axis in figure.axes:
+        low, high = axis.get_xlim()
+        ticks = axis.xaxis.get_major_ticks() + axis.xaxis.get_minor_ticks()
+        shown = [x.label1 for x in ticks if x.label1.get_text() and low <= x.get_loc() <= high]
+        spans = sorted((x.get_window_extent().x0, x.get_window_extent().x1) for x in shown)
+        assert len(spans) >= 2
+        assert all(right < left for (_, right), (left, _) in zip(spans, spans[1:], strict=False))
 
 
 def test_runs_are_timed_to_where_the_weakest_ended():

@@ -1,0 +1,68 @@
+"""Ctrl-C in the middle of an epoch: what is done is saved, and the next call goes on from there."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from lf_flame.learning.checkpoints import load_checkpoint
+from lf_flame.learning.training_run import Job, _fit
+
+REQUEST = {"recipe": {"epochs": 12, "schedule": "constant"}}
+
+
+class RandomWalk:
+    """A trainer whose loss is a random walk, and who is interrupted in the middle of some epochs."""
+
+    def __init__(self, interrupts=()):
+        self.state, self.epochs, self.interrupts = [np.ones(1)], 0, list(interrupts)
+
+    @property
+    def weights(self):
+        return [x.copy() for x in self.state]
+
+    def evaluate(self, part):
+        return float(np.exp(self.state[0][0] / 10))
+
+    def train_epoch(self, rng):
+        self.epochs += 1
+        self.state[0] = self.state[0] + rng.normal()
+        for _ in range(self.interrupts.count(self.epochs)):
+            os.kill(os.getpid(), signal.SIGINT)
+        self.state[0] = self.state[0] + rng.normal()
+        return self.evaluate("train")
+
+
+def job():
+    return Job(REQUEST, 12, 3, 1e9, None, None, {})  # no checkpoint by the clock
+
+
+def train(out, trainer):
+    run = load_checkpoint(out, {"recipe": {"schedule": "constant"}})
+    if run.state:
+        trainer.state = run.state
+    _fit(run, trainer, job(), out, False, 0.0)
+    return [row["val_loss"] for row in run.history]
+
+
+def test_an_interrupted_epoch_is_finished_and_saved(tmp_path, capsys):
+    whole = train(tmp_path / "whole", RandomWalk())
+    before, interrupted = signal.getsignal(signal.SIGINT), RandomWalk([10])
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path / "cut", interrupted)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert interrupted.epochs == 10
+    said = capsys.readouterr()
+    assert "the same command goes on behind epoch 10 of 12" in said.out + said.err
+    rest = RandomWalk()
+    assert train(tmp_path / "cut", rest) == whole
+    assert rest.epochs == 2
+
+
+def test_a_second_interrupt_is_not_waited_for(tmp_path):
+    trainer = RandomWalk([4, 4])
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path, trainer)
+    assert trainer.epochs == 4
+    assert not list(tmp_path.glob("checkpoint-*"))
