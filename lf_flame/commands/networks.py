@@ -115,8 +115,18 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
 )
 @click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
-def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs) -> None:
-    """Train the network that CONFIG describes; goes on where a run was cut off."""
+@click.option(
+    "--minutes",
+    default=0.0,
+    show_default=True,
+    help="End behind the epoch in which they are over, with the best network so far; 0: never.",
+)
+def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
+    """Train the network that CONFIG describes; goes on where a run was cut off.
+
+    After --minutes, or Ctrl-C, the same command goes on behind the last epoch. The run folder then
+    holds the best network so far, and run.json says how many epochs that took.
+    """
     load_keras()
     from lf_flame.learning.training import read_training_config, train
 
@@ -126,4 +136,4 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
         settings = replace(settings, seed=seed)
     if epochs is not None:
         settings = settings.with_epochs(preset, epochs)
-    train(settings, preset, data, out)
+    train(settings, preset, data, out, minutes=minutes)

@@ -4,6 +4,7 @@ The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the histo
 seconds hold all that comes before training: reading, the backbone's features, the warm start.
 """
 
+import math
 import os
 import time
 from dataclasses import asdict, dataclass, field, replace
@@ -201,7 +202,13 @@ def build_model(
 
 
 def train(
-    config: TrainingConfig, preset: str, data: str | Path, out: str | Path, show: bool = True
+    config: TrainingConfig,
+    preset: str,
+    data: str | Path,
+    out: str | Path,
+    show: bool = True,
+    *,
+    minutes: float = 0.0,
 ) -> Path:
     """Train a model, or go on with a run that was cut off.
 
@@ -215,6 +222,9 @@ def train(
         Run folder.
     show : bool, optional
         Show progress.
+    minutes : float, optional
+        Minutes after which the call ends behind the epoch that is under way, with the best network
+        so far; the next call goes on. 0 trains to the end.
 
     Returns
     -------
@@ -226,6 +236,8 @@ def train(
     InputError
         If the run folder holds a run with another configuration, or the loss stops being a number.
     """
+    if not 0 <= minutes < math.inf:
+        raise InputError(f"minutes must be 0 (to the end) or more, got {minutes}.")
     started, recipe = time.perf_counter(), config.recipe(preset)
     config = config.with_recipe(preset)
     dataset = Dataset(data)
@@ -270,7 +282,9 @@ def train(
         "data": os.path.relpath(data, out),  # from the run's folder
         "dataset": describe_dataset(dataset),
     }
-    job = Job(request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata)
+    job = Job(
+        request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata, minutes
+    )
     return carry_out(job, Path(out), started, show)
 
 

@@ -1,8 +1,8 @@
 """A run folder, and the epochs of a training run that goes on where it was cut off.
 
 The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole state),
-``history.csv``, and at the end ``model.keras`` (the best weights by validation loss, the whole
-network) and ``run.json`` (the record).
+``history.csv``, and at the end of a call ``model.keras`` (the best weights by validation loss so far,
+the whole network) and ``run.json`` (the record, which says how many of the epochs are done).
 """
 
 import signal
@@ -51,6 +51,9 @@ def check_seed(seed: int) -> None:
         raise InputError(f"seed must be 0 to {MAX_SEED}, got {seed}.")
 
 
+TIMED_EPOCHS = 1
+"""Epochs of a call before the one by which the time for all is told: the first ones compile."""
+
 MOST_EPOCHS = 999_999
 """Of a run: as many as the names of checkpoints count."""
 
@@ -74,6 +77,8 @@ class Job:
         Takes the best weights, gives the network with them.
     metadata : dict
         What the record says beside `request`.
+    minutes : float, optional
+        Minutes after which the call ends behind the epoch that is under way; 0 trains to the end.
     """
 
     request: dict
@@ -83,6 +88,7 @@ class Job:
     start: Callable
     finish: Callable
     metadata: dict
+    minutes: float = 0.0
 
 
 def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
@@ -111,7 +117,7 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     """
     model = out / "model.keras"
     with exclusive(out):
-        if _is_done(out, job.request):
+        if _is_done(out, job):
             tqdm.write(f"{out} holds this run, finished.")
             model.touch()  # make compares it with the configuration file
             return model
@@ -135,7 +141,8 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
     network = job.finish(run.best)
     record = {
         **job.request,
-        "epochs": job.epochs,
+        "epochs": run.epochs_done,
+        "finished": run.epochs_done == job.epochs,
         "best_epoch": run.best_row["epoch"],
         "best_validation_loss": run.best_row["val_loss"],
         **job.metadata,
@@ -156,13 +163,13 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
         variable.assign(value)
 
 
-def _is_done(out: Path, request: dict) -> bool:
+def _is_done(out: Path, job: Job) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
     found = _without_folders(read_run_record(out))
-    return is_whole(out / "model.keras", found.get("model_sha256")) and all(
-        found.get(key) == request[key] for key in request
-    )
+    whole = is_whole(out / "model.keras", found.get("model_sha256"))
+    asked = {**job.request, "epochs": job.epochs}
+    return whole and all(found.get(key) == asked[key] for key in asked)
 
 
 def _decides_epochs(request: dict) -> dict:
@@ -208,26 +215,44 @@ def _goes_on(found: dict, request: dict) -> bool:
 
 
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
-    """Train until the last epoch, with a progress bar and checkpoints; Ctrl-C writes one too."""
-    saved_at = time.perf_counter()
+    """Train until the last epoch, or until Ctrl-C or the minutes end the call behind one."""
+    saved_at, first = time.perf_counter(), run.next_epoch
     bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=not show)
     with bar, _interrupt_after_epoch() as interrupted:
         bar.update(run.epochs_done)
-        for epoch in range(run.next_epoch, job.epochs + 1):
+        for epoch in range(first, job.epochs + 1):
             begun = time.perf_counter() if epoch else started
             losses = _run_epoch(trainer, job.seed, epoch)
-            seconds = round(time.perf_counter() - begun, 4)
-            run.record({"epoch": epoch, **losses, "seconds": seconds}, trainer)
+            now = time.perf_counter()
+            run.record({"epoch": epoch, **losses, "seconds": round(now - begun, 4)}, trainer)
             bar.set_postfix_str(f"best validation PSNR {run.best_row['val_psnr_db']:.2f} dB")
             bar.update(epoch > 0)
-            now = time.perf_counter()
-            if epoch == job.epochs or interrupted or now - saved_at >= job.checkpoint_s:
+            if epoch == first + TIMED_EPOCHS:
+                _tell_duration(job, run.history[-1]["seconds"])
+            over = job.minutes > 0 and epoch > 0 and now - started >= 60 * job.minutes
+            ends = epoch == job.epochs or over or bool(interrupted)
+            if ends or now - saved_at >= job.checkpoint_s:
                 run.state = trainer.state
                 save_checkpoint(run, out, _decides_epochs(job.request))
                 saved_at = now
-            if interrupted:
-                tqdm.write(f"Saved; the same command goes on behind epoch {epoch} of {job.epochs}.")
-                raise KeyboardInterrupt
+            if ends:
+                break
+    if run.epochs_done < job.epochs:
+        tqdm.write(
+            f"Saved behind epoch {run.epochs_done} of {job.epochs}, the best so far is "
+            f"{run.best_row['epoch']}; the same command goes on from there."
+        )
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+def _tell_duration(job: Job, epoch_s: float) -> None:
+    """Say how long all epochs take on this machine, by one that compiled nothing."""
+    hours = job.epochs * epoch_s / 3600
+    if hours < 1 / 60:
+        return
+    duration = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.0f} minutes"
+    tqdm.write(f"{job.epochs} epochs: about {duration} on this machine, as busy as it is.")
 
 
 @contextmanager

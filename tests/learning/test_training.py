@@ -124,6 +124,21 @@ def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path,
 
 
 @pytest.mark.slow
+def test_a_run_in_pieces_by_the_minute_is_the_whole_run(config, data, tmp_path):
+    """Each call ends with a network, and the record says how far it is."""
+    train(config, "smoke", data, tmp_path / "whole", show=False)
+    for done in (1, 2, 3):
+        train(config, "smoke", data, tmp_path / "pieces", show=False, minutes=1e-9)
+        record = json.loads((tmp_path / "pieces" / "run.json").read_text())
+        assert (record["epochs"], record["finished"]) == (done, done == 3)
+        assert record["best_epoch"] <= done
+    predictions = [predict_test_split(tmp_path / run)[2] for run in ("whole", "pieces")]
+    np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
+    with pytest.raises(InputError, match="minutes must be 0"):
+        train(config, "smoke", data, tmp_path / "pieces", minutes=-1.0)
+
+
+@pytest.mark.slow
 def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_path):
     config = change_recipe(config, epochs=4, learning_rate=3e-2)  # too large: it gets worse again
     train(config, "smoke", data, tmp_path, show=False)

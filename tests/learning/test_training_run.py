@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of an epoch: what is done is saved, and the next call goes on from there."""
+"""Ctrl-C, or the end of the minutes: what is done is saved, and the next call goes on from there."""
 
 import os
 import signal
@@ -34,15 +34,12 @@ class RandomWalk:
         return self.evaluate("train")
 
 
-def job():
-    return Job(REQUEST, 12, 3, 1e9, None, None, {})  # no checkpoint by the clock
-
-
-def train(out, trainer):
+def train(out, trainer, minutes=0.0):
     run = load_checkpoint(out, {"recipe": {"schedule": "constant"}})
     if run.state:
         trainer.state = run.state
-    _fit(run, trainer, job(), out, False, 0.0)
+    job = Job(REQUEST, 12, 3, 1e9, None, None, {}, minutes)  # no checkpoint by the clock
+    _fit(run, trainer, job, out, False, 0.0)
     return [row["val_loss"] for row in run.history]
 
 
@@ -54,7 +51,7 @@ def test_an_interrupted_epoch_is_finished_and_saved(tmp_path, capsys):
     assert signal.getsignal(signal.SIGINT) is before
     assert interrupted.epochs == 10
     said = capsys.readouterr()
-    assert "the same command goes on behind epoch 10 of 12" in said.out + said.err
+    assert "Saved behind epoch 10 of 12" in said.out + said.err
     rest = RandomWalk()
     assert train(tmp_path / "cut", rest) == whole
     assert rest.epochs == 2
@@ -66,3 +63,14 @@ def test_a_second_interrupt_is_not_waited_for(tmp_path):
         train(tmp_path, trainer)
     assert trainer.epochs == 4
     assert not list(tmp_path.glob("checkpoint-*"))
+
+
+def test_minutes_end_a_call_behind_its_epoch_and_the_next_goes_on(tmp_path):
+    """The clock has run since time 0: any minutes are over at once, but an epoch is always done."""
+    whole = train(tmp_path / "whole", RandomWalk())
+    for calls in range(1, 13):
+        some = RandomWalk()
+        history = train(tmp_path / "cut", some, minutes=1e-9)
+        assert some.epochs == 1
+        assert history == whole[: calls + 1]
+    assert train(tmp_path / "cut", RandomWalk(), minutes=1e-9) == whole
