@@ -83,6 +83,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.axisymmetric_output import RECORD, write_flame
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
@@ -108,7 +109,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
         warnings = [*check_roundness(axis), *found.warnings]
         write_flame(found, axis, folder)
         folder.facts |= {
-            "source": str(source),
+            "source": recorded_path(source, folder.folder),
             "seed": seed,
             "redraws": options["redraws"],
             "warnings": warnings,

@@ -78,6 +78,7 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands import flicker_output as output
     from lf_flame.commands.frames import find_frames, read_frames
     from lf_flame.scenes.scene_files import read_camera
@@ -105,8 +106,8 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
         folder.facts |= {
             "frames_per_second": frames_per_second,
             "depth_mm": depth_mm,
-            "first": str(paths[0]),
-            "last": str(paths[-1]),
+            "first": recorded_path(paths[0], folder.folder),
+            "last": recorded_path(paths[-1], folder.folder),
             "reading": reading.given(),
         }
     for warning in warnings:

@@ -154,6 +154,7 @@ def reconstruct(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.tomography_output import (
         RECORD,
         read_thickness,
@@ -176,7 +177,8 @@ def reconstruct(
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
-        folder.facts |= {"source": str(source), "seed": seed, "redraws": options["redraws"]}
+        folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
+        folder.facts |= {"redraws": options["redraws"]}
         folder.facts |= thickness_facts(optical_thickness, thickness)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
@@ -224,6 +226,7 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
       lf-flame temperature green red --wavelengths 550 650
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.tomography_output import (
         TEMPERATURE_RECORD,
         read_emissions,
@@ -236,8 +239,8 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     with output_folder(out or Path("temperature") / first.name, TEMPERATURE_RECORD) as folder:
         write_temperature(found, depths, folder)
         folder.facts |= {
-            "first": str(first),
-            "second": str(second),
+            "first": recorded_path(first, folder.folder),
+            "second": recorded_path(second, folder.folder),
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
             "calibration": calibration,

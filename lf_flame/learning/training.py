@@ -4,7 +4,6 @@ The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the histo
 seconds hold all that comes before training: reading, the backbone's features, the warm start.
 """
 
-import os
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from tqdm import tqdm
 
 from lf_flame._common.config import build
 from lf_flame._common.input_files import read_toml
+from lf_flame._common.recorded_paths import recorded_path
 from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
@@ -267,7 +267,7 @@ def train(
             for name, indices in parts.items()
         },
         "test_indices": parts["test"].tolist(),
-        "data": os.path.relpath(data, out),  # from the run's folder
+        "data": recorded_path(data, out),
         "dataset": describe_dataset(dataset),
     }
     job = Job(request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata)
