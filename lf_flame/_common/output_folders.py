@@ -1,17 +1,23 @@
 """Folders of outputs with a record that says what counts, all of which appear together."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json
 from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import load_record
+from lf_flame._common.config import build_record, load_record
 from lf_flame._common.locks import exclusive
+from lf_flame._common.seals import check_seal, sealed
 from lf_flame.errors import InputError
+
+LONGEST_NAME = 255
+"""Number of bytes of a file's name that systems take."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,10 @@ class EarlierRecord:
     versions: dict[str, str]
     files: dict[str, str] | list[str] | None = None
     source: str | None = None
+
+    def knows(self, name: str, record: str) -> bool:
+        """Whether a file is of that call; one that names no files has the folder to itself."""
+        return self.files is None or name == record or name in self.files
 
 
 class OutputFolder:
@@ -52,6 +62,8 @@ class OutputFolder:
         The SHA-256 of each file by its name, when all are written.
     before : EarlierRecord
         The record of an earlier call.
+    latest : Path
+        Place of the file that was asked for last, and is probably being written.
 
     Raises
     ------
@@ -61,6 +73,7 @@ class OutputFolder:
 
     def __init__(self, folder: Path, aside: Path, record: str):
         self.folder, self.record, self._aside = folder, record, aside
+        self.latest = folder / record
         self.facts: dict[str, Any] = {}
         self.files: dict[str, str] = {}
         self._is_first = not (folder / record).exists()
@@ -79,18 +92,17 @@ class OutputFolder:
                 f"{self.folder / name} is there, and {self.record} does not say that this program "
                 f"wrote it; move it, or choose another folder."
             )
+        self.latest = self.folder / name
         return self._aside / name
 
     def _is_ours(self, name: str) -> bool:
-        # Records from before they named their files: the folder is theirs.
-        known = [name] if self.before.files is None else [*self.before.files, self.record]
-        return not self._is_first and name in known
+        return not self._is_first and self.before.knows(name, self.record)
 
     def finish(self) -> None:
         """Write the record."""
         self.files = {path.name: file_sha256(path) for path in sorted(self._aside.iterdir())}
         record = {**self.facts, "files": self.files, **provenance.environment()}
-        write_json(self.path(self.record), record)
+        write_json(self.path(self.record), sealed(record))
 
     def remove_older(self) -> None:
         """Remove files of an earlier call that this one did not write, if they are as it left them.
@@ -99,12 +111,8 @@ class OutputFolder:
         """
         before = self.before.files
         for name, sha256 in before.items() if isinstance(before, dict) else ():
-            if name not in self.files and is_plain(name) and self._is_still(name, sha256):
+            if name not in self.files and is_plain(name) and _is_same(self.folder / name, sha256):
                 (self.folder / name).unlink()
-
-    def _is_still(self, name: str, sha256: str) -> bool:
-        path = self.folder / name
-        return path.is_file() and not path.is_symlink() and file_sha256(path) == sha256
 
 
 def verify_outputs(folder: Path, record: str) -> int:
@@ -120,16 +128,24 @@ def verify_outputs(folder: Path, record: str) -> int:
     InputError
         If one is not what was written, or the record has no hashes.
     """
-    files = load_record(EarlierRecord, folder / record).files
+    files = build_record(EarlierRecord, check_seal(folder / record), folder / record).files
     if not isinstance(files, dict):
         raise InputError(
             f"{folder / record} has no hashes of its files, as records of older versions; call the "
             f"command again."
         )
+    unreadable = None
     for name, sha256 in files.items():
         path = folder / name
-        if not is_plain(name) or not path.is_file() or file_sha256(path) != sha256:
+        try:
+            sound = is_plain(name) and path.is_file() and file_sha256(path) == sha256
+        except OSError as error:  # first look whether another one is damaged
+            unreadable = error
+            continue
+        if not sound:
             raise InputError(f"{path} is not the file that {record} was written for.")
+    if unreadable:
+        raise unreadable
     return len(files)
 
 
@@ -143,9 +159,40 @@ def _read_earlier(path: Path) -> EarlierRecord:
         ) from None
 
 
+def _was_being_moved(record: str, left: Path) -> bool:
+    """Whether files that lie aside are what a call of this program was about to move.
+
+    The record among them, which is moved last, names them all by their hashes, and none would
+    replace a file in the folder that its own record does not know.
+    """
+    names = [path.name for path in left.iterdir()]
+    if not names:
+        return True
+    place = left.parent
+    try:
+        files = build_record(EarlierRecord, check_seal(left / record), left / record).files
+        there = (place / record).exists()
+        before = load_record(EarlierRecord, place / record) if there else EarlierRecord({}, {})
+    except InputError:
+        return False
+    return isinstance(files, dict) and all(
+        (name == record or _is_same(left / name, files.get(name)))
+        and ((there and before.knows(name, record)) or not os.path.lexists(place / name))
+        for name in names
+    )
+
+
+def _is_same(path: Path, sha256: str | None) -> bool:
+    """Whether a regular file, no link, has a hash."""
+    try:
+        return path.is_file() and not path.is_symlink() and file_sha256(path) == sha256
+    except OSError:  # nobody can tell
+        return False
+
+
 def is_plain(name: str) -> bool:
     """Whether a name is that of a file in a folder, and no path."""
-    return name == Path(name).name and "\0" not in name
+    return name == Path(name).name and "\0" not in name and len(name.encode()) <= LONGEST_NAME
 
 
 @contextmanager
@@ -168,8 +215,13 @@ def output_folder(folder: str | Path, record: str) -> Iterator[OutputFolder]:
     """
     folder = Path(folder)
     with exclusive(folder):
-        with together(folder, last=record) as aside:
+        with together(folder, record, partial(_was_being_moved, record)) as aside:
             outputs = OutputFolder(folder, aside, record)
-            yield outputs
-            outputs.finish()
+            try:
+                yield outputs
+                outputs.finish()
+            except OSError as error:  # a full disk is met in the middle of a file, which is aside
+                if str(error.filename or aside).startswith(str(aside)):
+                    error.filename = str(outputs.latest)
+                raise
         outputs.remove_older()
