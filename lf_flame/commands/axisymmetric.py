@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH
 
@@ -119,5 +120,5 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     click.echo(
         f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; noise "
         f"{found.noise:.3g} a pixel; radial.csv, axial.csv, section.tif, section.png and {RECORD} "
-        f"are in {folder.folder}"
+        f"are in {printable(folder.folder)}"
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
@@ -114,7 +115,9 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
         click.echo(f"Warning: {warning}", err=True)
     if found:
         click.echo(found.describe())
-    click.echo(f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {folder.folder}")
+    click.echo(
+        f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
+    )
 
 
 def _checked_lens(lens, slope: float | None, depth_mm: float | None):

@@ -10,6 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import (
     APPEARANCE,
     READING,
@@ -88,7 +89,7 @@ def refocus(source, camera, out, **options):
         if network:
             folder.facts["network"] = network.name
         _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
-    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 
 
 def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) -> None:
@@ -200,7 +201,7 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
         measure = "certain" if dense else "ms_ssim"
         facts = [{"slope": slope, measure: trust} for slope, trust in found]
         write_regions(job, image, surface, regions, facts, folder)
-    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 
 
 @cloup.command()
@@ -226,4 +227,4 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
         write_light_field(reading.read(source), target, int(bits))
-    click.echo(f"{target} is written")
+    click.echo(f"{printable(target)} is written")

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.options import FOLDER, RUN
 
 
@@ -65,4 +66,6 @@ def profiles(folder, out, **strips) -> None:
             "Warning: the folder holds no draws, so the profiles have no bands.",
             err=True,
         )
-    click.echo(f"axial.csv, radial.csv, profiles.png and {RECORD} are in {written.folder}")
+    click.echo(
+        f"axial.csv, radial.csv, profiles.png and {RECORD} are in {printable(written.folder)}"
+    )

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
 from lf_flame.errors import InputError
@@ -184,7 +185,7 @@ def reconstruct(
         click.echo(f"Warning: {warning}", err=True)
     click.echo(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
-        f"trust.png and {RECORD} are in {folder.folder}"
+        f"trust.png and {RECORD} are in {printable(folder.folder)}"
     )
 
 
@@ -248,5 +249,5 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     known = int((found.kelvin > 0).sum())  # NaN is not
     click.echo(
         f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
-        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in {folder.folder}"
+        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in {printable(folder.folder)}"
     )

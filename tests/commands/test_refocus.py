@@ -425,3 +425,15 @@ def test_a_folder_behind_a_link_is_known_by_its_source(folder, tmp_path, monkeyp
     source = json.loads((out / "refocus.json").read_text())["source"]
     assert (out / source).samefile(folder)
     run(folder.name, "--slope", 0.5, "--out", out)  # by its other name
+
+
+def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, capsys):
+    """The folder, its views, and the folder for the pictures that is named after it."""
+    odd = folder.rename(tmp_path / "odd\nfocal_stack.tif is in")
+    for path in list(odd.iterdir()):
+        path.rename(odd / f"\x1b[31m\u202e\r{path.name}")
+    run(odd, "--slope", 0.5, "--out", tmp_path / "out\x1b[2J")
+    said = capsys.readouterr()
+    for text in (said.out, said.err):
+        assert all(letter.isprintable() or letter == "\n" for letter in text)
+        assert "\nfocal_stack.tif is in" not in text

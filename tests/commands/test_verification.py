@@ -10,9 +10,10 @@ from click.testing import CliRunner
 from tiny_data import DATA
 
 from lf_flame import InputError
-from lf_flame._common.atomic_files import write_text
+from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.output_folders import output_folder
+from lf_flame._common.seals import sealed
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
@@ -172,3 +173,49 @@ def test_names_forge_no_line_and_steer_no_terminal(results):
     result, marks = run(results)
     assert (marks.count("whole"), marks.count("DAMAGED"), len(marks)) == (7, 1, 8)
     assert all(letter.isprintable() or letter == "\n" for letter in result.output)
+
+
+REQUEST = {"title": "t", "seed": 1, "recipe": {"epochs": 2, "schedule": "constant", "batch": 2}}
+
+
+@pytest.fixture
+def training(tmp_path):
+    """Make what a finished run leaves, without training."""
+    from lf_flame.learning.checkpoints import FILES, MANIFEST
+
+    folder = tmp_path / "run"
+    checkpoint = folder / "checkpoint-000002"
+    checkpoint.mkdir(parents=True)
+    for name in FILES:
+        (checkpoint / name).write_text(name)
+    hashes = {name: file_sha256(checkpoint / name) for name in FILES}
+    belongs = REQUEST | {"recipe": {"schedule": "constant", "batch": 2}}
+    write_json(checkpoint / MANIFEST, {"run": belongs, "sha256": hashes})
+    write_json(folder / "config.json", REQUEST)
+    write_text(folder / "model.keras", "network")
+    record = REQUEST | {"model_sha256": file_sha256(folder / "model.keras"), "train_s": 3.5}
+    write_json(folder / "run.json", sealed(record))
+    return folder
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_what_a_run_was_asked_for_is_held_against_its_other_records(training, finished):
+    if not finished:
+        (training / "model.keras").unlink()
+        (training / "run.json").unlink()
+        (training / "checkpoint-000002" / "b").touch()
+    config = training / "config.json"
+    more = {"recipe": REQUEST["recipe"] | {"epochs": 5}}  # asked for, and not yet trained
+    for sound in ({}, more):
+        write_json(config, REQUEST | sound)
+        assert run(training)[1] == ["whole"], run(training)[0].output
+    for other in ("{}", "", "[]", json.dumps(REQUEST | {"seed": 2}), "\0"):
+        config.write_text(other)
+        assert run(training)[1] == ["DAMAGED"], other
+
+
+def test_a_flip_in_the_record_of_a_run_is_noticed(training):
+    record = training / "run.json"
+    assert run(training)[1] == ["whole"]
+    record.write_text(record.read_text().replace("3.5", "3.7"))
+    assert run(training)[1] == ["DAMAGED"]
