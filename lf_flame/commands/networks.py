@@ -85,8 +85,8 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     network = load_network(model, card)
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):
         prediction.write(card, folder)
-        source, out = printable(prediction.seen.source), printable(folder)
-        click.echo(f"{source}: refocused in {prediction.ms:.0f} ms, in {out}")
+        source, place = printable(prediction.seen.source), printable(folder)
+        click.echo(f"{source}: refocused in {prediction.ms:.0f} ms, in {place}")
 
 
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:

@@ -249,5 +249,6 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     known = int((found.kelvin > 0).sum())  # NaN is not
     click.echo(
         f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
-        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in {printable(folder.folder)}"
+        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in "
+        f"{printable(folder.folder)}"
     )

@@ -73,7 +73,7 @@ def verify(path: Path) -> Iterator[Finding]:
 
 def _nothing(path: Path) -> str:
     if not path.exists():
-        return "there is nothing of that name (data, runs and results are made by other commands)."
+        return "there is nothing of that name; name a file or folder that a command has written."
     return (
         "it holds nothing whose hash is known: no data set, run folder, exported network, nor "
         "files of refocus, simulate, reconstruct, temperature, flicker or predict."
