@@ -116,19 +116,19 @@ def test_the_library_knows_nothing_of_the_repository(path):
 )
 def test_kernels_import_only_numpy_and_numba(name):
     """And other kernels of their folder, which import no third ones: see `_common.threads`."""
-    threads = "lf_flame._common.threads"
+    shared = ("lf_flame._common.compiling", "lf_flame._common.threads")
     beside = {
         f"lf_flame.{'.'.join(path.relative_to(PACKAGE).with_suffix('').parts)}": path
         for path in (PACKAGE / name).parent.glob("_*kernels.py")
     }
     used = {
         next(
-            (known for known in (threads, *beside) if module.startswith(known)),
+            (known for known in (*shared, *beside) if module.startswith(known)),
             module.split(".")[0],
         )
         for module in imports_of(PACKAGE / name)
     }
-    assert used <= {"math", "numpy", "numba", threads, *beside}
+    assert used <= {"math", "numpy", "numba", *shared, *beside}
     for other in used & set(beside):
         assert not any(module.startswith("lf_flame") for module in imports_of(beside[other]))
 

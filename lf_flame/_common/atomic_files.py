@@ -50,13 +50,24 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     refuse_other_kinds(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path)
-    with _new_aside(path, _open_new_file) as (aside, descriptor):
+    with naming(path), _new_aside(path, _open_new_file) as (aside, descriptor):
         try:
             yield aside
             os.fsync(descriptor)  # before its name stands for it: no power cut empties it
             aside.replace(path)
         finally:
             aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Name the file in errors that name none, as those of a full disk in the middle of a file."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 @contextmanager
@@ -84,11 +95,13 @@ def atomic_folder(path: str | Path, named: str = "") -> Iterator[Path]:
 
 
 @contextmanager
-def together(folder: str | Path, last: str = "") -> Iterator[Path]:
+def together(
+    folder: str | Path, last: str = "", ours: Callable[[Path], bool] | None = None
+) -> Iterator[Path]:
     """Give an empty folder; move its files into the wanted one when the block ends well.
 
-    If it does not end well, nothing there has changed. What is cut off while it moves files, the
-    next call finishes before anything else.
+    If it does not end well, nothing there has changed. What was cut off while it moved files, the
+    next call finishes before anything else, or removes.
 
     Parameters
     ----------
@@ -96,6 +109,10 @@ def together(folder: str | Path, last: str = "") -> Iterator[Path]:
         Where the files are to be; it is made. They replace those of the same names.
     last : str, optional
         Name of the file that says what counts, which is moved after all others.
+    ours : callable, optional
+        Takes the folder of files that a process which has ended did not move, and tells whether
+        to move them; other folders of such a name stay as they are. Default: none is moved, and
+        the folder is removed.
 
     Yields
     ------
@@ -108,7 +125,7 @@ def together(folder: str | Path, last: str = "") -> Iterator[Path]:
     """
     folder = Path(folder)
     with made(folder):
-        _finish_moves(folder, last)
+        _finish_moves(folder, last, ours)
         with _folder_aside(folder / "outputs") as aside:
             yield aside
             for path in aside.iterdir():
@@ -117,12 +134,15 @@ def together(folder: str | Path, last: str = "") -> Iterator[Path]:
             _move_all(aside.rename(aside.with_suffix(MOVING)), last)
 
 
-def _finish_moves(folder: Path, last: str) -> None:
-    """Move what a process that has ended has not moved any more."""
+def _finish_moves(folder: Path, last: str, ours: Callable[[Path], bool] | None) -> None:
+    """Move, or remove, what a process that has ended has not moved any more."""
     for left in folder.iterdir():
         if re.fullmatch(rf"\.outputs\.{TOKEN}\{MOVING}", left.name) and not left.is_symlink():
             with suppress(BlockingIOError), _locked(left):
-                _move_all(left, last)
+                if ours is None:
+                    shutil.rmtree(left)
+                elif ours(left):
+                    _move_all(left, last)
 
 
 def _move_all(aside: Path, last: str) -> None:

@@ -32,6 +32,10 @@ def memory_limit() -> float:
     return limit * 1e9
 
 
+class OverLimitError(InputError):
+    """Refusal of what would need too much memory, and may be sound."""
+
+
 def check_memory(needed: int, source: str | Path) -> None:
     """Refuse what would need too much memory, before it is taken.
 
@@ -44,12 +48,12 @@ def check_memory(needed: int, source: str | Path) -> None:
 
     Raises
     ------
-    InputError
+    OverLimitError
         If they are more than the limit.
     """
     limit = memory_limit()
     if needed > limit:
-        raise InputError(
+        raise OverLimitError(
             f"{source} would need {needed / 1e9:.3g} GB of memory, and {limit / 1e9:.3g} GB are "
             f"allowed; {LIMIT} sets another limit."
         )

@@ -1,9 +1,11 @@
 """Folders of outputs with a record that says what counts, all of which appear together."""
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,13 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
+from lf_flame._common.seals import SEAL, check_seal, sealed
 from lf_flame.errors import InputError
 
 LOGGER = logging.getLogger(__name__)
+
+LONGEST_NAME = 255
+"""Number of bytes of a file's name that systems take."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,10 @@ class EarlierRecord:
     source: str | None = None
     earlier: list[dict[str, Any]] = field(default_factory=list)
 
+    def knows(self, name: str, record: str) -> bool:
+        """Whether a file is of that call; one that names no files has the folder to itself."""
+        return self.files is None or name == record or name in self.files
+
 
 class OutputFolder:
     """A folder that a command fills, and its record; made by `output_folder`.
@@ -76,6 +86,8 @@ class OutputFolder:
         The same for those of earlier calls that stay.
     before : EarlierRecord
         The record of an earlier call.
+    latest : Path
+        Place of the file that was asked for last, and is probably being written.
 
     Raises
     ------
@@ -85,6 +97,7 @@ class OutputFolder:
 
     def __init__(self, folder: Path, aside: Path, record: str, adds: bool = False):
         self.folder, self.record, self._aside, self._adds = folder, record, aside, adds
+        self.latest = folder / record
         self.facts: dict[str, Any] = {}
         self.files: dict[str, str] = {}
         self.kept: dict[str, str] = {}
@@ -104,12 +117,11 @@ class OutputFolder:
                 f"{self.folder / name} is there, and {self.record} does not say that this program "
                 f"wrote it; move it, or choose another folder."
             )
+        self.latest = self.folder / name
         return self._aside / name
 
     def _is_ours(self, name: str) -> bool:
-        # Records from before they named their files: the folder is theirs.
-        known = [name] if self.before.files is None else [*self.before.files, self.record]
-        return not self._is_first and name in known
+        return not self._is_first and self.before.knows(name, self.record)
 
     def finish(self) -> None:
         """Write the record."""
@@ -120,7 +132,7 @@ class OutputFolder:
             earlier = self._earlier_calls() if self.kept else []
             record |= {"files": {**self.files, **self.kept}}
             record |= {"earlier": earlier} if earlier else {}
-        write_json(self.path(self.record), record)
+        write_json(self.path(self.record), sealed(record))
 
     def remove_older(self) -> None:
         """Remove files of an earlier call that this one did not write, and say so.
@@ -143,7 +155,7 @@ class OutputFolder:
         """
         before = self.before.files
         for name, sha256 in before.items() if isinstance(before, dict) else ():
-            if name not in self.files and is_plain(name) and self._is_still(name, sha256):
+            if name not in self.files and is_plain(name) and _is_same(self.folder / name, sha256):
                 yield name, sha256
 
     def _earlier_calls(self) -> list[dict[str, Any]]:
@@ -153,14 +165,10 @@ class OutputFolder:
             (entry, build_record(EarlierCall, entry, path).files) for entry in self.before.earlier
         ]
         named = {name for _, files in known for name in files}
-        last = {k: x for k, x in read_record(path).items() if k not in ("files", "earlier")}
-        calls = [*known, (last, [name for name in self.kept if name not in named])]
+        facts = {k: x for k, x in read_record(path).items() if k not in ("files", "earlier", SEAL)}
+        calls = [*known, (facts, [name for name in self.kept if name not in named])]
         left = [(facts, [x for x in files if x in self.kept]) for facts, files in calls]
         return [{**facts, "files": files} for facts, files in left if files]
-
-    def _is_still(self, name: str, sha256: str) -> bool:
-        path = self.folder / name
-        return path.is_file() and not path.is_symlink() and file_sha256(path) == sha256
 
 
 def verify_outputs(folder: Path, record: str) -> int:
@@ -176,16 +184,24 @@ def verify_outputs(folder: Path, record: str) -> int:
     InputError
         If one is not what was written, or the record has no hashes.
     """
-    files = load_record(EarlierRecord, folder / record).files
+    files = build_record(EarlierRecord, check_seal(folder / record), folder / record).files
     if not isinstance(files, dict):
         raise InputError(
             f"{folder / record} has no hashes of its files, as records of older versions; call the "
             f"command again."
         )
+    unreadable = None
     for name, sha256 in files.items():
         path = folder / name
-        if not is_plain(name) or not path.is_file() or file_sha256(path) != sha256:
+        try:
+            sound = is_plain(name) and path.is_file() and file_sha256(path) == sha256
+        except OSError as error:  # first look whether another one is damaged
+            unreadable = error
+            continue
+        if not sound:
             raise InputError(f"{path} is not the file that {record} was written for.")
+    if unreadable:
+        raise unreadable
     return len(files)
 
 
@@ -199,9 +215,40 @@ def _read_earlier(path: Path) -> EarlierRecord:
         ) from None
 
 
+def _was_being_moved(record: str, left: Path) -> bool:
+    """Whether files that lie aside are what a call of this program was about to move.
+
+    The record among them, which is moved last, names them all by their hashes, and none would
+    replace a file in the folder that its own record does not know.
+    """
+    names = [path.name for path in left.iterdir()]
+    if not names:
+        return True
+    place = left.parent
+    try:
+        files = build_record(EarlierRecord, check_seal(left / record), left / record).files
+        there = (place / record).exists()
+        before = load_record(EarlierRecord, place / record) if there else EarlierRecord({}, {})
+    except InputError:
+        return False
+    return isinstance(files, dict) and all(
+        (name == record or _is_same(left / name, files.get(name)))
+        and ((there and before.knows(name, record)) or not os.path.lexists(place / name))
+        for name in names
+    )
+
+
+def _is_same(path: Path, sha256: str | None) -> bool:
+    """Whether a regular file, no link, has a hash."""
+    try:
+        return path.is_file() and not path.is_symlink() and file_sha256(path) == sha256
+    except OSError:  # nobody can tell
+        return False
+
+
 def is_plain(name: str) -> bool:
     """Whether a name is that of a file in a folder, and no path."""
-    return name == Path(name).name and "\0" not in name
+    return name == Path(name).name and "\0" not in name and len(name.encode()) <= LONGEST_NAME
 
 
 @contextmanager
@@ -227,8 +274,13 @@ def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Ite
     """
     folder = Path(folder)
     with exclusive(folder):
-        with together(folder, last=record) as aside:
+        with together(folder, record, partial(_was_being_moved, record)) as aside:
             outputs = OutputFolder(folder, aside, record, adds)
-            yield outputs
-            outputs.finish()
+            try:
+                yield outputs
+                outputs.finish()
+            except OSError as error:  # a full disk is met in the middle of a file, which is aside
+                if str(error.filename or aside).startswith(str(aside)):
+                    error.filename = str(outputs.latest)
+                raise
         outputs.remove_older()

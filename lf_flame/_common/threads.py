@@ -39,6 +39,8 @@ from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
+from lf_flame._common.compiling import NOT_KEPT, compiled, not_kept
+
 SHARES = 64
 """Into which many pieces are divided, about: what is left for one thread at the end is a 64th."""
 
@@ -62,7 +64,7 @@ class _Announcement(event.Listener):
     def on_start(self, event):
         if not self.said:
             self.said = True
-            LOGGER.info(COMPILING)
+            LOGGER.info(NOT_KEPT if not_kept else COMPILING)
 
     def on_end(self, event):
         """Nothing to say."""
@@ -149,10 +151,10 @@ class SharedKernel:
 
     def __init__(self, function: Callable[..., None], exchange: bool, **options):
         function.__qualname__ = f"{function.__qualname__}-{_version(function)}"
-        ours: dict[str, Any] = {"nogil": True, "cache": True}
+        ours: dict[str, Any] = {"nogil": True}
         if not exchange:
             ours["pipeline_class"] = _NoOverlap
-        self.compiled = njit(**ours | options)(function)
+        self.compiled = compiled(function, **ours | options)
         self.__doc__, self.__name__ = function.__doc__, function.__name__
 
     def alone(self, *arguments: Any) -> None:

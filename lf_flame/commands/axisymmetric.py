@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH
 
@@ -83,6 +84,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.axisymmetric_output import RECORD, write_flame
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
@@ -108,7 +110,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
         warnings = [*check_roundness(axis), *found.warnings]
         write_flame(found, axis, folder)
         folder.facts |= {
-            "source": str(source),
+            "source": recorded_path(source, folder.folder),
             "seed": seed,
             "redraws": options["redraws"],
             "warnings": warnings,
@@ -118,5 +120,5 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     click.echo(
         f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; noise "
         f"{found.noise:.3g} a pixel; radial.csv, axial.csv, section.tif, section.png and {RECORD} "
-        f"are in {folder.folder}"
+        f"are in {printable(folder.folder)}"
     )

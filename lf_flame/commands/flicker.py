@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
@@ -78,6 +79,7 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands import flicker_output as output
     from lf_flame.commands.frames import find_frames, read_frames
     from lf_flame.scenes.scene_files import read_camera
@@ -105,15 +107,17 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
         folder.facts |= {
             "frames_per_second": frames_per_second,
             "depth_mm": depth_mm,
-            "first": str(paths[0]),
-            "last": str(paths[-1]),
+            "first": recorded_path(paths[0], folder.folder),
+            "last": recorded_path(paths[-1], folder.folder),
             "reading": reading.given(),
         }
     for warning in warnings:
         click.echo(f"Warning: {warning}", err=True)
     if found:
         click.echo(found.describe())
-    click.echo(f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {folder.folder}")
+    click.echo(
+        f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
+    )
 
 
 def _checked_lens(lens, slope: float | None, depth_mm: float | None):

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from lf_flame import formats
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
@@ -121,7 +122,7 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
         first, grid = formats.read_raw(
             path, reading.white, reading.pitch, reading.layout, reading.views
         )
-        click.echo(f"{path}: {grid.describe()}", err=True)
+        click.echo(f"{printable(path)}: {grid.describe()}", err=True)
         white = None if reading.white is None else read_image(reading.white)
         return lambda path: formats.decode_raw(read_image(path), grid, reading.views, white), first
     if path.is_dir():

@@ -11,6 +11,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
+from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, UsablePath
 from lf_flame.errors import InputError
 
@@ -171,7 +172,7 @@ class Reading:
             light_field, grid = formats.read_raw(
                 source, self.white, self.pitch, self.layout, self.views
             )
-            click.echo(f"{source}: {grid.describe()}", err=True)
+            click.echo(f"{printable(source)}: {grid.describe()}", err=True)
         elif source.is_dir():
             _refuse_options(f"the folder {source}", views=self.views, layout=self.layout)
             folder = formats.scan_view_folder(source, self.order)

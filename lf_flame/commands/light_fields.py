@@ -10,6 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import (
     APPEARANCE,
     READING,
@@ -113,9 +114,9 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
 
 def _tell_files(folder) -> None:
     """Say what was written, and what stays of earlier calls."""
-    click.echo(f"{', '.join(folder.files)} are in {folder.folder}")
+    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
     if folder.kept:
-        click.echo(f"beside those of earlier calls: {', '.join(folder.kept)}")
+        click.echo(f"beside those of earlier calls: {printable(', '.join(folder.kept))}")
 
 
 def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
@@ -233,4 +234,4 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
         write_light_field(reading.read(source), target, int(bits))
-    click.echo(f"{target} is written")
+    click.echo(f"{printable(target)} is written")

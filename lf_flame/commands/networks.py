@@ -10,6 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
+from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
 from lf_flame.errors import InputError
 
@@ -79,12 +80,13 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     inputs = [read_input(image, size) for image in images]
     for seen in inputs:
         for note in seen.notes:
-            click.echo(f"{seen.source}: {note}", err=True)
+            click.echo(f"{printable(seen.source)}: {note}", err=True)
     load_keras()
     network = load_network(model, card)
     for prediction, folder in zip(predict(network, inputs), folders, strict=True):
         prediction.write(card, folder)
-        click.echo(f"{prediction.seen.source}: refocused in {prediction.ms:.0f} ms, in {folder}")
+        source, place = printable(prediction.seen.source), printable(folder)
+        click.echo(f"{source}: refocused in {prediction.ms:.0f} ms, in {place}")
 
 
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:

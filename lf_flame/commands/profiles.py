@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.options import FOLDER, RUN
 
 
@@ -45,6 +46,7 @@ def profiles(folder, out, **strips) -> None:
       lf-flame profiles reconstructed/flames --across 0 --width 1 --height -5 --thickness 2
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.profiles_output import (
         RECORD,
         Strips,
@@ -57,10 +59,13 @@ def profiles(folder, out, **strips) -> None:
     found = take_profiles(emission, Strips(**strips))
     with output_folder(out or Path("profiles") / folder.resolve().name, RECORD) as written:
         write_profiles(found, emission.depths_mm, written)
-        written.facts |= {"source": str(folder), "redraws": len(emission.draws), **strips}
+        written.facts |= {"source": recorded_path(folder, written.folder)}
+        written.facts |= {"redraws": len(emission.draws), **strips}
     if not len(emission.draws):
         click.echo(
             "Warning: the folder holds no draws, so the profiles have no bands.",
             err=True,
         )
-    click.echo(f"axial.csv, radial.csv, profiles.png and {RECORD} are in {written.folder}")
+    click.echo(
+        f"axial.csv, radial.csv, profiles.png and {RECORD} are in {printable(written.folder)}"
+    )

@@ -12,6 +12,7 @@ import click
 from PIL import Image
 
 from lf_flame._common import progress
+from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
 
 
@@ -142,14 +143,5 @@ LONGEST = 900
 
 
 def _fail(name: str, message: str, status: int) -> NoReturn:
-    click.echo(f"{name}: {as_sentence(message)}", err=True)
+    click.echo(f"{name}: {printable(message, LONGEST)}", err=True)
     sys.exit(status)
-
-
-def as_sentence(message: str) -> str:
-    """Bring a message to one line of bounded length that steers no terminal."""
-    letters = (x if x.isprintable() else " " if x.isspace() else "?" for x in message)
-    line = " ".join("".join(letters).split())
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
-    return line

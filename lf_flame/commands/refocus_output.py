@@ -1,6 +1,5 @@
 """The refocused pictures a user looks at, and their record, in a folder."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from lf_flame._common import figures
 from lf_flame._common.output_folders import OutputFolder, output_folder
+from lf_flame._common.recorded_paths import recorded_path, recorded_places
 from lf_flame.commands.refocus_job import RefocusJob
 from lf_flame.errors import InputError
 from lf_flame.formats.images import write_image
@@ -43,7 +43,7 @@ def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
     """
     with output_folder(folder, RECORD, adds=True) as out:
         _refuse_other_source(out, source)
-        out.facts["source"] = os.path.relpath(source, folder)
+        out.facts["source"] = recorded_path(source, folder)
         yield out
 
 
@@ -51,9 +51,7 @@ def _refuse_other_source(out: OutputFolder, source: Path) -> None:
     before = out.before.source
     if before is None:
         return
-    # A record names the source from its own folder; older ones from the working folder.
-    known = {os.path.realpath(start / before) for start in (out.folder, Path())}
-    if os.path.realpath(source) not in known:
+    if source.resolve() not in recorded_places(before, out.folder):
         raise InputError(
             f"{out.folder} holds the pictures of {before}; for those of {source} choose "
             f"another folder with --out."

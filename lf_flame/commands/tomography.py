@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
 from lf_flame.errors import InputError
@@ -154,6 +155,7 @@ def reconstruct(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.tomography_output import (
         RECORD,
         read_thickness,
@@ -176,13 +178,14 @@ def reconstruct(
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
-        folder.facts |= {"source": str(source), "seed": seed, "redraws": options["redraws"]}
+        folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
+        folder.facts |= {"redraws": options["redraws"]}
         folder.facts |= thickness_facts(optical_thickness, thickness)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
     click.echo(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
-        f"trust.png and {RECORD} are in {folder.folder}"
+        f"trust.png and {RECORD} are in {printable(folder.folder)}"
     )
 
 
@@ -224,6 +227,7 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
       lf-flame temperature green red --wavelengths 550 650
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.tomography_output import (
         TEMPERATURE_RECORD,
         read_emissions,
@@ -236,8 +240,8 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     with output_folder(out or Path("temperature") / first.name, TEMPERATURE_RECORD) as folder:
         write_temperature(found, depths, folder)
         folder.facts |= {
-            "first": str(first),
-            "second": str(second),
+            "first": recorded_path(first, folder.folder),
+            "second": recorded_path(second, folder.folder),
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
             "calibration": calibration,
@@ -245,5 +249,6 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     known = int((found.kelvin > 0).sum())  # NaN is not
     click.echo(
         f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
-        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in {folder.folder}"
+        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in "
+        f"{printable(folder.folder)}"
     )

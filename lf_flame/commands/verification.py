@@ -3,8 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from lf_flame._common.input_files import read_record
+from lf_flame._common.memory import OverLimitError
 from lf_flame._common.output_folders import verify_outputs
+from lf_flame._common.seals import check_seal
 from lf_flame.errors import InputError
 
 RECORDS = (
@@ -23,6 +27,10 @@ WHOLE = ("zarr.json", "config.json")
 """Files of data sets and of runs, in which no other result lies."""
 
 
+WHOLE_RESULT, DAMAGED, UNCHECKED = "whole", "DAMAGED", "UNCHECKED"
+"""Verdicts; what is unchecked may be sound, and could not be read here and now."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """What was found at a place.
@@ -31,13 +39,13 @@ class Finding:
     ----------
     path : Path
     text : str
-        What is there; or, if `sound` is false, what is wrong.
-    sound : bool
+        Description of the result; or, if it is not whole, what is wrong.
+    verdict : {"whole", "DAMAGED", "UNCHECKED"}
     """
 
     path: Path
     text: str
-    sound: bool = True
+    verdict: str = WHOLE_RESULT
 
 
 def verify(path: Path) -> Iterator[Finding]:
@@ -52,41 +60,77 @@ def verify(path: Path) -> Iterator[Finding]:
     Yields
     ------
     Finding
-
-    Raises
-    ------
-    InputError
-        If there is no result.
+        One for each result, and for each place that cannot be looked at, whatever it is: the rest
+        is looked at all the same.
     """
     found = False
     for place, known in _results(path):
         found = True
-        try:
-            yield Finding(place, _verify_one(place, known))
-        except InputError as error:
-            yield Finding(place, str(error), sound=False)
+        yield _unreadable(place, known) if isinstance(known, OSError) else _find(place, known)
     if not found:
-        raise InputError(
-            f"{path} holds nothing whose hash is known: no data set, run folder, exported network, "
-            f"nor files of refocus, simulate, reconstruct, temperature, flicker or predict."
-        )
+        yield Finding(path, _nothing(path), UNCHECKED)
 
 
-def _results(path: Path) -> Iterator[tuple[Path, str]]:
-    """Find results, and the name of the file by which each is known: at a path, and below it."""
-    if path.suffix == ".keras":
-        yield path, path.name
+def _nothing(path: Path) -> str:
+    if not path.exists():
+        return "there is nothing of that name; name a file or folder that a command has written."
+    return (
+        "it holds nothing whose hash is known: no data set, run folder, exported network, nor "
+        "files of refocus, simulate, reconstruct, temperature, flicker or predict."
+    )
+
+
+def _find(place: Path, known: str) -> Finding:
+    try:
+        return Finding(place, _verify_one(place, known))
+    except OverLimitError as error:
+        return Finding(place, str(error), UNCHECKED)
+    except InputError as error:
+        return Finding(place, str(error), DAMAGED)
+    except OSError as error:
+        return _unreadable(place, error)
+    except (MemoryError, ModuleNotFoundError) as error:
+        return Finding(place, f"there is not enough memory, or a package ({error})", UNCHECKED)
+
+
+def _unreadable(place: Path, error: OSError) -> Finding:
+    text = f"it cannot be looked at: {error.strerror or error} ({error.filename or place})"
+    return Finding(place, text, UNCHECKED)
+
+
+def _results(path: Path) -> Iterator[tuple[Path, str | OSError]]:
+    """Find results, and the name of the file by which each is known: at a path, and below it.
+
+    Where a place cannot be looked at, the system's error stands for that name.
+    """
+    left = [path]
+    while left:
+        place = left.pop()
+        try:
+            found, inside = _look(place)
+        except OSError as error:
+            yield place, error
+            continue
+        yield from ((place, known) for known in found)
+        left += reversed(inside)
+
+
+def _look(path: Path) -> tuple[list[str], list[Path]]:
+    """Find the results that a place is, and the places inside it where others may lie."""
+    found = [path.name] if path.suffix == ".keras" else []
     if not path.is_dir():
-        return
+        return found, []
     for known in (*WHOLE, *RECORDS):
         if (path / known).is_file() and (known != "config.json" or _holds_training(path)):
-            yield path, known
+            found.append(known)
             if known in WHOLE:
-                return
-    for inside in sorted(path.iterdir()):
-        exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
-        if exported or (inside.is_dir() and not inside.is_symlink()):
-            yield from _results(inside)
+                return found, []
+    return found, [inside for inside in sorted(path.iterdir()) if _may_hold(inside)]
+
+
+def _may_hold(inside: Path) -> bool:
+    exported = inside.suffix == ".keras" and inside.with_suffix(".json").is_file()
+    return exported or (inside.is_dir() and not inside.is_symlink())
 
 
 def _holds_training(folder: Path) -> bool:
@@ -102,6 +146,7 @@ def _verify_one(path: Path, known: str) -> str:
     from lf_flame.learning.model_card import read_card
 
     read_card(path)
+    check_seal(path / "run.json" if path.is_dir() else path.with_suffix(".json"))
     return "exported network, as its card says"
 
 
@@ -116,9 +161,27 @@ def _verify_run(folder: Path) -> str:
     from lf_flame.learning.checkpoints import find_checkpoints, verify_checkpoint
     from lf_flame.learning.run_folders import load_run
 
+    request = read_record(folder / "config.json")
     for checkpoint in find_checkpoints(folder):
-        verify_checkpoint(checkpoint)
+        _compare(request, verify_checkpoint(checkpoint).run, folder)
     if not (folder / "model.keras").exists():
         return "run that is not finished: its checkpoint"
-    load_run(folder)
+    record = load_run(folder)
+    check_seal(folder / "run.json")
+    _compare(record, request, folder)
     return "trained network and its checkpoint"
+
+
+def _compare(values: dict[str, Any], part: dict[str, Any], folder: Path) -> None:
+    """Hold what was asked for against a copy in another record; epochs may have become more."""
+    for key, value in part.items():
+        held = values.get(key)
+        if key == "recipe" and isinstance(held, dict) and isinstance(value, dict):
+            held, value = ({**recipe, "epochs": None} for recipe in (held, value))
+        if held != value:
+            raise InputError(
+                f"{folder / 'config.json'} is not what was written: its {key} is another than in "
+                f"the records beside it."
+            )
+    if not part:
+        raise InputError(f"{folder / 'config.json'} is empty, and is not what was written.")

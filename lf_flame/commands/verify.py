@@ -3,34 +3,45 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from collections import Counter
 from pathlib import Path
 
 import click
 import cloup
 
+from lf_flame.commands.options import PATH
 from lf_flame.errors import InputError
+
+LONGEST = 500
+"""Number of letters shown of what is wrong with a result."""
 
 
 @cloup.command()
-@click.argument("paths", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.argument("paths", nargs=-1, required=True, type=PATH)
 def verify(paths: tuple[Path, ...]) -> None:
     """Check that results are still what was written, by their hashes.
 
     PATHS are data sets, run folders, exported networks (.keras), folders of pictures that refocus,
-    simulate or predict filled, or folders that hold any of these.
+    simulate or predict filled, or folders that hold any of these. Each result is whole, DAMAGED, or
+    UNCHECKED (it cannot be read here and now: no permission, no memory, nothing there).
 
     \b
       lf-flame verify data/quick/flames.zarr
       lf-flame verify data runs results
     """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.printable import printable
     from lf_flame.commands import verification
 
-    damaged = 0
+    verdicts = Counter[str]()
     for path in paths:
         for finding in verification.verify(path):
-            damaged += not finding.sound
-            click.echo(
-                f"{'whole  ' if finding.sound else 'DAMAGED'} {finding.path}: {finding.text}"
-            )
-    if damaged:
-        raise InputError(f"{damaged} of the results {'is' if damaged == 1 else 'are'} damaged.")
+            verdicts[finding.verdict] += 1
+            where, text = printable(finding.path), printable(finding.text, LONGEST)
+            click.echo(f"{finding.verdict:<9} {where}: {text}")
+    bad = [
+        f"{count} {'is' if count == 1 else 'are'} {said}"
+        for verdict, said in (("DAMAGED", "damaged"), ("UNCHECKED", "unchecked"))
+        if (count := verdicts[verdict])
+    ]
+    if bad:
+        raise InputError(f"Of {verdicts.total()} results, {' and '.join(bad)}.")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import cloup
 
+from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading, open_network
 from lf_flame.commands.options import FILE, PATH, UsablePath
 from lf_flame.errors import InputError
@@ -160,7 +161,7 @@ def _write(exhibit: "Exhibit", path: Path, megabytes: float) -> None:
     with exclusive(path), atomic_write(path) as aside:
         page, quality = single_page(exhibit, int(megabytes * 1e6))
         aside.write_text(page, encoding="utf-8")
-    click.echo(f"{path} is written, {len(page) / 1e6:.1f} MB: {quality}")
+    click.echo(f"{printable(path)} is written, {len(page) / 1e6:.1f} MB: {quality}")
 
 
 def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
@@ -218,4 +219,4 @@ def _save(light_field, path: Path) -> None:
 
     with exclusive(path):
         write_light_field(light_field, path, 16)
-    click.echo(f"{path} is written", err=True)
+    click.echo(f"{printable(path)} is written", err=True)

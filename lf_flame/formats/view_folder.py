@@ -9,6 +9,7 @@ import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.memory import check_memory
+from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
@@ -39,9 +40,9 @@ class ViewFolder:
     def describe(self) -> str:
         """Tell in a few lines what was found and how it is read."""
         v, u = self.files.shape
+        first, last = (printable(path.name) for path in self.files[[0, -1], [0, -1]])
         lines = [
-            f"{self.path}: {v} x {u} views, top left {self.files[0, 0].name}, "
-            f"bottom right {self.files[-1, -1].name}",
+            f"{printable(self.path)}: {v} x {u} views, top left {first}, bottom right {last}",
             f"order {self.found.order}, {self.found.reason}",
         ]
         if self.found.slopes and self.found.slopes[0] > 0 and self.found.order == "row,col":

@@ -15,6 +15,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record, to_json
 from lf_flame._common.keras_loading import load_model
 from lf_flame._common.locks import exclusive
+from lf_flame._common.seals import SEAL, sealed
 from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
@@ -68,6 +69,8 @@ class NetworkCard:
         By which program, see `lf_flame._common.provenance.environment`.
     usage : str, optional
         What the network takes and makes.
+    record_sha256 : str, optional
+        Hash of the card itself, see `lf_flame._common.seals`.
     """
 
     title: str
@@ -83,6 +86,7 @@ class NetworkCard:
     input: InputEncoding = InputEncoding()
     exported: dict[str, Any] = field(default_factory=dict)
     usage: str = ""
+    record_sha256: str | None = None
 
     def __post_init__(self):
         planes = len(self.depths_mm)
@@ -133,7 +137,7 @@ def _card_of_run(folder: Path) -> NetworkCard:
     shape = config.input.shape(config.image)
     named = {key: record.pop(key) for key in ("title", "preset", "backbone_weights")}
     model = {k: v for k, v in record["model"].items() if k != "backbone_weights"}  # asked for
-    left_out = ("test_indices", "dataset", "data", "model", "model_sha256")
+    left_out = ("test_indices", "dataset", "data", "model", "model_sha256", SEAL)
     training = {k: v for k, v in record.items() if k not in left_out} | {"model": model}
     return NetworkCard(
         **named,
@@ -200,7 +204,7 @@ def export_network(run: str | Path, out: str | Path) -> None:
         with atomic_write(out) as aside, atomic_write(beside) as card_aside:
             network.save(aside)
             card = replace(card, sha256=file_sha256(aside), exported=provenance.environment())
-            write_json(card_aside, to_json(card))
+            write_json(card_aside, sealed(to_json(card)))
 
 
 def _is_card(path: Path) -> bool:

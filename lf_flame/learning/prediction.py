@@ -1,7 +1,6 @@
 """A prediction: the refocused images that a trained network makes of one picture."""
 
 import hashlib
-import os
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from lf_flame._common.arrays import area_average
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 from lf_flame._common.output_folders import output_folder
+from lf_flame._common.recorded_paths import recorded_path
 from lf_flame.errors import InputError
 from lf_flame.formats import read_light_field, write_focal_stack
 from lf_flame.formats.images import to_preview, write_image
@@ -149,7 +149,7 @@ class Prediction:
                 write_image(picture, to_preview(image, 1.0))
             figures.save(_prediction_figure(self, card), folder.path("prediction.png"))
             folder.facts |= {
-                "source": os.path.relpath(self.seen.source, out),  # from this record's folder
+                "source": recorded_path(self.seen.source, out),
                 "notes": self.seen.notes,
                 "input_sha256": hashlib.sha256(self.seen.image.data).hexdigest(),
                 "ms": round(self.ms, 3),

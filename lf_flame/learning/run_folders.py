@@ -4,6 +4,7 @@ A run stands alone: its record says of the data set what its network needs to be
 data set may lie elsewhere, or be gone. Only scores on the test split need the data set itself.
 """
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.keras_loading import load_model
+from lf_flame._common.recorded_paths import recorded_places
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
@@ -157,9 +159,9 @@ class TrainedRun:
 
 
 def _data_of(folder: Path, record: dict) -> Path:
-    stated = Path(record["data"])  # in older records from the working folder
-    beside = folder / stated
-    return beside if beside.exists() or not stated.exists() else stated
+    places = recorded_places(record["data"], folder)
+    there = (place for place in places if os.path.exists(place))  # noqa: PTH110 - of any length
+    return next(there, places[0])
 
 
 def describe_dataset(dataset: Dataset) -> dict:

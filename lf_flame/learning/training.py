@@ -5,7 +5,6 @@ seconds hold all that comes before training: reading, the backbone's features, t
 """
 
 import math
-import os
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from tqdm import tqdm
 
 from lf_flame._common.config import build
 from lf_flame._common.input_files import read_toml
+from lf_flame._common.recorded_paths import recorded_path
 from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
@@ -279,7 +279,7 @@ def train(
             for name, indices in parts.items()
         },
         "test_indices": parts["test"].tolist(),
-        "data": os.path.relpath(data, out),  # from the run's folder
+        "data": recorded_path(data, out),
         "dataset": describe_dataset(dataset),
     }
     job = Job(

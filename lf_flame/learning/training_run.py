@@ -23,6 +23,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
+from lf_flame._common.seals import sealed
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from lf_flame.learning.run_folders import is_whole, read_run_record
@@ -154,7 +155,7 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
     }
     with atomic_write(model) as aside:  # renamed last: make looks at this file
         network.save(aside)
-        write_json(out / "run.json", record | {"model_sha256": file_sha256(aside)})
+        write_json(out / "run.json", sealed(record | {"model_sha256": file_sha256(aside)}))
 
 
 def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:

@@ -7,6 +7,7 @@ All sums run in float64.
 import numpy as np
 from numba import njit
 
+from lf_flame._common.compiling import compiled
 from lf_flame._common.threads import pieces, shared
 
 
@@ -112,5 +113,5 @@ weigh_rows = njit(_weigh_rows)
 span = njit(_span)
 add_product = njit(_add_product)
 
-find_seen = njit(cache=True)(_find_seen)
+find_seen = compiled(_find_seen)
 add_images = shared(_add_images)

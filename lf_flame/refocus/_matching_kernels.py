@@ -4,8 +4,8 @@ It gathers in a fixed order, each row by itself: the bits do not depend on the n
 """
 
 import numpy as np
-from numba import njit
 
+from lf_flame._common.compiling import compiled
 from lf_flame._common.threads import pieces, shared
 
 TAPS = 4
@@ -80,6 +80,6 @@ def _compare_views(
                 middle /= np.float32(count)
 
 
-shift_row = njit(cache=True)(_shift_row)
-add_squares = njit(cache=True)(_add_squares)
+shift_row = compiled(_shift_row)
+add_squares = compiled(_add_squares)
 compare_views = shared(_compare_views)

@@ -7,8 +7,8 @@ order: the bits do not depend on the number of threads.
 import math
 
 import numpy as np
-from numba import njit
 
+from lf_flame._common.compiling import compiled
 from lf_flame._common.threads import pieces, shared
 
 
@@ -92,7 +92,7 @@ def _refocus_surface(queue, views, slopes, weights, taps, out):
         refocus_row(views, slopes[n, t], t, weights, taps, out[n, t])
 
 
-place_taps = njit(cache=True)(_place_taps)
-add_view = njit(cache=True)(_add_view)
-refocus_row = njit(cache=True)(_refocus_row)
+place_taps = compiled(_place_taps)
+add_view = compiled(_add_view)
+refocus_row = compiled(_refocus_row)
 refocus_surface = shared(_refocus_surface)

@@ -157,3 +157,24 @@ def test_the_last_file_is_moved_last(tmp_path, monkeypatch):
         for name in ("a.json", "b.png"):
             (aside / name).touch()
     assert moved == ["b.png", "a.json"]
+
+
+def test_a_full_disk_in_the_middle_of_a_file_names_it(tmp_path):
+    def fail():
+        with atomic_write(tmp_path / "a.tif"):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left") as raised:
+        fail()
+    assert raised.value.filename == str(tmp_path / "a.tif")
+
+
+def test_a_made_up_leftover_moves_nothing(tmp_path):
+    left = tmp_path / f".outputs.{'0' * 16}.moving"
+    left.mkdir()
+    (left / "thesis.txt").write_text("theirs")
+    (tmp_path / "thesis.txt").write_text("mine")
+    with together(tmp_path, last="a.json") as aside:
+        (aside / "a.json").touch()
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    assert names(tmp_path) == ["a.json", "thesis.txt"]

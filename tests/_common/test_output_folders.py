@@ -116,14 +116,14 @@ def test_what_was_cut_off_between_two_moves_is_moved_by_the_next_call(
 
 def test_what_another_process_moves_is_left_to_it(tmp_path):
     moving = tmp_path / f".outputs.{'0' * 16}.moving"
-    moving.mkdir()
-    (moving / "a.txt").write_text("theirs")
+    fill(tmp_path / "other", a="theirs")
+    (tmp_path / "other").rename(moving)
     descriptor = os.open(moving, os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_EX)
-    fill(tmp_path, b="1")
+    fill(tmp_path, a="1")
     assert moving.exists()
     os.close(descriptor)
-    fill(tmp_path, b="1")
+    fill(tmp_path, a="1")
     assert not moving.exists()
 
 
@@ -174,6 +174,7 @@ def test_records_of_older_versions_are_taken_as_they_are(tmp_path, files):
     fill(tmp_path, a="1", b="1")
     record = json.loads((tmp_path / RECORD).read_text())
     record["files"] = files
+    del record["record_sha256"]
     if files is None:
         del record["files"]
     (tmp_path / RECORD).write_text(json.dumps(record))
@@ -191,3 +192,59 @@ def test_a_file_that_changed_is_named(tmp_path):
     (tmp_path / "b.txt").unlink()
     with pytest.raises(InputError, match="b.txt is not the file"):
         verify_outputs(tmp_path, RECORD)
+
+
+MADE_UP = f".outputs.{'0123456789abcdef'}.moving"
+
+
+@pytest.mark.parametrize("record", ["none", "ours", "other content", "other names", "no JSON"])
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_made_up_leftover_replaces_nothing(tmp_path, record, earlier):
+    """Whatever record lies in it, the file of the user's is in none of the folder's own."""
+    out = tmp_path / "out"
+    if earlier:
+        fill(out, b="1")
+    fill(tmp_path / "made", **{"thesis": "theirs"} if record != "other names" else {"x": "1"})
+    made = tmp_path / "made"
+    if record == "none":
+        (made / RECORD).unlink()
+    elif record == "no JSON":
+        (made / RECORD).write_text("{")
+    if record != "ours":
+        (made / "thesis.txt").write_text("another")
+    out.mkdir(exist_ok=True)
+    made.rename(out / MADE_UP)
+    (out / "thesis.txt").write_text("mine")
+    fill(out, b="2")
+    assert (out / "thesis.txt").read_text() == "mine"
+    assert (out / "b.txt").read_text() == "2"
+    assert verify_outputs(out, RECORD) == 1
+
+
+def test_a_leftover_that_holds_a_link_or_no_record_adds_nothing(tmp_path):
+    (tmp_path / "secret.txt").write_text("secret")
+    for number, name in enumerate(("link", "alone")):
+        fill(tmp_path / name, a="secret")
+        left = tmp_path / "out" / f".outputs.{number:016x}.moving"
+        left.parent.mkdir(exist_ok=True)
+        (tmp_path / name).rename(left)
+        (left / (RECORD if name == "alone" else "a.txt")).unlink()
+        if name == "link":
+            (left / "a.txt").symlink_to(tmp_path / "secret.txt")
+    fill(tmp_path / "out", b="1")
+    assert not (tmp_path / "out" / "a.txt").exists()
+    assert (tmp_path / "secret.txt").read_text() == "secret"
+
+
+def test_a_full_disk_names_the_file(tmp_path):
+    def fail(name, inside):
+        with output_folder(tmp_path / "out", RECORD) as out:
+            path = out.path(name)
+            place = str(path) if inside else None
+            raise OSError(28, "No space left on device", place)
+
+    for name, inside in (("a.tif", False), ("b.csv", True)):
+        with pytest.raises(OSError, match="No space left") as raised:
+            fail(name, inside)
+        assert raised.value.filename == str(tmp_path / "out" / name)
+    assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,7 @@ VARYING = {
     "date", "command", "seconds", "wall_s", "train_s", "start_s", "ms", "versions", "machine",
     "git_revision", "provenance", "evaluation", "exported",
     # hashes of files that hold these
-    "sha256", "model_sha256", "attributes_sha256",
+    "sha256", "model_sha256", "attributes_sha256", "record_sha256",
 }  # fmt: skip
 """Keys of records, and columns of tables, that differ from run to run."""
 

@@ -81,7 +81,7 @@ class Pair:
         verified = call(["lf_flame", "verify", self.commands[0].out], home)
         if wrong := fault(verified):
             return f"verify: {wrong}"
-        if verified.status == 2 and "nothing whose hash" not in verified.err:
+        if verified.status == 2 and "nothing whose hash" not in verified.out:
             return f"verify: {verified.out[-300:]}"
         again = [call(self.commands[k].words, home) for k in done]
         if wrong := "; ".join(filter(None, map(fault, again))):

@@ -4,7 +4,8 @@ import sys
 
 import pytest
 
-from lf_flame.commands.program import as_sentence
+from lf_flame._common.printable import printable
+from lf_flame.commands.program import LONGEST
 
 
 def ended(code, **environment):
@@ -116,7 +117,7 @@ def test_coroutines_that_an_interruption_left_are_no_news():
 
 
 def test_a_message_is_one_line_of_bounded_length():
-    told = as_sentence("a\nb\x1b[31m\u202e " + "c" * 200_000 + " 1 to 5.")
+    told = printable("a\nb\x1b[31m\u202e " + "c" * 200_000 + " 1 to 5.", LONGEST)
     assert told.startswith("a b?[31m? ccc")
     assert told.endswith("ccc 1 to 5.")
     assert len(told.encode()) < 1000

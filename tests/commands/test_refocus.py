@@ -431,3 +431,28 @@ def test_a_folder_is_known_by_its_source_from_wherever_it_is_called(folder, tmp_
     path.write_text(json.dumps(json.loads(path.read_text()) | {"source": "other"}))
     with pytest.raises(InputError, match="holds the pictures of other"):
         run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
+
+
+def test_a_folder_behind_a_link_is_known_by_its_source(folder, tmp_path, monkeypatch):
+    """The system follows the link before it goes up; so do records."""
+    (tmp_path / "deep" / "er" / "store").mkdir(parents=True)
+    (tmp_path / "results").symlink_to("deep/er/store")
+    monkeypatch.chdir(folder.parent)
+    for slope in (0.5, 0.25):
+        run(folder.name, "--slope", slope, "--out", tmp_path / "results" / "out")
+    out = tmp_path / "deep" / "er" / "store" / "out"
+    source = json.loads((out / "refocus.json").read_text())["source"]
+    assert (out / source).samefile(folder)
+    run(folder.name, "--slope", 0.5, "--out", out)  # by its other name
+
+
+def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, capsys):
+    """The folder, its views, and the folder for the pictures that is named after it."""
+    odd = folder.rename(tmp_path / "odd\nfocal_stack.tif is in")
+    for path in list(odd.iterdir()):
+        path.rename(odd / f"\x1b[31m\u202e\r{path.name}")
+    run(odd, "--slope", 0.5, "--out", tmp_path / "out\x1b[2J")
+    said = capsys.readouterr()
+    for text in (said.out, said.err):
+        assert all(letter.isprintable() or letter == "\n" for letter in text)
+        assert "\nfocal_stack.tif is in" not in text

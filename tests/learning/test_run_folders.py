@@ -97,3 +97,16 @@ def test_a_network_that_is_a_link_to_a_device_is_refused_at_once(write):
     (folder / "model.keras").symlink_to("/dev/zero")
     with pytest.raises(InputError, match="must be a regular file, and is a device"):
         open_run(folder)
+
+
+def test_the_data_set_of_a_run_behind_a_link_is_found(tmp_path, monkeypatch, write):
+    """A scratch disk is linked; records of older versions counted as if the link were a folder."""
+    (tmp_path / "scratch" / "disk" / "run").mkdir(parents=True)
+    (tmp_path / "results").symlink_to("scratch/disk")
+    (tmp_path / "flames.zarr").mkdir()
+    for name in ("model.keras", "run.json"):
+        (write(RECORD) / name).rename(tmp_path / "results" / "run" / name)
+    record = tmp_path / "results" / "run" / "run.json"
+    for data in ("../../../flames.zarr", "../../flames.zarr"):
+        record.write_text(json.dumps(RECORD | {"data": data}))
+        assert open_run(tmp_path / "results" / "run").data.samefile(tmp_path / "flames.zarr")

@@ -1,4 +1,4 @@
-"""Ctrl-C, or the end of the minutes: what is done is saved, and the next call goes on from there."""
+"""Ctrl-C, or the end of the minutes: what is done is saved, the next call goes on from there."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ REQUEST = {"recipe": {"epochs": 12, "schedule": "constant"}}
 
 
 class RandomWalk:
-    """A trainer whose loss is a random walk, and who is interrupted in the middle of some epochs."""
+    """A trainer whose loss is a random walk; it is interrupted in the middle of some epochs."""
 
     def __init__(self, interrupts=()):
         self.state, self.epochs, self.interrupts = [np.ones(1)], 0, list(interrupts)

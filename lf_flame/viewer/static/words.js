@@ -6,9 +6,12 @@ const short = (x) => String(Number(x.toPrecision(6)));
 const isWhole = ({ shape, width, ring, centre }) =>
   shape === "square" && width === 1 && ring === 0 && centre.every((at) => at === 0);
 
+// A name that begins with a dash would be taken for an option.
+const asPath = (text) => shellQuoted(text.startsWith("-") ? `./${text}` : text);
+
 /** Call of the program, to be typed in a shell. */
 export function command(metadata, state) {
-  const words = ["lf-flame refocus", shellQuoted(metadata.source)];
+  const words = ["lf-flame refocus", asPath(metadata.source)];
   for (const [name, value] of Object.entries({ ...metadata.reading, ...metadata.making })) {
     words.push(`--${name}=${shellQuoted(String(value))}`);
   }

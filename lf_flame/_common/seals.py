@@ -1,0 +1,42 @@
+"""Records that hold a hash of themselves, so that an accident to a record itself is noticed."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from lf_flame._common.input_files import read_record
+from lf_flame.errors import InputError
+
+SEAL = "record_sha256"
+"""Key of the hash of all the rest of a record."""
+
+
+def sealed(record: dict[str, Any]) -> dict[str, Any]:
+    """Give a record as JSON values, with a hash of all of them."""
+    valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
+    return valid | {SEAL: _hash(valid)}
+
+
+def check_seal(path: Path) -> dict[str, Any]:
+    """Read a record and hold it against its own hash; records of older versions have none.
+
+    Returns
+    -------
+    dict
+        The record.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is not what was written.
+    """
+    record = read_record(path)
+    if SEAL in record and record[SEAL] != _hash(record):
+        raise InputError(f"{path} is not what was written: it does not fit its own hash.")
+    return record
+
+
+def _hash(record: dict[str, Any]) -> str:
+    rest = {key: value for key, value in record.items() if key != SEAL}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
