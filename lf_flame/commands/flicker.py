@@ -67,7 +67,9 @@ MEASURES = cloup.option_group(
 @MEASURES
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
-def flicker(sources, frames_per_second, timestamps, slope, depth_mm, camera, out, **options) -> None:
+def flicker(
+    sources, frames_per_second, timestamps, slope, depth_mm, camera, out, **options
+) -> None:
     """Follow a flame through a video of light fields: height, contour and flicker frequency.
 
     SOURCE are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
@@ -145,14 +147,14 @@ def _check_rate(frames_per_second: float | None, timestamps: Path | None) -> Non
         raise InputError(f"--frames-per-second must be finite, got {frames_per_second}.")
 
 
-def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path | None):
+def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path):
     """Find out when frames were taken, and tell it."""
     from lf_flame.commands.frame_times import read_timestamps, times_by_names
 
-    if timestamps is not None:
-        times = read_timestamps(timestamps, len(paths))
-    else:
+    if frames_per_second is not None:
         times = times_by_names(paths, frames_per_second)
+    else:
+        times = read_timestamps(timestamps, len(paths))
     duration = times.seconds[-1] - times.seconds[0]
     click.echo(f"{len(paths)} frames within {duration:.4g} s", err=True)
     return times

@@ -23,8 +23,8 @@ TABLE = "flame.csv"
 PICTURE = "flicker.png"
 
 OUTLIER = (
-    "The height is far out of what the frames beside it have, as by a spark or another object: it is "
-    "left out of the frequency."
+    "The height is far out of what the frames beside it have, as by a spark or another object: it "
+    "is left out of the frequency."
 )
 
 CONTOURS = 5

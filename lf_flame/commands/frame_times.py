@@ -175,8 +175,8 @@ def read_timestamps(path: Path, frames: int) -> FrameTimes:
     slowest = float(np.median(np.diff(seconds))) if frames > 1 else 0.0
     if slowest > SLOW_STEP_S:
         note = (
-            f"The times in {path} are taken for seconds, so that {slowest:g} s pass between frames; "
-            f"if they are in another unit, all frequencies are wrong by it."
+            f"The times in {path} are taken for seconds, so that {slowest:g} s pass between "
+            f"frames; if they are in another unit, all frequencies are wrong by it."
         )
         return FrameTimes(seconds, (note,))
     return FrameTimes(seconds)

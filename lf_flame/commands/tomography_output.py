@@ -23,16 +23,12 @@ from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.figures import (
     depth_figure,
     slices_figure,
-    temperature_figure,
     trust_figure,
 )
-from lf_flame.tomography.pyrometry import Temperatures
 from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
 
 if TYPE_CHECKING:
     from lf_flame.tomography.reconstruction import Reconstruction
-
-TEMPERATURE_RECORD = "temperature.json"
 
 
 def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
@@ -158,11 +154,3 @@ def thickness_facts(given: str | None, thickness: float | np.ndarray | None) -> 
         return {"optical_thickness": None}
     greatest = float(np.max(np.sum(thickness, axis=0))) if np.ndim(thickness) else thickness
     return {"optical_thickness": given, "greatest_optical_thickness": greatest}
-
-
-def write_temperature(found: Temperatures, depths: list[float], folder: OutputFolder) -> None:
-    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a picture."""
-    for name, planes in (("temperature", found.kelvin), ("temperature_sigma", found.sigma)):
-        tifffile.imwrite(folder.path(f"{name}.tif"), np.asarray(planes, np.float32))
-    figures.save(temperature_figure(found, depths), folder.path("temperature.png"))
-    folder.facts["depths_mm"] = depths

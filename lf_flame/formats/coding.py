@@ -1,4 +1,4 @@
-"""Whether the numbers of image files are likely to be coded for display, and not linear in light."""
+"""Whether numbers of image files are likely to be coded for display, and not linear in light."""
 
 from pathlib import Path
 
@@ -70,8 +70,5 @@ def _coded_png(path: Path) -> str | None:
     if not header.startswith(PNG_SIGNATURE):
         return None
     bits = header[24]
-    if gamma is not None and not is_srgb:
-        is_coded = gamma < LINEAR_GAMMA
-    else:
-        is_coded = is_srgb or bits <= 8
+    is_coded = is_srgb or (bits <= 8 if gamma is None else gamma < LINEAR_GAMMA)
     return f"a PNG file of {bits} bits" if is_coded else None

@@ -1,7 +1,8 @@
 """Shape of a flame in an image: height, tip, width and contour.
 
 A flame is what is brighter than a share of the picture's peak and joined to it; hot pixels and
-sparks do not count (`bright_spots`). Its contour runs between pixels where linear interpolation reaches that share.
+sparks do not count (`bright_spots`). Its contour runs between pixels where linear interpolation
+reaches that share.
 
 Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
 the lower edge of a picture of n rows is at n - 1/2.
@@ -112,33 +113,33 @@ def measure_flame(
     InputError
         If an argument cannot be used.
     """
-    image = _checked_image(image)
+    picture = _checked_image(image)
     check_measures(level, pixel_mm)
-    burner = _checked_burner(burner_row, len(image))
-    faint = np.median(image) + LEAST_SIGNAL * _noise(image)
-    if image.max() <= max(0, faint):
+    burner = _checked_burner(burner_row, len(picture))
+    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * _noise(picture))
+    if picture.max() <= faint:
         return _no_flame(DARK)
-    peak = find_peak(image)
-    if peak.value <= max(0, faint):
+    peak = find_peak(picture)
+    if peak.value <= faint:
         return _no_flame(SPECK)
-    region, spark = region_of(image, level * peak.value, peak.place), False
-    flame = larger_flame(image, region)
-    if flame is not None and flame.value > max(0, faint):
+    region, spark = region_of(picture, level * peak.value, peak.place), False
+    flame = larger_flame(picture, region)
+    if flame is not None and flame.value > faint:
         peak, spark = flame, True
-        region = region_of(image, level * peak.value, peak.place)
+        region = region_of(picture, level * peak.value, peak.place)
     if np.count_nonzero(region) < LEAST_PIXELS:
         return _no_flame(SPECK)
-    threshold, image = level * peak.value, np.minimum(image, peak.value)
-    contour = _outer_contour(image, region, threshold)
+    threshold, picture = level * peak.value, np.minimum(picture, peak.value)
+    contour = _outer_contour(picture, region, threshold)
     tip = float(contour[:, 0].min())
     return FlameShape(
         height=(burner - tip) * pixel_mm,
         tip_row=tip,
         width=_greatest_width(contour) * pixel_mm,
         area=_enclosed_area(contour) * pixel_mm**2,
-        brightness=float(image[region].mean()),
+        brightness=float(picture[region].mean()),
         contour=contour,
-        warnings=_doubts(image, region, threshold, spark),
+        warnings=_doubts(picture, region, threshold, spark),
     )
 
 

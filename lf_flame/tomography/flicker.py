@@ -1,7 +1,7 @@
 """Flicker of a flame: the frequencies of a series of heights, and whether there are any.
 
-At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven and
-frames missing, a drift is not taken for a slow flicker, and taking it out does not take out part of
+At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven
+and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out part of
 a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a memory,
 of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by it.
 Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on the
@@ -136,10 +136,10 @@ class Flicker:
             told += f" A slow swing ({slow}) has fewer than three periods and is no line."
         return told
 
-
     def _other_lines(self) -> tuple[str, str]:
         """Name the lines near the first one, and the others."""
-        near, far = [], []
+        near: list[str] = []
+        far: list[str] = []
         for line in self.lines[1:]:
             is_near = abs(line.frequency_hz - self.frequency_hz) < NEAR * self.frequency_hz
             (near if is_near else far).append(f"{line.frequency_hz:.4g} Hz")

@@ -1,9 +1,9 @@
 """Noise of a series of heights: white noise of each frame, and a wander that remembers.
 
 The wander is an Ornstein-Uhlenbeck process, which at even times is the AR(1) noise of climate
-series: its correlation falls as exp(-distance in time / memory). Times may be uneven. The inverse of
-its covariance is tridiagonal (Rybicki and Press, Physical Review Letters 74, 1060, 1995), so that all
-sums here take time in proportion to the number of frames.
+series: its correlation falls as exp(-distance in time / memory). Times may be uneven. The inverse
+of its covariance is tridiagonal (Rybicki and Press, Physical Review Letters 74, 1060, 1995), so
+that all sums here take time in proportion to the number of frames.
 """
 
 from dataclasses import dataclass

@@ -358,7 +358,9 @@ def test_times_from_a_file(tmp_path, text):
     assert found.seconds.tolist() == [1.5, 2, 4]
     assert "0.5 s" not in str(found.notes)
     (tmp_path / "ms.txt").write_text("10\n20\n30")
-    assert "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3).notes[0]
+    assert (
+        "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3).notes[0]
+    )
 
 
 @pytest.mark.parametrize(
