@@ -76,8 +76,8 @@ def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
         burner = "" if told.burner_mm is None else f" --burner {told.burner_mm!r}"
         raise InputError(
             f"{first} and {second} must have the same axis, radius, burner and cells; call "
-            f"lf-flame abel for the second colour with the first one's numbers, --axis-mm {told.axis_mm!r} "
-            f"--axis-depth {told.axis_depth_mm!r} --radius {told.radius_mm!r}{burner}."
+            f"lf-flame abel for the second colour with the first one's numbers, "
+            f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r} --radius {told.radius_mm!r}{burner}."
         )
     pairs = []
     for name in (SECTION, SIGMA):

@@ -1,12 +1,12 @@
 """Flicker of a flame: the frequencies of a series of heights, and whether there are any.
 
 At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven
-and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out part of
-a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a memory,
-of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by it.
-Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on the
-false-alarm probability. What was found joins the drift, the noise is fitted anew, and the search
-goes on: neither a slow swing nor a strong line hides another one.
+and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out
+part of a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a
+memory, of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by
+it. Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on
+the false-alarm probability. What was found joins the drift, the noise is fitted anew, and the
+search goes on: neither a slow swing nor a strong line hides another one.
 """
 
 from dataclasses import dataclass

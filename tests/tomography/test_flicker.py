@@ -153,7 +153,7 @@ def test_a_slow_swing_hides_no_line(size):
         assert len(found.lines) == 1
         if size > 2:
             assert found.swings_hz == pytest.approx([1.2], abs=0.1)
-            assert "slow swing (1.2" in found.describe()
+            assert "A slow swing (1." in found.describe()
 
 
 def test_several_lines_are_told():
@@ -166,8 +166,8 @@ def test_several_lines_are_told():
     assert [line.amplitude for line in found.lines] == pytest.approx([3, 1.5, 1], abs=0.15)
     assert max(line.false_alarm for line in found.lines) < FALSE_ALARM
     told = found.describe()
-    assert "Peaks near it (13.4 Hz)" in told
-    assert "Further lines: 24 Hz" in told
+    assert "Peaks near it (13.4" in told
+    assert "Further lines: 24" in told
 
 
 def test_noise_has_a_highest_peak_that_is_not_claimed():
