@@ -73,9 +73,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     """Find the emission of a flame that is round about an upright axis.
 
     Abel inversion from all views of a light field at once, with rays as the camera sees them and
-    without negative light. SOURCE is read as by `lf-flame refocus`; it must be grey, black at 0,
-    divided by a white image. A flame that leans or is not round gets a warning, and the round flame
-    most like it. For any other flame: `lf-flame reconstruct`.
+    without negative light. SOURCE is read as by `lf-flame refocus`; it must be grey, linear
+    in light, black at 0, divided by a white image. A flame that leans or is not round gets a
+    warning, and the round flame most like it. For any other flame: `lf-flame reconstruct`.
 
     \b
       lf-flame abel flame.npz --camera camera.toml
@@ -86,6 +86,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.axisymmetric_output import RECORD, write_flame
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric import check_roundness
@@ -104,6 +105,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
         "central" if central else "all",
         burner,
     )
+    notes = notes_on_coding(source)
     with output_folder(out or Path("abel") / source.stem, RECORD) as folder:
         rng = np.random.default_rng(seed)
         found = reconstruct_axisymmetric(light_field, grid, rng=rng, **options)
@@ -114,7 +116,10 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
             "seed": seed,
             "redraws": options["redraws"],
             "warnings": warnings,
+            "notes": notes,
         }
+    for note in notes:
+        click.echo(f"Note: {note}", err=True)
     for warning in warnings:
         click.echo(f"Warning: {warning}", err=True)
     click.echo(

@@ -14,6 +14,22 @@ from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH
 from lf_flame.errors import InputError
 
+TIMES = cloup.option_group(
+    "When the frames were taken",
+    cloup.option(
+        "--frames-per-second",
+        type=click.FloatRange(min=0, min_open=True),
+        help="Frames that the camera takes a second, more than twice the frequency that is looked "
+        "for; the numbers in the names count them.",
+    ),
+    cloup.option(
+        "--timestamps",
+        type=FILE,
+        help="Time of each frame in seconds, instead: a number on each line, or a CSV table with a "
+        "column time_s.",
+    ),
+)
+
 MEASURES = cloup.option_group(
     "How the flame is measured",
     cloup.option("--slope", type=float, help="Refocus each frame at this slope."),
@@ -48,20 +64,18 @@ MEASURES = cloup.option_group(
 
 @cloup.command()
 @click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
-@click.option(
-    "--frames-per-second",
-    required=True,
-    type=click.FloatRange(min=0, min_open=True),
-    help="Of the video; more than twice the frequency that is looked for.",
-)
+@TIMES
 @MEASURES
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default flicker/NAME.")
-def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options) -> None:
+def flicker(
+    sources, frames_per_second, timestamps, slope, depth_mm, camera, out, **options
+) -> None:
     """Follow a flame through a video of light fields: height, contour and flicker frequency.
 
     SOURCE are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
-    pattern in quotes; they are taken in the order of the numbers in their names. Of each frame the
+    pattern in quotes; they are taken in the order of the numbers in their names, and where numbers
+    are missing, time passes. Pictures must be linear in light and black at 0. Of each frame the
     middle view is measured, or, with --slope or --depth-mm, the image refocused there, which has
     the noise of all views averaged. The flame is what is brighter than a share of the peak
     (--level) and joined to the brightest pixel; its height counts from the picture's lower edge to
@@ -71,21 +85,23 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
       lf-flame flicker video --frames-per-second 100
       lf-flame flicker 'video/frame*.npy' --frames-per-second 100 --slope 0.5 --pixel-mm 0.13
       lf-flame flicker video --frames-per-second 100 --camera camera.toml --depth-mm 10
+      lf-flame flicker video --timestamps times.csv
       lf-flame flicker raw --white white.png --frames-per-second 100 --burner-row 250
 
     flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
-    contours, and flicker.json holds the frequency, its resolution (1 / duration) and the
-    probability that noise alone has such a peak. Above 1 % no frequency is claimed.
+    contours, and flicker.json holds the frequencies, their resolution (1 / duration) and the
+    probability that noise alone, white or wandering as these heights do, has such a peak. Above 1 %
+    no frequency is claimed.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands import flicker_output as output
     from lf_flame.commands.frames import find_frames, read_frames
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
 
-    if not math.isfinite(frames_per_second):
-        raise InputError(f"--frames-per-second must be finite, got {frames_per_second}.")
+    _check_rate(frames_per_second, timestamps)
     lens = _checked_lens(read_camera(camera) if camera else None, slope, depth_mm)
     names = ("level", "pixel_mm", "burner_row")
     asked = {name: options.pop(name) for name in names}
@@ -93,24 +109,30 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
     reading = Reading(**options)
     paths = find_frames(sources, [path for path in (reading.white,) if path])
     _refuse_few(paths)
+    times = _times(paths, frames_per_second, timestamps)
     with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
         frames = _of_camera(read_frames(paths, reading), lens)
         series = output.measure_frames(
             paths,
             frames,
             measures,
-            frames_per_second,
+            times.seconds,
             folder.path(output.TABLE),
             lambda images: frame_bar(images, len(paths)),
         )
         found, warnings = output.write_flicker(series, measures, folder)
+        notes = [*times.notes, *notes_on_coding(paths[0])]
         folder.facts |= {
             "frames_per_second": frames_per_second,
+            "timestamps": None if timestamps is None else str(timestamps),
+            "notes": notes,
             "depth_mm": depth_mm,
             "first": recorded_path(paths[0], folder.folder),
             "last": recorded_path(paths[-1], folder.folder),
             "reading": reading.given(),
         }
+    for note in notes:
+        click.echo(f"Note: {note}", err=True)
     for warning in warnings:
         click.echo(f"Warning: {warning}", err=True)
     if found:
@@ -118,6 +140,28 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
     click.echo(
         f"{output.TABLE}, {output.PICTURE} and {output.RECORD} are in {printable(folder.folder)}"
     )
+
+
+def _check_rate(frames_per_second: float | None, timestamps: Path | None) -> None:
+    if (frames_per_second is None) == (timestamps is None):
+        raise InputError(
+            "Say when the frames were taken: either --frames-per-second or --timestamps FILE."
+        )
+    if frames_per_second is not None and not math.isfinite(frames_per_second):
+        raise InputError(f"--frames-per-second must be finite, got {frames_per_second}.")
+
+
+def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path):
+    """Find out when frames were taken, and tell it."""
+    from lf_flame.commands.frame_times import read_timestamps, times_by_names
+
+    if frames_per_second is not None:
+        times = times_by_names(paths, frames_per_second)
+    else:
+        times = read_timestamps(timestamps, len(paths))
+    duration = times.seconds[-1] - times.seconds[0]
+    click.echo(f"{len(paths)} frames within {duration:.4g} s", err=True)
+    return times
 
 
 def _checked_lens(lens, slope: float | None, depth_mm: float | None):

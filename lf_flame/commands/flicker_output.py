@@ -8,17 +8,24 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common import figures
+from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.flame_shape import measure_flame
 from lf_flame.tomography.flicker import Flicker, find_flicker
-from lf_flame.tomography.flicker_figures import flicker_figure
+from lf_flame.tomography.flicker_figures import PictureScale, flicker_figure
+from lf_flame.tomography.outliers import find_outliers
 
 RECORD = "flicker.json"
 TABLE = "flame.csv"
 PICTURE = "flicker.png"
+
+OUTLIER = (
+    "The height is far out of what the frames beside it have, as by a spark or another object: it "
+    "is left out of the frequency."
+)
 
 CONTOURS = 5
 """Frames whose contours the picture shows."""
@@ -69,6 +76,7 @@ class FlameSeries:
     ----------
     times_s, heights : list of float
         Heights are NaN where there is no flame.
+    names : list of str
     total : ndarray of float64, shape (t, s), or float
         Sum of the pictures.
     contours : list of (float, ndarray)
@@ -79,6 +87,7 @@ class FlameSeries:
 
     times_s: list[float] = field(default_factory=list)
     heights: list[float] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
     total: np.ndarray | float = 0.0
     contours: list[tuple[float, np.ndarray]] = field(default_factory=list)
     doubts: dict[str, list[str]] = field(default_factory=dict)
@@ -95,7 +104,7 @@ def measure_frames(
     paths: Sequence[Path],
     frames: Iterable[LightField],
     measures: Measures,
-    frames_per_second: float,
+    times_s: Sequence[float],
     table: Path,
     progress: Callable = iter,
 ) -> FlameSeries:
@@ -108,7 +117,8 @@ def measure_frames(
     frames : iterable of LightField
         Of one shape; each is given up before the next is asked for.
     measures : Measures
-    frames_per_second : float
+    times_s : sequence of float
+        When each was taken.
     table : Path
         To be written.
     progress : callable, optional
@@ -128,14 +138,15 @@ def measure_frames(
         writer = csv.writer(file)
         writer.writerow(header)
         for number, image in enumerate(progress(map(measures.image, frames))):
-            time_s, name = number / frames_per_second, paths[number].name
+            time_s, name = float(times_s[number]), paths[number].name
             shape = measure_flame(
                 image, measures.level, measures.pixel_mm or 1.0, measures.burner_row
             )
             numbers = (shape.height, shape.tip_row, shape.width, shape.area, shape.brightness)
-            written = [f"{x:.7g}" for x in (time_s, *numbers)]
-            writer.writerow([number, *written, name, " ".join(shape.warnings)])
+            written = [f"{x:.7g}" for x in numbers]
+            writer.writerow([number, f"{time_s:.15g}", *written, name, " ".join(shape.warnings)])
             series.times_s.append(time_s)
+            series.names.append(name)
             series.heights.append(shape.height)
             series.total = series.total + image
             if number in shown and shape.is_found:
@@ -164,18 +175,23 @@ def write_flicker(
         Warnings.
     """
     times, heights = np.array(series.times_s), np.array(series.heights)
+    outliers = find_outliers(heights, measures.pixel_mm or 1.0)
+    for number in np.flatnonzero(outliers):
+        series.doubts.setdefault(OUTLIER, []).append(series.names[number])
     warnings, found = series.warnings(), None
     try:
-        found = find_flicker(times, heights)
+        found = find_flicker(times, np.where(outliers, np.nan, heights))
     except InputError as error:  # the heights are worth having all the same
         warnings.append(str(error))
     mean = np.asarray(series.total) / len(times)
-    figure = flicker_figure(times, heights, measures.unit, found, mean, series.contours)
+    scale = PictureScale(measures.pixel_mm, measures.burner_row)
+    figure = flicker_figure(times, heights, found, mean, series.contours, scale, outliers)
     figures.save(figure, folder.path(PICTURE))
     known = heights[np.isfinite(heights)]
     folder.facts |= {
         "frames": len(times),
         "frames_with_flame": len(known),
+        "outliers": [series.names[number] for number in np.flatnonzero(outliers)],
         "slope": measures.slope,
         "level": measures.level,
         "pixel_mm": measures.pixel_mm,
@@ -189,6 +205,10 @@ def write_flicker(
     return found, warnings
 
 
-def _facts(found: Flicker) -> dict[str, float]:
-    names = ("frequency_hz", "resolution_hz", "false_alarm", "peak_hz", "amplitude")
-    return {name: getattr(found, name) for name in names}
+def _facts(found: Flicker) -> dict:
+    names = ("frequency_hz", "resolution_hz", "false_alarm", "peak_hz", "amplitude", "swings_hz")
+    return {
+        **{name: getattr(found, name) for name in names},
+        "lines": [to_json(line) for line in found.lines],
+        "noise": to_json(found.noise),
+    }

@@ -1,7 +1,6 @@
 """Frames of a video of light fields: their files in order, and reading them one at a time."""
 
 import glob
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ import click
 
 from lf_flame import formats
 from lf_flame._common.printable import printable
+from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
@@ -19,14 +19,8 @@ from lf_flame.formats.reading import ARRAY_SUFFIXES
 from lf_flame.lightfield import LightField
 
 
-def natural_key(path: Path) -> list[tuple[int, str]]:
-    """Give what sorts paths as people count: frame 2 before frame 10."""
-    words = re.split(r"(\d+)", str(path))
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
-
-
 def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> list[Path]:
-    """Find the light fields of a sequence, in the natural order of their names.
+    """Find the light fields of a sequence, in the order of the numbers in their names.
 
     Parameters
     ----------
@@ -59,7 +53,8 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
     twice = [path for path, count in Counter(found).items() if count > 1]
     if twice:
         raise InputError(f"Each frame may be given once, got {twice[0]} more than once.")
-    return sorted(found, key=natural_key)
+    keys = dict(zip(found, number_key(found), strict=True))
+    return sorted(found, key=keys.__getitem__)
 
 
 def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:

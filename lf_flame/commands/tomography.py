@@ -142,8 +142,9 @@ def reconstruct(
     """Find the emission of each depth that explains a light field of a flame.
 
     Refocused images cannot tell: each holds the blurred light of all other depths. SOURCE is read
-    as by `lf-flame refocus`; it must be grey, black at 0, divided by a white image, and its camera
-    known. What the result can resolve in depth, `lf-flame resolution` says; read that first.
+    as by `lf-flame refocus`; it must be grey, linear in light, black at 0, divided by a white
+    image, and its camera known. What the result can resolve in depth, `lf-flame resolution` says;
+    read that first.
 
     \b
       lf-flame simulate flames.toml
@@ -156,12 +157,13 @@ def reconstruct(
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.commands.emission_folder import RECORD
     from lf_flame.commands.tomography_output import (
-        RECORD,
         read_thickness,
         thickness_facts,
         write_reconstruction,
     )
+    from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.reconstruction import planes_between
@@ -174,13 +176,16 @@ def reconstruct(
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.read_above(source, dark)
+    notes = notes_on_coding(source)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
-        folder.facts |= {"redraws": options["redraws"]}
+        folder.facts |= {"redraws": options["redraws"], "notes": notes}
         folder.facts |= thickness_facts(optical_thickness, thickness)
+    for note in notes:
+        click.echo(f"Note: {note}", err=True)
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
     click.echo(
@@ -198,13 +203,13 @@ def reconstruct(
     type=float,
     required=True,
     metavar="FIRST SECOND",
-    help="Of the two folders' light, in nm.",
+    help="Wavelengths of the two folders' light, in nm; each is taken for a single one.",
 )
 @click.option(
     "--soot-exponent",
     default=1.0,
     show_default=True,
-    help="a, where soot absorbs as wavelength^-a.",
+    help="a, where soot absorbs as wavelength^-a; from -1 to 5.",
 )
 @click.option(
     "--calibration",
@@ -216,10 +221,12 @@ def reconstruct(
 def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> None:
     """Find the temperature of soot from its emission in two colours.
 
-    FIRST and SECOND are folders of `lf-flame reconstruct`, of one camera and the same planes, with
-    error bars. Where an emission does not exceed its noise by three standard deviations there is no
-    temperature (NaN). It is that of the soot, where flames are thin and light only adds; look at
-    the error of the ratio beside it, for a temperature hides much.
+    FIRST and SECOND are folders of `lf-flame reconstruct`, of one camera and the same planes, or of
+    `lf-flame abel`, of one axis and radius, with error bars. They must come from images that are
+    linear in light, and of narrow filters: of a colour camera (Bayer) temperatures are off by tens
+    to hundreds of kelvin. Where an emission does not exceed its noise by three standard deviations
+    there is no temperature (NaN). It is that of the soot, where flames are thin and light only
+    adds; look at the error of the ratio beside it, for a temperature hides much.
 
     \b
       lf-flame reconstruct green.npy --camera camera.toml --depth-mm 0 --out green
@@ -228,16 +235,20 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.tomography_output import (
-        TEMPERATURE_RECORD,
-        read_emissions,
+    from lf_flame.commands.emission_folder import read_emissions
+    from lf_flame.commands.section_folder import is_section, read_sections
+    from lf_flame.commands.temperature_output import (
+        RECORD,
+        temperature_notes,
         write_temperature,
     )
     from lf_flame.tomography.pyrometry import two_colour_temperature
 
-    emissions, sigmas, depths = read_emissions(first, second)
+    read = read_sections if is_section(first) or is_section(second) else read_emissions
+    emissions, sigmas, depths = read(first, second)
     found = two_colour_temperature(*emissions, wavelengths, sigmas, soot_exponent, calibration)
-    with output_folder(out or Path("temperature") / first.name, TEMPERATURE_RECORD) as folder:
+    with output_folder(out or Path("temperature") / first.name, RECORD) as folder:
+        notes = temperature_notes(found, (first, second))
         write_temperature(found, depths, folder)
         folder.facts |= {
             "first": recorded_path(first, folder.folder),
@@ -245,10 +256,12 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
             "calibration": calibration,
+            "notes": notes,
         }
     known = int((found.kelvin > 0).sum())  # NaN is not
     click.echo(
         f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
-        f"temperature_sigma.tif, temperature.png and {TEMPERATURE_RECORD} are in "
-        f"{printable(folder.folder)}"
+        f"temperature_sigma.tif, temperature.png and {RECORD} are in {printable(folder.folder)}"
     )
+    for note in notes:
+        click.echo(f"Note: {note}")

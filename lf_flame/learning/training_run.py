@@ -1,8 +1,8 @@
 """A run folder, and the epochs of a training run that goes on where it was cut off.
 
 The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole state),
-``history.csv``, and at the end of a call ``model.keras`` (the best weights by validation loss so far,
-the whole network) and ``run.json`` (the record, which says how many of the epochs are done).
+``history.csv``, and at the end of a call ``model.keras`` (the best weights by validation loss so
+far, the whole network) and ``run.json`` (the record, which says how many epochs are done).
 """
 
 import signal
@@ -258,7 +258,7 @@ def _tell_duration(job: Job, epoch_s: float) -> None:
 
 @contextmanager
 def _interrupt_after_epoch() -> Iterator[list[int]]:
-    """Let Ctrl-C wait for the end of an epoch: in the middle of one there is no state to go on from.
+    """Let Ctrl-C wait for the end of an epoch: within one there is no state to go on from.
 
     Yields
     ------

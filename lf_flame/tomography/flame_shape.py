@@ -1,7 +1,8 @@
 """Shape of a flame in an image: height, tip, width and contour.
 
-A flame is what is brighter than a share of the picture's peak and joined to the brightest
-pixel. Its contour runs between pixels where linear interpolation reaches that share.
+A flame is what is brighter than a share of the picture's peak and joined to it; hot pixels and
+sparks do not count (`bright_spots`). Its contour runs between pixels where linear interpolation
+reaches that share.
 
 Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
 the lower edge of a picture of n rows is at n - 1/2.
@@ -14,14 +15,16 @@ from numpy.typing import ArrayLike
 from skimage import measure
 
 from lf_flame.errors import InputError
+from lf_flame.tomography.bright_spots import (
+    LEAST_PIXELS,
+    find_peak,
+    larger_flame,
+    region_of,
+)
 
 LEAST_SIGNAL = 8.0
 """Standard deviations of noise by which a flame's peak must exceed the median of the picture. Of a
 million pixels without light the brightest has five."""
-
-LEAST_PIXELS = 4
-"""Of a flame; what is smaller is taken for a hot pixel, which refocusing spreads over its
-neighbours."""
 
 LEAST_SIDE = 5
 """Pixels along each axis of a picture, of which noise is measured."""
@@ -41,6 +44,8 @@ CEILING = (
     "contour too wide."
 )
 APART = "Other places are as bright and not joined to the brightest: they do not count."
+
+SPARK = "A small spot apart from the flame is brighter, a spark or hot pixels: it does not count."
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,7 @@ class FlameShape:
         last one too.
     warnings : tuple of str
         What makes the numbers doubtful, a sentence each, without numbers: `DARK`, `SPECK`, `CUT`,
-        `CEILING` or `APART`.
+        `CEILING`, `APART` or `SPARK`.
     """
 
     height: float
@@ -108,26 +113,33 @@ def measure_flame(
     InputError
         If an argument cannot be used.
     """
-    image = _checked_image(image)
+    picture = _checked_image(image)
     check_measures(level, pixel_mm)
-    burner = _checked_burner(burner_row, len(image))
-    peak = image.max()
-    if peak <= 0 or peak - np.median(image) <= LEAST_SIGNAL * _noise(image):
+    burner = _checked_burner(burner_row, len(picture))
+    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * _noise(picture))
+    if picture.max() <= faint:
         return _no_flame(DARK)
-    threshold = level * peak
-    region, apart = _regions(image, threshold)
+    peak = find_peak(picture)
+    if peak.value <= faint:
+        return _no_flame(SPECK)
+    region, spark = region_of(picture, level * peak.value, peak.place), False
+    flame = larger_flame(picture, region)
+    if flame is not None and flame.value > faint:
+        peak, spark = flame, True
+        region = region_of(picture, level * peak.value, peak.place)
     if np.count_nonzero(region) < LEAST_PIXELS:
         return _no_flame(SPECK)
-    contour = _outer_contour(image, region, threshold)
+    threshold, picture = level * peak.value, np.minimum(picture, peak.value)
+    contour = _outer_contour(picture, region, threshold)
     tip = float(contour[:, 0].min())
     return FlameShape(
         height=(burner - tip) * pixel_mm,
         tip_row=tip,
         width=_greatest_width(contour) * pixel_mm,
         area=_enclosed_area(contour) * pixel_mm**2,
-        brightness=float(image[region].mean()),
+        brightness=float(picture[region].mean()),
         contour=contour,
-        warnings=_doubts(image, region, apart),
+        warnings=_doubts(picture, region, threshold, spark),
     )
 
 
@@ -185,16 +197,10 @@ def _noise(image: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
 
 
-def _regions(image: np.ndarray, threshold: float) -> tuple[np.ndarray, int]:
-    """Find the pixels of the flame, and the size of the largest region apart from it.
-
-    Pixels are joined by their sides, not by their corners.
-    """
-    labels = measure.label(image > threshold, connectivity=1)
-    sizes = np.bincount(labels.ravel())
-    flame = labels.flat[image.argmax()]
-    sizes[[0, flame]] = 0
-    return labels == flame, int(sizes.max())
+def _largest_apart(image: np.ndarray, region: np.ndarray, threshold: float) -> int:
+    """Find the size of the largest region apart from the flame."""
+    sizes = np.bincount(measure.label((image > threshold) & ~region, connectivity=1).ravel())
+    return int(sizes[1:].max(initial=0))
 
 
 def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> np.ndarray:
@@ -225,15 +231,20 @@ def _enclosed_area(contour: np.ndarray) -> float:
     return float(abs(np.sum(rows[:-1] * columns[1:] - rows[1:] * columns[:-1])) / 2)
 
 
-def _doubts(image: np.ndarray, region: np.ndarray, apart: int) -> tuple[str, ...]:
+def _doubts(
+    image: np.ndarray, region: np.ndarray, threshold: float, spark: bool
+) -> tuple[str, ...]:
     size = np.count_nonzero(region)
     found = []
     if region[0].any() or region[:, [0, -1]].any():
         found.append(CUT)
     # Sums of equal values differ in their last digits.
-    ceiling = np.count_nonzero(image >= image.max() * (1 - 1e-6))
+    flame = image[region]
+    ceiling = np.count_nonzero(flame >= flame.max() * (1 - 1e-6))
     if ceiling >= max(LEAST_PIXELS, CEILING_SHARE * size):
         found.append(CEILING)
-    if apart >= max(LEAST_PIXELS, APART_SHARE * size):
+    if spark:
+        found.append(SPARK)
+    elif _largest_apart(image, region, threshold) >= max(LEAST_PIXELS, APART_SHARE * size):
         found.append(APART)
     return tuple(found)

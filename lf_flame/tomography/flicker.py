@@ -1,21 +1,22 @@
-"""Flicker of a flame: the frequency of a series of heights, and whether there is one.
+"""Flicker of a flame: the frequencies of a series of heights, and whether there are any.
 
-At each frequency a sine is fitted together with a drift, a cubic in time, by least squares: the
-generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009) with more than a mean. So times
-may be uneven and frames missing, a drift is not taken for a slow flicker, and taking it out does
-not take out part of a sine of few periods. Whether a peak is more than the highest of noise is told
-by the bound of Baluev (2008) on the false-alarm probability. It takes the noise of frames for
-independent; of heights that wander at random more is claimed than is true.
+At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven
+and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out
+part of a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a
+memory, of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by
+it. Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on
+the false-alarm probability. What was found joins the drift, the noise is fitted anew, and the
+search goes on: neither a slow swing nor a strong line hides another one.
 """
 
 from dataclasses import dataclass
-from math import exp, lgamma, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from lf_flame.errors import InputError
+from lf_flame.tomography.sine_fit import SineFit, sines
+from lf_flame.tomography.wander import Wander, fit_wander
 
 LEAST_FRAMES = 16
 """Heights that a frequency is sought in: drift and sine alone take up seven numbers."""
@@ -35,35 +36,68 @@ OVERSAMPLING = 5
 FALSE_ALARM = 0.01
 """Probability below which a peak is more than noise."""
 
-CONSTANT = 1e-9
-"""Scatter of heights relative to the largest which is that of rounding alone."""
+NEGLIGIBLE = 5e-3
+"""Scatter relative to that of the heights which is not looked into: it is what a drift that is no
+cubic, or a rhythm that is not quite even, leaves."""
 
-AT_ONCE = 1 << 18
-"""Heights times frequencies that are worked on together, so that memory is bounded."""
+MOST_SINES = 8
+"""Sines that are looked for, slow swings included."""
+
+SAME_LINE = 2.0
+"""Distance in 1 / duration within which a peak belongs to a line that is known already: the rhythm
+of a flame is not quite even, so that its line is a little wider than that of a sine."""
 
 
-@dataclass(frozen=True, eq=False)
-class Flicker:
-    """Frequency of a series of heights, and how far to trust it.
+NEAR = 0.25
+"""Distance relative to the first line up to which others may be of the same, uneven rhythm."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A frequency that stands out of the noise.
 
     Attributes
     ----------
     frequency_hz : float
-        Of the highest peak; NaN if it does not stand out of noise, or there is none.
+    amplitude : float
+        Amplitude of its sine, in the unit of the heights.
+    false_alarm : float
+        Probability that noise alone has such a peak somewhere in the spectrum.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    false_alarm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Flicker:
+    """Frequencies of a series of heights, and how far to trust them.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Frequency of the peak that stands out most; NaN if none stands out of the noise.
     resolution_hz : float
         1 / duration: what lies closer is one peak, and none is known better for certain.
     false_alarm : float
         Probability that noise alone has such a peak somewhere in the spectrum.
     peak_hz : float
-        Where the highest peak is, standing out or not; NaN if it is that of a drift, of fewer than
-        three periods, or heights are constant.
+        Frequency of the highest peak relative to the noise, standing out or not; NaN if heights are
+        constant or only drift.
     amplitude : float
-        Of the sine at the peak, in the unit of the heights; NaN as `peak_hz`.
+        Amplitude of the sine at the peak, in the unit of the heights; NaN as `peak_hz`.
     frequencies_hz : ndarray of float64, shape (frequencies,)
-        Of the spectrum: a period and a half in the duration at least, two frames a
+        Frequencies of the spectrum: a period and a half in the duration at least, two frames a
         period.
     power : ndarray of float64, shape (frequencies,)
         Share of the heights' variance about their drift that a sine explains, 0 to 1.
+    lines : tuple of Line
+        All frequencies that stand out, the first one that of `frequency_hz`.
+    swings_hz : tuple of float
+        Frequencies of slow swings that stand out, too, but of fewer than three periods: no rhythm.
+    noise : Wander
+        Noise that lines were held against.
     """
 
     frequency_hz: float
@@ -73,25 +107,47 @@ class Flicker:
     amplitude: float
     frequencies_hz: np.ndarray
     power: np.ndarray
+    lines: tuple[Line, ...]
+    swings_hz: tuple[float, ...]
+    noise: Wander
 
     def describe(self) -> str:
-        """Tell in a sentence what was found."""
+        """Tell in a sentence or two what was found."""
         alarm = f"false-alarm probability {self.false_alarm:.2g}"
-        if np.isfinite(self.frequency_hz):
-            return (
+        if self.lines:
+            told = (
                 f"The flame flickers at {self.frequency_hz:.4g} Hz, resolution "
                 f"{self.resolution_hz:.2g} Hz, {alarm}."
             )
-        if np.isfinite(self.peak_hz):
-            return (
+        elif np.isfinite(self.peak_hz):
+            told = (
                 f"No frequency stands out of the noise: the highest peak, at {self.peak_hz:.4g} "
                 f"Hz, has a {alarm}."
             )
-        return "There is no flicker: the heights are constant, or only drift."
+        else:
+            told = "There is no flicker: the heights are constant, or only drift."
+        near, far = self._other_lines()
+        if near:
+            told += f" Peaks near it ({near}) are of an uneven rhythm, or lines of their own."
+        if far:
+            told += f" Further lines: {far}."
+        if self.swings_hz:
+            slow = ", ".join(f"{swing:.3g} Hz" for swing in self.swings_hz)
+            told += f" A slow swing ({slow}) has fewer than three periods and is no line."
+        return told
+
+    def _other_lines(self) -> tuple[str, str]:
+        """Name the lines near the first one, and the others."""
+        near: list[str] = []
+        far: list[str] = []
+        for line in self.lines[1:]:
+            is_near = abs(line.frequency_hz - self.frequency_hz) < NEAR * self.frequency_hz
+            (near if is_near else far).append(f"{line.frequency_hz:.4g} Hz")
+        return ", ".join(near), ", ".join(far)
 
 
 def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
-    """Find the frequency of a series of heights.
+    """Find the frequencies of a series of heights.
 
     Parameters
     ----------
@@ -113,22 +169,18 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
         are known.
     """
     times, values = _checked_series(times_s, heights)
-    resolution = 1 / (times[-1] - times[0])
-    lowest = FIRST_PERIODS * resolution
-    # Right at half the sampling rate, cosine and sine cannot be told apart.
-    highest = 0.5 / np.median(np.diff(times)) - resolution / 2
-    count = max(2, 1 + int(np.ceil((highest - lowest) / resolution * OVERSAMPLING)))
-    frequencies = np.linspace(lowest, max(highest, lowest + resolution), count)
-    series = _Series(times - times.mean(), values)
-    power = series.power(frequencies)
-    top = int(power.argmax())
-    if power[top] == 0 or frequencies[top] < LEAST_PERIODS * resolution:
-        return Flicker(np.nan, resolution, 1.0, np.nan, np.nan, frequencies, power)
-    peak = _refined(series, frequencies, top)
-    explained, amplitude = (float(one[0]) for one in series.fit(np.array([peak])))
-    alarm = _false_alarm(explained, series.times, frequencies[-1] - frequencies[0])
-    known = peak if alarm < FALSE_ALARM else np.nan
-    return Flicker(known, resolution, alarm, peak, amplitude, frequencies, power)
+    frequencies = _frequencies(times)
+    search = _Search(times - times.mean(), values, frequencies)
+    power = SineFit(search.times, values, search.drift).power(frequencies)
+    while search.goes_on():
+        pass
+    lines, (peak, alarm, amplitude) = search.lines(), search.highest
+    if lines:
+        peak, amplitude, alarm = lines[0].frequency_hz, lines[0].amplitude, lines[0].false_alarm
+    return Flicker(
+        lines[0].frequency_hz if lines else np.nan, search.resolution, alarm, peak, amplitude,
+        frequencies, power, lines, tuple(search.swings), search.noise,
+    )  # fmt: skip
 
 
 def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -149,73 +201,79 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
     return times[known], values[known]
 
 
-class _Series:
-    """Heights over time, without their drift.
+def _frequencies(times: np.ndarray) -> np.ndarray:
+    resolution = 1 / (times[-1] - times[0])
+    lowest = FIRST_PERIODS * resolution
+    # Right at half the sampling rate, cosine and sine cannot be told apart.
+    highest = 0.5 / np.median(np.diff(times)) - resolution / 2
+    count = max(2, 1 + int(np.ceil((highest - lowest) / resolution * OVERSAMPLING)))
+    return np.linspace(lowest, max(highest, lowest + resolution), count)
 
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        About their mean.
-    values : ndarray, shape (n,)
-    """
 
-    def __init__(self, times: np.ndarray, values: np.ndarray):
-        self.times = times
+class _Search:
+    """A search for one sine after the other; what was found joins the drift."""
+
+    def __init__(self, times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
+        self.times, self.values, self.frequencies = times, values, frequencies
+        self.resolution = 1 / (times[-1] - times[0])
         scaled = times / np.abs(times).max()
-        self._drift = np.linalg.qr(np.polynomial.legendre.legvander(scaled, DRIFT - 1))[0]
-        self._rest = self._without_drift(values)
-        self._scatter = float(self._rest @ self._rest)
-        if self._scatter <= len(values) * (CONSTANT * np.abs(values).max()) ** 2:
-            self._scatter = 0.0
+        self.drift = np.polynomial.legendre.legvander(scaled, DRIFT - 1)
+        self.noise = Wander(1.0, 1.0)
+        self.highest = (np.nan, 1.0, np.nan)
+        self.swings: list[float] = []
+        self._found: list[float] = []
+        self._alarms: dict[float, float] = {}
+        self._slow = np.empty((len(times), 0))
 
-    def _without_drift(self, columns: np.ndarray) -> np.ndarray:
-        return columns - self._drift @ (self._drift.T @ columns)
+    def goes_on(self) -> bool:
+        """Look for one more sine, and tell whether to go on."""
+        base = self._columns(self._found)
+        if base.shape[1] + 2 > len(self.times) / 2 or self._is_explained(base):
+            return False
+        self.noise = fit_wander(self.times, self.values, base)
+        fit = SineFit(self.times, self.values, base, self.noise)
+        power = fit.power(self.frequencies)
+        is_slow = self.frequencies < LEAST_PERIODS * self.resolution
+        if self._slow.size:  # they look like sines of somewhat more periods, too
+            power[self.frequencies < 2 * LEAST_PERIODS * self.resolution] = 0
+        top = int(power.argmax())
+        peak = fit.refined(self.frequencies, top)
+        alarm = fit.false_alarm(peak, float(np.ptp(self.frequencies)))
+        if alarm >= FALSE_ALARM:
+            if not is_slow[top] and not self._alarms:
+                self.highest = (peak, alarm, self._amplitudes([*self._found, peak])[-1])
+            return False
+        if is_slow[top] and self.swings:
+            self._slow = self._slow_curves()
+            return True
+        if is_slow[top]:
+            self.swings.append(peak)
+        elif not any(abs(peak - known) < SAME_LINE * self.resolution for known in self._alarms):
+            self._alarms[peak] = alarm
+        self._found.append(peak)
+        return len(self._found) < MOST_SINES
 
-    def power(self, frequencies: np.ndarray) -> np.ndarray:
-        """Share of the variance that a sine of each frequency explains."""
-        some = max(1, AT_ONCE // len(self.times))
-        parts = [
-            self.fit(frequencies[first : first + some])[0]
-            for first in range(0, len(frequencies), some)
-        ]
-        return np.concatenate(parts)
+    def _is_explained(self, base: np.ndarray) -> bool:
+        """Tell whether what is left is no more than rounding, or negligible."""
+        left = SineFit(self.times, self.values, base).scatter
+        return left <= NEGLIGIBLE**2 * np.sum((self.values - self.values.mean()) ** 2)
 
-    def fit(self, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fit a sine of each frequency with a drift: explained share, and amplitude."""
-        if self._scatter == 0:
-            return np.zeros(len(frequencies)), np.zeros(len(frequencies))
-        angles = 2 * pi * np.outer(self.times, frequencies)
-        cosine, sine = self._without_drift(np.cos(angles)), self._without_drift(np.sin(angles))
-        cc, ss, cs = ((a * b).sum(axis=0) for a, b in ((cosine,) * 2, (sine,) * 2, (cosine, sine)))
-        cy, sy = cosine.T @ self._rest, sine.T @ self._rest
-        determinant = cc * ss - cs**2
-        # Where times make cosine and sine the same, a frequency cannot be told from another.
-        told = determinant > 1e-9 * len(self.times) ** 2
-        determinant = np.where(told, determinant, np.inf)
-        a, b = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
-        return np.clip((a * cy + b * sy) / self._scatter, 0, 1), np.hypot(a, b)
+    def _slow_curves(self) -> np.ndarray:
+        """Make cosines of up to `LEAST_PERIODS`, for a drift that a cubic and a swing are not."""
+        half_periods = np.arange(1, 2 * LEAST_PERIODS + 1)
+        return np.cos(np.pi * self.resolution * np.outer(self.times - self.times[0], half_periods))
 
+    def lines(self) -> tuple[Line, ...]:
+        """Tell the lines, in the order in which they were found."""
+        amplitudes = dict(zip(self._found, self._amplitudes(self._found), strict=True))
+        return tuple(Line(one, amplitudes[one], alarm) for one, alarm in self._alarms.items())
 
-def _refined(series: _Series, frequencies: np.ndarray, top: int) -> float:
-    """Find where the power is highest, between the neighbours of the spectrum's highest value."""
-    ends = frequencies[top - 1], frequencies[min(top + 1, len(frequencies) - 1)]
-    step = frequencies[1] - frequencies[0]
-    found = minimize_scalar(
-        lambda frequency: -series.fit(np.array([frequency]))[0][0],
-        bounds=ends, method="bounded", options={"xatol": 1e-4 * step},
-    )  # fmt: skip
-    return float(found.x)
+    def _columns(self, frequencies: list[float]) -> np.ndarray:
+        found = (sines(self.times, one) for one in frequencies)
+        return np.column_stack([self.drift, self._slow, *found])
 
-
-def _false_alarm(explained: float, times: np.ndarray, band_hz: float) -> float:
-    """Bound the probability that noise has such a peak anywhere in a band.
-
-    Baluev, MNRAS 385, 1279 (2008), for a power relative to the scatter about a base model.
-    """
-    left, free = 1 - explained, len(times) - DRIFT
-    single = left ** ((free - 2) / 2)
-    width = band_hz * sqrt(4 * pi * float(np.mean(times**2)))
-    gamma = sqrt(2 / free) * exp(lgamma(free / 2) - lgamma((free - 1) / 2))
-    crossings = gamma * width * left ** ((free - 3) / 2) * sqrt(free * explained / 2)
-    # Written so that tiny probabilities do not vanish in rounding.
-    return float(single - (1 - single) * np.expm1(-crossings))
+    def _amplitudes(self, frequencies: list[float]) -> list[float]:
+        """Fit sines to the heights together."""
+        fitted = np.linalg.lstsq(self._columns(frequencies), self.values, rcond=None)[0]
+        pairs = fitted[len(fitted) - 2 * len(frequencies) :].reshape(-1, 2)
+        return [float(np.hypot(*pair)) for pair in pairs]

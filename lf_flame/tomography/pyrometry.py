@@ -9,7 +9,8 @@ all else of it drops out:
 
 That is the temperature of the soot, not of the gas. A temperature hides errors of emission: at
 1,800 K one of 17 % is 137 K between 550 and 650 nm, and by one calibrated colour alone only 25 K.
-So never show a temperature without the error of its emission.
+So never show a temperature without the error of its emission. Emissions must be linear in light,
+and of single wavelengths.
 """
 
 from dataclasses import dataclass
@@ -24,6 +25,17 @@ SECOND_RADIATION_MM_K = 14.387768775
 
 LEAST_K, MOST_K = 500.0, 5000.0
 """Temperatures between which soot glows and is; others are taken for undetermined."""
+
+LEAST_NM, MOST_NM = 100.0, 1e5
+"""Wavelengths in nm that are taken for such; 0.55 is one in micrometres."""
+
+LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
+"""Exponents a of soot's absorption; measured ones lie between 0.7 and 3."""
+
+SINGLE_WAVELENGTHS = (
+    "Each colour is taken for light of a single wavelength. Through broad filters, as of a colour "
+    "camera (Bayer), temperatures are off by tens to hundreds of kelvin."
+)
 
 NEWTON_STEPS = 8
 """From Wien's approximation; three suffice below 5,000 K and 10 micrometres."""
@@ -60,9 +72,10 @@ def emission_ratio(
     kelvin : array_like
         Above 0.
     wavelengths_nm : (float, float)
+        In nm, two different ones from 100 to 100,000.
     soot_exponent : float, optional
-        a in the absorption coefficient's fall as ``wavelength^-a``. 1 is that of particles much
-        smaller than the wavelength, of one refractive index.
+        a in the absorption coefficient's fall as ``wavelength^-a``, from -1 to 5. 1 is that of
+        particles much smaller than the wavelength, of one refractive index.
 
     Returns
     -------
@@ -71,9 +84,10 @@ def emission_ratio(
     Raises
     ------
     InputError
-        If wavelengths are not two different ones above 0.
+        If wavelengths or exponent are none of these.
     """
     first, second = _checked_wavelengths(wavelengths_nm)
+    _check_exponent(soot_exponent)
     inverse = 1 / np.asarray(kelvin, float)
     return np.exp(_log_ratio(inverse, first, second, soot_exponent))
 
@@ -93,7 +107,7 @@ def two_colour_temperature(
     first, second : array_like of one shape
         Emissions at the two wavelengths, by volume or by plane alike.
     wavelengths_nm : (float, float)
-        In nm, two different ones.
+        In nm, two different ones from 100 to 100,000.
     sigmas : (array_like, array_like), optional
         Standard deviations of the emissions. Where one does not exceed 0 by three of its own the
         temperature is undetermined. Default: unknown; only what is not above 0 is undetermined.
@@ -117,6 +131,7 @@ def two_colour_temperature(
     shapes = {one.shape for one in (*emissions, *(errors or []))}
     if len(shapes) > 1:
         raise InputError(f"Emissions and their errors must be of one shape, got {sorted(shapes)}.")
+    _check_exponent(soot_exponent)
     if not (np.isfinite(calibration) and calibration > 0):
         raise InputError(f"calibration must be a finite number above 0, got {calibration}.")
     least = [0.0, 0.0] if errors is None else [LEAST_SIGNAL * error for error in errors]
@@ -161,11 +176,20 @@ def _invert(log_ratio: np.ndarray, first: float, second: float, exponent: float)
     return inverse
 
 
+def _check_exponent(soot_exponent: float) -> None:
+    if not LEAST_EXPONENT <= soot_exponent <= MOST_EXPONENT:
+        raise InputError(
+            f"soot_exponent must be from {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}, got "
+            f"{soot_exponent}."
+        )
+
+
 def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, float]:
     lengths = np.asarray(wavelengths_nm, float)
-    if lengths.shape != (2,) or not np.all((lengths > 0) & (lengths < 1e5)):
+    if lengths.shape != (2,) or not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
         raise InputError(
-            f"wavelengths_nm must be two, above 0 and below 1e5, got {wavelengths_nm}."
+            f"wavelengths_nm must be two in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
+            f"{wavelengths_nm}{_other_unit(lengths)}."
         )
     if abs(lengths[0] - lengths[1]) < 1e-3 * lengths.max():
         raise InputError(
@@ -173,3 +197,12 @@ def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, fl
             f"of a colour to itself has no temperature."
         )
     return float(lengths[0]) * 1e-6, float(lengths[1]) * 1e-6
+
+
+def _other_unit(lengths: np.ndarray) -> str:
+    """Guess in which unit wavelengths were given."""
+    for unit, scale in (("micrometres", 1e3), ("mm", 1e6), ("m", 1e9)):
+        meant = lengths * scale
+        if lengths.shape == (2,) and np.all((meant >= LEAST_NM) & (meant <= MOST_NM)):
+            return f"; if these are {unit}, give {meant[0]:g} and {meant[1]:g}"
+    return ""

@@ -14,7 +14,8 @@ from skimage.io import imread, imsave
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, formats, render
 from lf_flame.commands.cli import commands
 from lf_flame.commands.flicker_output import Measures, measure_frames
-from lf_flame.commands.frames import find_frames, natural_key, read_frames
+from lf_flame.commands.frame_times import read_timestamps, times_by_names
+from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.formats import write_light_field
 from lf_flame.refocus import shift_and_sum
@@ -297,10 +298,154 @@ def test_frames_that_do_not_fit_are_one_sentence(still, camera_file, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_frames_come_in_the_order_of_their_numbers(tmp_path):
-    names = ["a10b2", "a2b10", "a2b9", "a010b1", "b1", "a"]
-    paths = sorted(map(Path, names), key=natural_key)
-    assert [str(path) for path in paths] == ["a", "a2b9", "a2b10", "a010b1", "a10b2", "b1"]
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["a", "a2b9", "a2b10", "a010b1", "a10b2", "b1"],
+        ["t_-12.5", "t_-3.0", "t_-0.5", "t_0.0", "t_2.5", "t_10.0"],
+        ["x-10", "x-9", "x0", "x9", "x10"],
+        ["view-9", "view-10", "view-100"],
+    ],
+)
+def test_frames_come_in_the_order_of_their_numbers(tmp_path, names):
+    for name in names[::-1]:
+        (tmp_path / f"{name}.npy").touch()
+    assert [path.stem for path in find_frames([tmp_path])] == names
+
+
+def seconds(*names, rate=100):
+    return times_by_names([Path(f"{name}.npy") for name in names], rate)
+
+
+def test_where_numbers_are_missing_time_passes():
+    found = seconds("f0", "f2", "f3", "f4", "f7")
+    assert found.seconds == pytest.approx([0, 0.02, 0.03, 0.04, 0.07])
+    assert "3 are missing" in found.notes[0]
+    assert seconds("f08", "f09", "f10", "f11").notes == ()
+    signed = seconds("t_-0.02", "t_-0.01", "t_0.00", "t_0.03")
+    assert signed.seconds == pytest.approx([0, 0.01, 0.02, 0.05])
+    assert "2 are missing" in signed.notes[0]
+    assert seconds("a-1", "a0", "a2").seconds == pytest.approx([0, 0.01, 0.03])
+    # One number that never changes counts nothing.
+    assert seconds("run7_1", "run7_2", "run7_4").seconds == pytest.approx([0, 0.01, 0.03])
+
+
+def test_numbers_that_may_be_no_counts_are_told():
+    tens = seconds("f0", "f10", "f30")
+    assert tens.seconds == pytest.approx([0, 0.1, 0.3])
+    assert "rise by 10 or multiples" in tens.notes[0]
+    assert "1 are missing" in tens.notes[1]
+    halves = seconds("f0.5", "f1.0", "f2.0")
+    assert halves.seconds == pytest.approx([0, 0.01, 0.03])
+    assert "rise by 0.5" in halves.notes[0]
+    for names in (["a", "b", "c"], ["r1_1", "r1_2", "r2_4"], ["f1", "g2", "h4"]):
+        found = seconds(*names)
+        assert found.seconds == pytest.approx([0, 0.01, 0.02])
+        assert "do not hold one number" in found.notes[0]
+    with pytest.raises(InputError, match="the same number"):
+        seconds("f1", "f01", "f2")
+    with pytest.raises(InputError, match="no multiples of one step"):
+        seconds("t_0.000", "t_0.011", "t_0.018", "t_0.031")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1.5\n2\n\n4e0\n", "\ufeffseconds\r\n1.5\r\n2\r\n4\r\n", "frame,time_s\n7,1.5\n8,2\n9,4"],
+)
+def test_times_from_a_file(tmp_path, text):
+    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
+    found = read_timestamps(tmp_path / "times.csv", 3)
+    assert found.seconds.tolist() == [1.5, 2, 4]
+    assert "0.5 s" not in str(found.notes)
+    (tmp_path / "ms.txt").write_text("10\n20\n30")
+    assert (
+        "taken for seconds, so that 10 s pass" in read_timestamps(tmp_path / "ms.txt", 3).notes[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1\n2\n", "each of the 3 frames, got 2"),
+        ("1\n2\n2\n", "rise from frame to frame"),
+        ("1\nnan\n3\n", "finite"),
+        ("1\ntwo\n3\n", "a time in s on each line"),
+        ("1,2\n2,3\n3,4\n", "one column of times"),
+        ("time_s,x\n1,2\n,3\n3,4\n", "a time in s on each line"),
+        ("", "got 0"),
+    ],
+)
+def test_a_file_that_holds_no_times_is_one_sentence(tmp_path, text, says):
+    (tmp_path / "times.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=says):
+        read_timestamps(tmp_path / "times.csv", 3)
+
+
+def small_flame(height_px):
+    """A rectangle of light whose tip lies between rows, in 3 x 3 views of 40 x 16 pixels."""
+    picture = np.zeros((40, 16), np.float32)
+    whole = int(height_px)
+    picture[40 - whole :, 5:11] = 1
+    picture[39 - whole, 5:11] = height_px - whole
+    return np.broadcast_to(picture, (3, 3, 40, 16))
+
+
+def write_video(folder, names, heights):
+    folder.mkdir()
+    for name, height in zip(names, heights, strict=True):
+        np.save(folder / f"{name}.npy", small_flame(height))
+
+
+@pytest.mark.parametrize("named", ["f{:d}", "t_{:.2f}", "n_{:+d}"])
+def test_the_frequency_of_a_video_with_gaps(tmp_path, named):
+    """12 Hz at 100 frames a second, of which a third is missing, named in three ways."""
+    counts = np.sort(np.random.default_rng(1).choice(90, 60, replace=False)) - 40
+    heights = 20 + 5 * np.sin(2 * np.pi * 12 * counts / 100)
+    names = [named.format(n / 100 if "f}" in named else n) for n in counts]
+    write_video(tmp_path / "video", names, heights)
+    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "video", *words)
+    assert result.exit_code == 0, result.output
+    assert "are missing" in result.output
+    assert record_of(tmp_path / "out")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
+    (tmp_path / "times.txt").write_text("\n".join(f"{1.7e9 + n / 100:.3f}" for n in counts))
+    words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "other"]
+    assert run("flicker", tmp_path / "video", *words).exit_code == 0
+    assert record_of(tmp_path / "other")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
+    assert float(rows_of(tmp_path / "other")[1]["time_s"]) == 1.7e9 + counts[1] / 100
+
+
+def test_times_are_stated_in_one_way(still, tmp_path):
+    (tmp_path / "times.txt").write_text("\n".join(map(str, range(16))))
+    for words in ((), ("--timestamps", tmp_path / "times.txt", "--frames-per-second", 50)):
+        result = run("flicker", still, *words, "--out", tmp_path / "out")
+        assert "either --frames-per-second or --timestamps" in str(result.exception)
+
+
+def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
+    counts = np.arange(40)
+    heights = 12 + 3 * np.sin(2 * np.pi * 12 * counts / 100)
+    heights[17] = 38.0
+    write_video(tmp_path / "video", [f"f{n}" for n in counts], heights)
+    words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "video", *words)
+    assert "1 of 40 frames, first f17.npy: The height is far out" in result.output
+    record = record_of(tmp_path / "out")
+    assert record["outliers"] == ["f17.npy"]
+    assert record["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
+
+
+def test_pictures_that_are_likely_coded_get_a_note(tmp_path):
+    (tmp_path / "video").mkdir()
+    for number in range(16):
+        grey = np.zeros((30, 30), np.uint8)
+        grey[12 + number % 3 :, 12:18] = 200
+        imsave(tmp_path / "video" / f"{number}.png", grey, check_contrast=False)
+    words = ["--frames-per-second", 50, "--views", 3, "--out", tmp_path / "out"]
+    result = run("flicker", tmp_path / "video", *words)
+    assert result.exit_code == 0, result.output
+    assert "0.png is a PNG file of 8 bits. Such files usually hold gamma-coded" in result.output
+    assert "gamma-coded" in record_of(tmp_path / "out")["notes"][0]
 
 
 def test_what_is_no_sequence_is_told(tmp_path):
@@ -328,7 +473,7 @@ def test_what_is_kept_of_a_video(tmp_path):
     views[..., 23:29, 13:16] = 1
     frames = [LightField((1 + number) * views) for number in range(17)]
     paths = [Path(f"{number}.npy") for number in range(17)]
-    series = measure_frames(paths, frames, Measures(), 4.0, tmp_path / "flame.csv")
+    series = measure_frames(paths, frames, Measures(), np.arange(17) / 4, tmp_path / "flame.csv")
     assert series.total == pytest.approx(views[0, 0] * 17 * 9)
     assert [time for time, _ in series.contours] == [0, 1, 2, 3, 4]
     assert series.heights == pytest.approx([7] * 17)

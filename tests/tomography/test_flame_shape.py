@@ -5,7 +5,7 @@ import pytest
 
 from lf_flame import InputError
 from lf_flame.tomography import measure_flame
-from lf_flame.tomography.flame_shape import APART, CEILING, CUT, DARK, SPECK
+from lf_flame.tomography.flame_shape import APART, CEILING, CUT, DARK, SPARK, SPECK
 
 SHAPE = (60, 80)
 
@@ -120,6 +120,40 @@ def test_a_hot_pixel_is_no_flame():
     assert measure_flame(image).warnings == (SPECK,)
     image[10:14, 20] = 1.0
     assert measure_flame(image).is_found
+
+
+@pytest.mark.parametrize("brightness", [1.5, 4.0, 200.0])
+@pytest.mark.parametrize("place", [(5, 60), (32, 41), (40, 41), (13, 70)])
+def test_a_hot_pixel_changes_nothing(brightness, place):
+    """Brighter than the flame, apart from it, or within."""
+    clean = measure_flame(gaussian())
+    image = gaussian()
+    image[place] = brightness
+    found = measure_flame(image)
+    assert found.tip_row == pytest.approx(clean.tip_row, abs=0.2)
+    assert found.width == pytest.approx(clean.width, abs=0.2)
+    assert found.brightness == pytest.approx(clean.brightness, rel=0.05)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize("side", [2, 3, 5])
+@pytest.mark.parametrize("brightness", [1.2, 10.0])
+def test_a_spark_that_is_brighter_than_the_flame_is_left_out_and_told(side, brightness):
+    clean = measure_flame(gaussian())
+    image = gaussian()
+    image[4 : 4 + side, 60 : 60 + side] = brightness
+    found = measure_flame(image)
+    assert found.tip_row == pytest.approx(clean.tip_row, abs=1e-9)
+    assert found.area == pytest.approx(clean.area)
+    assert found.warnings == (SPARK,)
+
+
+def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
+    """What is joined to it is no other flame."""
+    image = gaussian(sigma_row=1.6, sigma_column=1.6) + 0.1 * gaussian(sigma_row=9, sigma_column=9)
+    found = measure_flame(image)
+    assert found.area < 25
+    assert SPARK not in found.warnings
 
 
 def test_of_two_spots_the_brighter_counts_and_the_other_is_told():

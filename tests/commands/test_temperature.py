@@ -1,0 +1,136 @@
+"""lf-flame temperature on folders of abel, and what it says of its result."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+
+from lf_flame.commands.cli import commands
+from lf_flame.formats.coding import CODED
+
+HEIGHTS, RADII = 12, 8
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+def soot(wavelength_nm, kelvin):
+    """Planck's law times wavelength^-1, relative to 650 nm at 1,800 K."""
+
+    def planck(nm, temperature):
+        return nm**-6.0 / np.expm1(14.387768775e6 / (nm * temperature))
+
+    return planck(wavelength_nm, kelvin) / planck(650.0, 1800.0)
+
+
+def kelvin_of_nodes():
+    return 1700.0 + 20 * np.arange(HEIGHTS)[:, None] - 10 * np.arange(RADII)
+
+
+def write_section(folder, emission, sigma=None, **facts):
+    """A folder as lf-flame abel writes it."""
+    folder.mkdir()
+    stacks = {"section.tif": emission}
+    if sigma is not None:
+        stacks["sigma.tif"] = sigma
+    for name, stack in stacks.items():
+        tifffile.imwrite(folder / name, np.asarray(stack, np.float32))
+    files = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in stacks}
+    record = {"axis_mm": 0.25, "axis_depth_mm": -3.0, "radius_mm": 4.0, "burner_mm": -12.5}
+    record |= {"step_mm": 0.5, "files": files, "notes": [], **facts}
+    (folder / "abel.json").write_text(json.dumps(record))
+    return folder
+
+
+@pytest.fixture
+def colours(tmp_path):
+    """Green and red sections of one flame, and a dark cell."""
+    folders = []
+    for name, wavelength in (("green", 550.0), ("red", 650.0)):
+        emission = soot(wavelength, kelvin_of_nodes())
+        emission[0, -1] = 0
+        folders.append(write_section(tmp_path / name, emission, 1e-3 * emission + 1e-9))
+    return folders
+
+
+def test_sections_of_abel_have_their_temperatures(colours, tmp_path):
+    out = tmp_path / "hot"
+    result = run("temperature", *colours, "--wavelengths", 550, 650, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert f"{HEIGHTS * RADII - 1} of {HEIGHTS * RADII} cells have a temperature" in result.output
+    assert "single wavelength" in result.output
+    assert "(Bayer), temperatures are off by tens to hundreds of kelvin" in result.output
+    found = tifffile.imread(out / "temperature.tif").reshape(HEIGHTS, RADII)
+    truth = kelvin_of_nodes()
+    truth[0, -1] = np.nan
+    assert found == pytest.approx(truth, abs=0.5, nan_ok=True)
+    record = json.loads((out / "temperature.json").read_text())
+    assert record["depths_mm"] == [-3.0]
+    assert "single wavelength" in record["notes"][0]
+    assert run("verify", out).exit_code == 0
+
+
+def test_sections_that_do_not_fit_are_one_sentence(colours, tmp_path):
+    green, red = colours
+    emission = np.ones((HEIGHTS, RADII))
+    write_section(tmp_path / "other", emission, emission, axis_mm=0.3)
+    write_section(tmp_path / "bare", emission)
+    write_section(tmp_path / "low", emission[1:], emission[1:])
+    write_section(tmp_path / "nan", np.nan * emission, emission)
+    damaged = write_section(tmp_path / "damaged", emission, emission)
+    (damaged / "section.tif").write_bytes((red / "section.tif").read_bytes())
+    (tmp_path / "empty").mkdir()
+    for name, says in {
+        "other": "--axis-mm 0.25 --axis-depth -3.0 --radius 4.0 --burner -12.5",
+        "bare": "call lf-flame abel with --redraws 20",
+        "low": "must be of one shape",
+        "nan": "finite float32",
+        "damaged": "is not the file that abel.json was written for",
+        "empty": "must both be of lf-flame abel or both of lf-flame reconstruct",
+    }.items():
+        words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
+        result = run("temperature", green, tmp_path / name, *words)
+        assert says in str(result.exception), name
+    assert not (tmp_path / "out").exists()
+
+
+def test_wavelengths_in_another_unit_are_refused(colours, tmp_path):
+    words = ["--out", tmp_path / "out", "--wavelengths"]
+    for pair in ((0.55, 0.65), (5.5e-4, 6.5e-4)):
+        result = run("temperature", *colours, *words, *pair)
+        assert "in nm" in str(result.exception)
+        assert "give 550 and 650" in str(result.exception)
+    words = ["--wavelengths", 550, 650, "--soot-exponent"]
+    for exponent in ("inf", "nan", 6):
+        result = run("temperature", *colours, *words, exponent)
+        assert "soot_exponent must be from -1 to 5" in str(result.exception)
+
+
+def test_no_temperature_and_coded_files_are_told(colours, tmp_path):
+    record = json.loads((colours[1] / "abel.json").read_text())
+    record["notes"] = [f"flame.jpg is a JPEG file. {CODED}"]
+    (colours[1] / "abel.json").write_text(json.dumps(record))
+    words = ["--wavelengths", 650, 550, "--out", tmp_path / "out"]
+    result = run("temperature", *colours, *words)
+    assert result.exit_code == 0, result.output
+    assert "0 of 96 cells" in result.output
+    assert "No cell has a temperature" in result.output
+    assert "order of the folders" in result.output
+    assert f"{colours[1]} was made of files" in result.output
+    assert "flame.jpg" not in result.output
+
+
+def test_a_full_disk_is_told_with_the_file(colours, tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError("384 requested and 0 written")  # as NumPy says it
+
+    monkeypatch.setattr(tifffile, "imwrite", full)
+    words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
+    error = run("temperature", *colours, *words).exception
+    assert isinstance(error, OSError)
+    assert error.filename == str(tmp_path / "out" / "temperature.tif")
+    assert error.strerror == "384 requested and 0 written"

@@ -1,0 +1,58 @@
+"""Which image files are likely to be gamma-coded, by files of Pillow and hand-made chunks."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lf_flame.formats.coding import notes_on_coding
+
+
+def chunk(kind, data):
+    whole = kind + data
+    return struct.pack(">I", len(data)) + whole + struct.pack(">I", zlib.crc32(whole))
+
+
+def write_png(path, bits, *chunks):
+    """A grey PNG of 2 x 2 pixels, by its specification."""
+    header = struct.pack(">IIBBBBB", 2, 2, bits, 0, 0, 0, 0)
+    lines = zlib.compress(2 * (b"\0" + bytes(2 * bits // 8)))
+    parts = [chunk(b"IHDR", header), *chunks, chunk(b"IDAT", lines), chunk(b"IEND", b"")]
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+
+
+def gamma(value):
+    return chunk(b"gAMA", struct.pack(">I", value))
+
+
+@pytest.mark.parametrize(
+    ("bits", "chunks", "is_coded"),
+    [
+        (8, (), True),
+        (16, (), False),
+        (8, (gamma(100000),), False),
+        (16, (gamma(45455),), True),
+        (16, (chunk(b"sRGB", b"\0"),), True),
+    ],
+)
+def test_png_files_are_coded_by_depth_or_by_what_they_say(tmp_path, bits, chunks, is_coded):
+    write_png(tmp_path / "one.png", bits, *chunks)
+    notes = notes_on_coding(tmp_path / "one.png")
+    assert len(notes) == is_coded
+    if is_coded:
+        assert f"one.png is a PNG file of {bits} bits." in notes[0]
+        assert "not linear in light" in notes[0]
+
+
+def test_of_a_folder_the_first_picture_tells(tmp_path):
+    assert notes_on_coding(tmp_path) == []
+    grey = Image.fromarray(np.zeros((4, 4), np.uint8))
+    for name in ("b.tif", "a.JPG"):
+        grey.save(tmp_path / name)
+    assert "a.JPG is a JPEG file." in notes_on_coding(tmp_path)[0]
+    assert notes_on_coding(tmp_path / "b.tif") == []
+    assert notes_on_coding(tmp_path / "none.png") == []
+    (tmp_path / "broken.png").write_bytes(b"no picture")
+    assert notes_on_coding(tmp_path / "broken.png") == []
