@@ -232,7 +232,7 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
 
 @contextmanager
 def _interrupt_after_epoch() -> Iterator[list[int]]:
-    """Let Ctrl-C wait for the end of an epoch: in the middle of one there is no state to go on from.
+    """Let Ctrl-C wait for the end of an epoch: in the middle there is no state to go on from.
 
     Yields
     ------
