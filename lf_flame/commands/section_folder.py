@@ -73,11 +73,12 @@ def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
     records = [load_record(SectionRecord, folder / RECORD) for folder in (first, second)]
     if records[0].place != records[1].place:
         told = records[0]
-        burner = "" if told.burner_mm is None else f" --burner {told.burner_mm!r}"
+        place = f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r}"
+        place += f" --radius {told.radius_mm!r}"
+        place += "" if told.burner_mm is None else f" --burner {told.burner_mm!r}"
         raise InputError(
             f"{first} and {second} must have the same axis, radius, burner and cells; call "
-            f"lf-flame abel for the second colour with the first one's numbers, "
-            f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r} --radius {told.radius_mm!r}{burner}."
+            f"lf-flame abel for the second colour with the first one's numbers, {place}."
         )
     pairs = []
     for name in (SECTION, SIGMA):

@@ -188,6 +188,7 @@ class Exhibit:
             "channels": channels,
             "slopes": list(map(float, self.slopes)),
             "slope": float(self.slope),
+            "map_steps": MAP_STEPS,
             "camera": _describe_camera(self.camera, views),
             "source": self.source,
             "reading": dict(self.reading),

@@ -61,7 +61,7 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
     script = f'<script type="module">import "{script_url("page.js")}";</script>'
     style = read_static("viewer.css")
     carried = len(script) + len(style) + _base64_length(slope_map) + 8192
-    shrunk = shrink(exhibit.coded, most_bytes - carried)
+    shrunk = shrink(exhibit.coded, most_bytes, carried)
     metadata = exhibit.describe(shrunk.coded, shrunk.pieces, shrunk.coding)
     blocks = [_json_block(metadata)]
     blocks += [_data_block(f"lf-piece-{k}", data) for k, data in enumerate(shrunk.data)]

@@ -1,6 +1,7 @@
 """Views for a page of bounded size: as they are where they fit, else with fewer bits or views."""
 
 import io
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -44,14 +45,16 @@ class ShrunkViews:
         return sum(-(-len(piece) // 3) * 4 + 64 for piece in self.data)
 
 
-def shrink(coded: CodedViews, most_letters: int) -> ShrunkViews:
+def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
     """Pack views as exactly as there is room for.
 
     Parameters
     ----------
     coded : CodedViews
-    most_letters : int
-        Of the pieces in base64.
+    most_bytes : int
+        Size of the page at most.
+    carried : int
+        Bytes that the page has beside the pieces of the views.
 
     Returns
     -------
@@ -63,11 +66,12 @@ def shrink(coded: CodedViews, most_letters: int) -> ShrunkViews:
         If no way is small enough.
     """
     for shrunk in _ways(coded):
-        if shrunk.length <= most_letters:
+        if shrunk.length <= most_bytes - carried:
             return shrunk
+    needed = math.ceil((shrunk.length + carried) / 1e5) / 10
     raise InputError(
-        f"The views need {shrunk.length / 1e6:.3g} MB even as a few coarse JPEG images, but there "
-        f"is room for {max(most_letters, 0) / 1e6:.3g} MB; allow a larger file."
+        f"A page with a few of the views as coarse JPEG images needs {needed:.1f} MB, but "
+        f"{most_bytes / 1e6:g} MB are allowed; allow that many (--megabytes {needed:.1f})."
     )
 
 

@@ -13,7 +13,7 @@ REQUEST = {"recipe": {"epochs": 12, "schedule": "constant"}}
 
 
 class RandomWalk:
-    """A trainer whose loss is a random walk; it is interrupted in the middle of some epochs."""
+    """A trainer whose loss is a random walk, interrupted in the middle of some epochs."""
 
     def __init__(self, interrupts=()):
         self.state, self.epochs, self.interrupts = [np.ones(1)], 0, list(interrupts)

@@ -110,6 +110,57 @@ def test_where_the_slope_is_unknown_nothing_moves(tab, tmp_path):
     assert tab.page.evaluate("() => lfViewer.state.slope") == 0.3
 
 
+def test_what_was_unsure_is_unsaid_by_a_click_that_works(tab, two_planes, tmp_path):
+    two_planes.light_field.views[..., 30:] = 0.5
+    tab.open(written(two_planes, tmp_path), "webgl")
+    box, status = tab.page.locator(".lf-over").bounding_box(), tab.page.get_by_role("status")
+    hint = tab.page.locator(".lf-hint")
+    assert "click a place, or drag a box" in hint.inner_text()
+
+    def click(across, down=0.5):
+        tab.page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
+        tab.settle()
+
+    click(0.9)
+    assert "not certain" in status.inner_text()
+    assert "not certain" in hint.inner_text()  # said before, as the pointer comes
+    click(0.25)
+    assert status.inner_text() == ""
+    assert hint.inner_text().startswith("Here: slope +1.0")
+    click(0.9)
+    tab.set(gain=1.5)
+    assert status.inner_text() == ""
+    tab.page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.2 * box["height"])
+    tab.page.mouse.down()
+    tab.page.mouse.move(box["x"] + 0.95 * box["width"], box["y"] + 0.6 * box["height"], steps=3)
+    tab.page.mouse.up()
+    assert "No slope in this box is certain" in status.inner_text()
+    assert tab.page.evaluate("() => lfViewer.state.region")
+
+
+def test_without_a_map_a_click_says_so(tab, make_exhibit, tmp_path):
+    tab.open(written(make_exhibit((3, 3, 8, 9)), tmp_path), "webgl")
+    assert tab.page.locator(".lf-hint").inner_text() == "Drag the slope to focus."
+    tab.page.locator(".lf-over").click()
+    assert tab.page.get_by_role("status").inner_text() == "There is no slope map."
+
+
+def test_the_map_has_a_scale(tab, two_planes, tmp_path):
+    object.__setattr__(two_planes, "camera", PAPER_CAMERA)
+    tab.open(written(two_planes, tmp_path), "webgl")
+    scale = tab.page.locator(".lf-scale")
+    assert not scale.is_visible()
+    tab.set(overlay="slope")
+    ends = [f"{PAPER_CAMERA.slope_to_depth(x):+.1f} mm".replace("-", MINUS) for x in (-2, 2)]
+    assert scale.locator("span").all_inner_texts() == [
+        f"{MINUS}2.00, {ends[0]}", f"+2.00, {ends[1]}"
+    ]  # fmt: skip
+    assert scale.locator("i").bounding_box()["width"] > 100
+    colours = scale.locator("i").evaluate("(x) => getComputedStyle(x).backgroundImage")
+    assert colours.startswith("linear-gradient(90deg, rgb(68, 1, 84)")  # as the map's lowest slope
+    assert colours.endswith("rgb(253, 231, 37))")
+
+
 def test_overlays_are_the_slope_map_and_the_image_in_focus(tab, two_planes, tmp_path):
     tab.open(written(two_planes, tmp_path), "webgl")
     tab.page.get_by_label("Overlay").select_option("focus")
@@ -163,6 +214,26 @@ def test_the_copied_command_gives_the_picture_shown(tab, make_exhibit, tmp_path,
     names = {}
     exec(tab.page.locator("code").inner_text(), names)
     assert np.abs(255 * names["image"] - tab.canvas()).max() <= 1
+
+
+def test_the_copied_command_puts_all_in_focus_where_that_is_shown(tab, two_planes, tmp_path):
+    """Whatever slope and aperture were set before: the map is made from all views."""
+    source = tmp_path / "views.npy"
+    np.save(source, two_planes.light_field.views)
+    exhibit = Exhibit(two_planes.light_field, "x", (-1.7, 2.2), 0.0, source=str(source))
+    tab.open(written(exhibit, tmp_path), "webgl")
+    tab.set(overlay="focus", slope=0.3, width=0.4, gain=0.8, gamma=2.0)
+    tab.page.get_by_role("button", name="Copy command").click()
+    words = shlex.split(tab.page.locator("code").inner_text())
+    result = CliRunner().invoke(commands, [*words[1:], "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    shown = tab.canvas(".lf-over")
+    picture = 255 * read_image(tmp_path / "out" / "all_in_focus.png")
+    assert np.abs(picture - shown[..., 0]).max() <= 2  # 8 bits before gamma, and behind it
+    tab.page.get_by_role("button", name="Copy Python").click()
+    names = {}
+    exec(tab.page.locator("code").inner_text(), names)
+    assert np.abs(255 * names["image"] - shown[..., 0]).max() <= 2
 
 
 @pytest.mark.parametrize(
@@ -241,8 +312,12 @@ def test_what_does_not_fit_is_carried_coarser_and_said_so(tab, tmp_path, rng):
         inner = (slice(8, -8), slice(8, -8))
         assert np.sqrt(np.mean((tab.read(image.shape) - image)[inner] ** 2)) < 0.02
     assert len(seen) > 1
-    with pytest.raises(InputError, match="allow a larger file"):
+    with pytest.raises(InputError, match=r"allow that many \(--megabytes") as refused:
         single_page(exhibit, 100_000)
+    needed = float(str(refused.value).partition("--megabytes ")[2].rstrip(")."))
+    assert len(single_page(exhibit, int(needed * 1e6))[0].encode()) <= needed * 1e6
+    with pytest.raises(InputError):
+        single_page(exhibit, int((needed - 0.1) * 1e6))
 
 
 def test_metadata_holds_nothing_that_json_does_not_know(make_exhibit):

@@ -1,7 +1,7 @@
-// Weights of the views for a synthetic aperture: the part of each view's square that lies inside.
-// The same formulas as in lf_flame/refocus/aperture.py, so that both draw the same picture.
+// Weights of the views for a synthetic aperture: the part of each view's square that lies inside,
+// as in lf_flame/refocus/aperture.py.
 
-/** Positions of n views about their middle, in view steps. */
+/** Positions of n views from their middle. */
 export function centred(n) {
   return Array.from({ length: n }, (_, i) => i - (n - 1) / 2);
 }
@@ -55,8 +55,8 @@ function square(views, width, centre) {
 /**
  * Weight of each view, row by row, from 0 to 1.
  *
- * views: [rows, columns]; aperture: its width, and that of a covered middle (ring), in widths of
- * the full aperture, its shape ("square" or "round"), and where its centre is, in view steps.
+ * views: [rows, columns]; width, and ring, of a covered middle, in widths of the full aperture;
+ * centre in view steps.
  */
 export function apertureWeights(views, { shape, width, ring, centre }) {
   const open = shape === "round" ? disc : square;

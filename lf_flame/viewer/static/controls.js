@@ -1,4 +1,4 @@
-// The controls beside the picture: native ones, so that keys, fingers and screen readers know them.
+// Native controls, so that keys, fingers and screen readers know them.
 
 import { command, depthOf, python } from "./words.js";
 
@@ -41,7 +41,6 @@ export class Controls {
     this.form.addEventListener("submit", (event) => event.preventDefault());
   }
 
-  /** Offer what a slope map allows, when it has come in. */
   offerOverlays() {
     const overlays = { none: "none", slope: "slope map; grey: unsure", focus: "everything in focus" };
     this.choice(this.shown, "Overlay", "overlay", overlays);
@@ -65,7 +64,7 @@ export class Controls {
     input.step = step;
     const label = this.labelled(group, text, input);
     const output = label.appendChild(document.createElement("span"));
-    output.setAttribute("aria-hidden", "true"); // the control itself says it: aria-valuetext
+    output.setAttribute("aria-hidden", "true"); // aria-valuetext says it
     this.ranges[name] = { input, output };
     input.addEventListener("input", () => this.change(name, Number(input.value), true));
     input.addEventListener("change", () => this.change(name, Number(input.value), false));
@@ -115,11 +114,16 @@ export class Controls {
       output.textContent = this.describe(field, value, metadata, state);
       input.setAttribute("aria-valuetext", output.textContent);
     }
+    const scale = this.viewer.find(".lf-scale");
+    scale.hidden = state.overlay !== "slope" || !metadata.map;
+    scale.querySelectorAll("span").forEach((end, i) => {
+      end.textContent = this.describe("slope", metadata.slopes[i], metadata, state);
+    });
     const image = this.viewer.find(".lf-image");
     image.setAttribute("aria-label", `${metadata.title}, refocused at slope ${signed(state.slope, 2)}`);
   }
 
-  describe(field, value, { camera }, state) {
+  describe(field, value, { camera } = this.viewer.metadata, state = this.viewer.state) {
     if (field === "slope" && camera) {
       const depth = depthOf(camera, value);
       const where = Number.isFinite(depth) ? `${signed(depth, 1)} mm` : "beyond infinity";

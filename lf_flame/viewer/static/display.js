@@ -1,11 +1,10 @@
 // From radiance to what a screen shows.
 
-/** Factor and offset from codes to parts of white, with the gain; and the exponent of gamma. */
+/** Factor and offset from codes to parts of white; exponent of gamma. */
 export function display({ levels, low, high, white }, gain, gamma) {
   return { scale: (gain * (high - low)) / white / levels, offset: (gain * low) / white, exponent: 1 / gamma };
 }
 
-/** Put values in codes on a canvas, which takes their size. */
 export function paint(canvas, values, [height, width], channels, show) {
   const levels = showable(values, channels, show);
   Object.assign(canvas, { height, width });

@@ -1,5 +1,5 @@
-// Epipolar-plane images: one row of the picture in the views beside each other, one column in those
-// above each other. A surface is a straight line in them, its tilt the slope.
+// Epipolar-plane images: a row of the picture in the views beside each other, a column in those above
+// each other. A surface is a straight line in them, its tilt the slope.
 
 import { paint } from "./display.js";
 
@@ -23,7 +23,6 @@ export function slicesOf(codes, { views, size, channels }, row, column) {
   return [beside, above];
 }
 
-/** Slices as the program gives them, one after the other in float32. */
 export function readSlices(buffer, { views, size, channels }) {
   const values = new Float32Array(buffer);
   const cut = views[1] * size[1] * channels;

@@ -1,4 +1,4 @@
-// What takes a while, one at a time: of what is asked for meanwhile only the last is kept.
+// Slow work, one piece at a time: of what is asked for meanwhile only the last is kept.
 
 import { paint } from "./display.js";
 
@@ -26,10 +26,10 @@ export class Latest {
   }
 }
 
-/** After so many milliseconds a picture is said to be waited for. */
+/** Milliseconds before the page says that it waits. */
 const A_MOMENT = 400;
 
-/** Draws what is summed elsewhere; make: from a picture to its values and its size. */
+/** Draws what is summed elsewhere; make gives values and size. */
 export class LatestRenderer extends Latest {
   constructor(canvas, shape) {
     super((picture) => this.finish(picture));

@@ -1,4 +1,4 @@
-// What lies over the picture: the slope map, everything in focus, the box and the place.
+// What lies over the picture: slope map, everything in focus, box and place.
 
 import { display, showable } from "./display.js";
 
@@ -13,7 +13,7 @@ export function readMap(buffer, { size, channels }) {
   };
 }
 
-/** Viridis (matplotlib) at nine places: even in lightness, and read by the colour-blind too. */
+/** Viridis (matplotlib) at nine places. */
 const VIRIDIS = [
   [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],
   [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
@@ -25,19 +25,15 @@ export function viridis(part) {
   return VIRIDIS[below].map((x, c) => x + (at - below) * (VIRIDIS[below + 1][c] - x));
 }
 
-/** Slope of a place, or nothing where it is not certain. */
-export function slopeAt(map, row, column) {
-  const at = map ? row * map.width + column : 0;
-  return map?.certain[at] ? map.slope[at] : null;
-}
+/** The colours from the lowest slope to the highest. */
+export const SCALE = `linear-gradient(90deg,${VIRIDIS.map((x) => `rgb(${x})`)})`;
 
 /** Median slope of the certain pixels of a box, or nothing where there are none. */
 export function slopeOfRegion(map, [top, bottom, left, right]) {
   const slopes = [];
-  for (let row = top; row < bottom; row++) {
-    for (let column = left; column < right; column++) {
-      const slope = slopeAt(map, row, column);
-      if (slope !== null) slopes.push(slope);
+  for (let row = top; map && row < bottom; row++) {
+    for (let at = row * map.width + left; at < row * map.width + right; at++) {
+      if (map.certain[at]) slopes.push(map.slope[at]);
     }
   }
   slopes.sort((a, b) => a - b);

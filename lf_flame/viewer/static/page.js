@@ -1,4 +1,4 @@
-// A page with one viewer: reads what the page carries, and keeps the state in the address.
+// A page with one viewer, which keeps the state in the address.
 
 import { asked, embedded, fetcher } from "./source.js";
 import { fromAddress, toAddress } from "./state.js";
@@ -23,7 +23,7 @@ viewer.listeners.push((state) => {
 });
 addEventListener("hashchange", () => viewer.set(fromAddress(location.hash, viewer.first, metadata)));
 
-/** Frames a second of this browser, over the slopes, with all views. */
+/** Frames a second of this browser, with all views. */
 async function benchmark() {
   await viewer.ready;
   const { renderer, state } = viewer;

@@ -1,4 +1,4 @@
-// Draws images that the program makes: of what is too large for a page, by a network, or exactly.
+// Draws images that the program makes: large ones, by a network, or exactly.
 
 import { LatestRenderer } from "./latest.js";
 
@@ -12,7 +12,6 @@ export class PlaneRenderer extends LatestRenderer {
     Object.assign(this, { source, coarse, name: "the program", took: 0 });
   }
 
-  /** Show the view in the middle, until the first image is there. */
   async begin(show) {
     const values = new Float32Array(await this.source.middle());
     if (!this.values) this.show(values, this.shape.size, show);

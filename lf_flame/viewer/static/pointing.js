@@ -33,6 +33,7 @@ export class Pointing {
   move(event) {
     const here = this.at(event);
     this.viewer.slicesAt(...here);
+    this.viewer.hint(here);
     if (this.from && this.isBox(here)) this.viewer.set({ region: this.box(here) }, { dragging: true });
   }
 
@@ -67,6 +68,7 @@ export class Pointing {
       const from = this.place ?? size.map((n) => n >> 1);
       this.place = from.map((x, axis) => Math.min(Math.max(x + step * move[axis], 0), size[axis] - 1));
       this.viewer.slicesAt(...this.place);
+      this.viewer.hint(this.place);
       this.viewer.draw();
     } else if (event.key === "Enter" && this.place) this.viewer.focusAt(...this.place);
     else if (event.key === "Escape") this.viewer.set({ region: null });

@@ -1,6 +1,5 @@
-// Where each view is read at a slope, and how much it counts; as in lf_flame/refocus/shift.py.
-// Whole lenslets and the part of one are kept apart, in double precision: a position as one float32
-// number would miss the fraction by 1e-4 at the far end of a large image.
+// Where each view is read at a slope, as in lf_flame/refocus/shift.py. Whole lenslets and the part of
+// one are kept apart: one float32 number would miss the fraction by 1e-4 far out in a large image.
 
 function shifts(positions, length, slope) {
   return positions.map((at) => {
@@ -11,9 +10,9 @@ function shifts(positions, length, slope) {
 }
 
 /**
- * Plan of one refocused image: shifts of the rows and columns of views, weights that sum to 1.
+ * Shifts of the rows and columns of views, and weights that sum to 1.
  *
- * positions: of the rows and of the columns of views, in view steps from the middle.
+ * positions: of the rows and columns of views, in view steps from the middle.
  */
 export function planShifts({ positions, size }, slope, weights) {
   const sum = weights.reduce((total, weight) => total + weight, 0);

@@ -1,4 +1,4 @@
-// Draws refocused images without WebGL2: a Worker sums, the page goes on answering meanwhile.
+// Draws without WebGL2: a Worker sums, the page goes on answering meanwhile.
 
 import { LatestRenderer } from "./latest.js";
 import { planShifts } from "./shifts.js";

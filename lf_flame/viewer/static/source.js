@@ -1,5 +1,4 @@
-// Where the views come from: the local program, or the page itself. Pieces of them come in turn, the
-// middle of the light field first.
+// Where the views come from: the local program, or the page itself; the middle ones first.
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -35,7 +34,7 @@ export function embedded(text, { coding, channels, has_map }) {
   };
 }
 
-/** What a program gives that is asked for it by name. */
+/** What a program gives by name. */
 export function asked(get, { has_map }) {
   return {
     piece: (number) => get(`views/${number}`),
@@ -46,7 +45,6 @@ export function asked(get, { has_map }) {
   };
 }
 
-/** Ask the program that serves the page. */
 export function fetcher(base) {
   return async (name) => {
     const answer = await fetch(new URL(name, base)).catch(() => {

@@ -2,10 +2,8 @@
 
 const number = (text) => (text.trim() === "" ? NaN : Number(text));
 
-/** The full aperture. */
 const WHOLE = { shape: "square", width: 1, ring: 0, centre: [0, 0] };
 
-/** The picture that a page opens with. */
 export function initialState({ slope }) {
   return {
     slope, ...WHOLE,
@@ -48,7 +46,7 @@ function regionWithin(region, [height, width]) {
   return inside && right <= width ? region : null;
 }
 
-/** The part of an address after #. Only what differs from the first picture stands in it. */
+/** The part of an address after #: what differs from the first picture. */
 export function toAddress(state, first) {
   const parts = new URLSearchParams();
   for (const [name, value] of Object.entries(state)) {

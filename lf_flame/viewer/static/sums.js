@@ -1,7 +1,7 @@
 // Shift-and-sum without a graphics processor: rows of views first, then their sums (separable).
 // It is loaded as a Worker too, so it imports nothing.
 
-/** Add two neighbouring taps of a line to another one, positions clamped at the ends. */
+/** Add two neighbouring taps of a line to another, clamped at the ends. */
 function addLine(out, to, line, from, width, channels, whole, first, second) {
   const low = Math.min(Math.max(-whole, 0), width) * channels;
   const high = Math.min(Math.max(width - 1 - whole, 0), width) * channels;
@@ -58,7 +58,7 @@ function addRows(image, row, height, line, { whole, part }) {
   }
 }
 
-/** Average blocks of pixels of all views; what a block lacks at the ends is left out. */
+/** Average whole blocks of pixels of all views. */
 export function binned(codes, { views, size, channels }, block) {
   const [height, width] = size.map((n) => Math.floor(n / block));
   const out = new Float32Array(views[0] * views[1] * height * width * channels);
@@ -80,7 +80,7 @@ export function binned(codes, { views, size, channels }, block) {
   return { codes: out, shape: { views, size: [height, width], channels } };
 }
 
-// As a Worker: it is told the shape once, the codes in pieces, and then plans.
+// A Worker is told the shape once, the codes in pieces, then plans.
 if (typeof WorkerGlobalScope !== "undefined" && self instanceof WorkerGlobalScope) {
   let shape;
   let codes;

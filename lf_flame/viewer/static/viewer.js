@@ -5,7 +5,7 @@ import { Controls } from "./controls.js";
 import { display } from "./display.js";
 import { drawSlices, readSlices, slicesOf } from "./epi.js";
 import { Latest } from "./latest.js";
-import { drawOverlay, readMap, slopeAt, slopeOfRegion } from "./overlay.js";
+import { drawOverlay, readMap, SCALE, slopeOfRegion } from "./overlay.js";
 import { PlaneRenderer } from "./planes.js";
 import { Pointing } from "./pointing.js";
 import { SoftwareRenderer } from "./software.js";
@@ -21,6 +21,8 @@ const MARKUP = `
         aria-label="Place in the picture: arrow keys move it, Enter focuses there"></canvas>
     </div>
     <progress class="lf-progress" max="1" value="0" aria-label="Loading the views"></progress>
+    <p class="lf-scale" hidden><span></span><i></i><span></span></p>
+    <p class="lf-hint"></p>
     <p class="lf-status" role="status"></p>
     <div class="lf-slices" hidden>
       <figure><canvas class="lf-row"></canvas>
@@ -38,6 +40,8 @@ function weightsOf(loaded, { views }, state) {
   const some = weights.map((weight, i) => (loaded[i] ? weight : 0));
   return some.some((weight) => weight > 0) ? some : loaded.map(Number);
 }
+
+const boxOf = ([row, column]) => [row, row + 1, column, column + 1];
 
 export class Viewer {
   /**
@@ -60,6 +64,8 @@ export class Viewer {
     const picture = this.find(".lf-picture").style;
     picture.aspectRatio = `${size[1]} / ${size[0]}`;
     picture.width = `min(100%, ${(75 * size[1]) / size[0]}vh)`; // a tall one fits the window too
+    this.find(".lf-scale i").style.background = SCALE;
+    this.hint();
     this.controls = new Controls(this);
     this.pointing = new Pointing(this);
     this.ready = this.load();
@@ -83,10 +89,24 @@ export class Viewer {
     return this.element.querySelector(selector);
   }
 
+  /** Say what a click does, and what the slope map says of the place under the pointer. */
+  hint(place) {
+    const { map, has_map } = this.metadata;
+    let words = "Drag the slope to focus.";
+    if (has_map) words += " Or click a place, or drag a box: the focus goes there.";
+    if (map && place) {
+      const slope = slopeOfRegion(map, boxOf(place));
+      words = slope === null
+        ? "Here the slope is not certain (too little texture): drag a larger box, or the slope."
+        : `Here: slope ${this.controls.describe("slope", slope)}. A click focuses on it.`;
+    }
+    this.find(".lf-hint").textContent = words;
+  }
+
   /** Say something; a trouble is unsaid by the next picture. */
   say(words, trouble = false) {
     this.find(".lf-status").textContent = words;
-    this.trouble = trouble;
+    Object.assign(this, { trouble, unsure: false });
   }
 
   async load() {
@@ -104,6 +124,7 @@ export class Viewer {
       throw error;
     }
     this.say("");
+    this.hint();
     this.controls.offerOverlays();
     this.set({});
   }
@@ -122,9 +143,9 @@ export class Viewer {
     return display(this.metadata, this.state.gain, this.state.gamma);
   }
 
-  /** Change some of the state, as controls, pointer and notebook do. */
   set(changes, { dragging = false } = {}) {
     this.state = checked({ ...this.state, ...changes }, this.state, this.metadata);
+    if (this.unsure) this.say("");
     this.draw(dragging);
     for (const listener of this.listeners) listener(this.state, dragging);
   }
@@ -147,7 +168,7 @@ export class Viewer {
     });
   }
 
-  /** Note when the first picture and that of all views were drawn, for whoever measures. */
+  /** Mark the first picture and that of all views, for whoever measures. */
   note() {
     const marks = this.loaded.includes(false) ? ["lf-first-picture"] : ["lf-first-picture", "lf-all-views"];
     for (const mark of marks) {
@@ -163,21 +184,25 @@ export class Viewer {
     while (this.frame !== undefined || this.renderer.busy || this.slices?.busy);
   }
 
-  /** Focus on a place where its slope is certain; say so where it is not. */
-  focusAt(row, column) {
-    const slope = slopeAt(this.metadata.map, row, column);
-    if (slope === null) this.say("The slope of this place is not certain: there is too little texture.");
-    else this.set({ slope, region: null });
+  focusAt(...place) {
+    this.focusOn(boxOf(place), "The slope of this place is not certain");
   }
 
-  /** Focus on what a box holds. */
-  focusOn(region) {
-    const slope = slopeOfRegion(this.metadata.map, region);
-    this.set(slope === null ? { region } : { region, slope });
-    if (slope === null) this.say("No slope in this box is certain.");
+  /** Focus on what a box holds, which is kept unless it is a place. */
+  focusOn(box, unsure) {
+    const { map, has_map } = this.metadata;
+    const slope = slopeOfRegion(map, box);
+    const changes = unsure ? {} : { region: box };
+    if (slope !== null) {
+      this.set({ region: null, ...changes, slope });
+      return;
+    }
+    this.set(changes);
+    const why = `${unsure ?? "No slope in this box is certain"}: there is too little texture.`;
+    this.say(map ? why : has_map ? "The slope map is not there yet." : "There is no slope map.");
+    this.unsure = true;
   }
 
-  /** Show the row and the column of a place in all views (epipolar-plane images). */
   slicesAt(row, column) {
     this.find(".lf-slices").hidden = false;
     const { codes, metadata, source } = this;

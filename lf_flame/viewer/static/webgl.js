@@ -41,13 +41,13 @@ void main() {
 
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
-/** What draws: the name of the graphics processor, or nothing where there is no WebGL2. */
+/** Name of the graphics processor; nothing without WebGL2. */
 export function rendererName(gl) {
   const info = gl.getExtension("WEBGL_debug_renderer_info");
   return String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
 }
 
-/** Whether a page should draw by WebGL2: it is there, holds the views, and is no software. */
+/** Whether WebGL2 is there, holds the views, and is no software. */
 export function hasFastWebGL({ views, size }) {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) return false;
@@ -127,7 +127,7 @@ export class WebGLRenderer {
     gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, first, width, height, count, format, type, some);
   }
 
-  /** A lost context comes back empty: the views are uploaded again, the picture drawn again. */
+  /** A lost context comes back empty. */
   restore() {
     this.start();
     for (const [first, count] of this.pieces) this.upload(first, count);
@@ -182,7 +182,7 @@ export class WebGLRenderer {
     return upright(values, height, width, this.shape.channels);
   }
 
-  /** Wait for the graphics processor (for timing). */
+  /** Wait (for timing). */
   wait() {
     this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }

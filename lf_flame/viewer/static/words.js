@@ -1,4 +1,4 @@
-// The command and the line of Python that make the picture shown.
+// The command and the Python that make the picture shown.
 
 const shellQuoted = (text) => `'${text.replaceAll("'", `'\\''`)}'`;
 const short = (x) => String(Number(x.toPrecision(6)));
@@ -12,11 +12,12 @@ const asPath = (text) => shellQuoted(text.startsWith("-") ? `./${text}` : text);
 /** Call of the program, to be typed in a shell. */
 export function command(metadata, state) {
   const words = ["lf-flame refocus", asPath(metadata.source)];
-  for (const [name, value] of Object.entries({ ...metadata.reading, ...metadata.making })) {
+  const all = state.overlay === "focus"; // made from all views, whatever the aperture
+  for (const [name, value] of Object.entries({ ...metadata.reading, ...(all ? {} : metadata.making) })) {
     words.push(`--${name}=${shellQuoted(String(value))}`);
   }
-  words.push(`--slope ${short(state.slope)}`);
-  if (!isWhole(state)) {
+  words.push(all ? `--map ${metadata.slopes.join(" ")}` : `--slope ${short(state.slope)}`);
+  if (!all && !isWhole(state)) {
     words.push(`--aperture ${short(state.width)}`);
     if (state.shape === "square") words.push("--square");
     if (state.ring) words.push(`--ring ${short(state.ring)}`);
@@ -37,8 +38,9 @@ export function python(metadata, state) {
     "from lf_flame.refocus import refocus",
     raw ? `light_field, _ = read_raw(${called})` : `light_field = read_light_field(${called})`,
   ];
+  const all = state.overlay === "focus";
   let weights = "";
-  if (!isWhole(state)) {
+  if (!all && !isWhole(state)) {
     const { shape, width, ring, centre } = state;
     lines.push("from lf_flame.refocus import aperture_weights");
     lines.push(
@@ -49,7 +51,11 @@ export function python(metadata, state) {
   }
   const slope = `[${short(state.slope)}]`;
   const { network, interpolation } = metadata.making;
-  if (network) {
+  if (all) {
+    lines[1] = "import numpy as np\nfrom lf_flame.refocus import all_in_focus";
+    lines.push(`slopes = np.linspace(${metadata.slopes.join(", ")}, ${metadata.map_steps})`);
+    lines.push("image = all_in_focus(light_field, slopes).all_in_focus");
+  } else if (network) {
     const { white } = metadata;
     const [views, times] = white === 1 ? ["", ""] : [`.views / ${white}`, `${white} * `];
     lines[1] = "from lf_flame.systems.training import load_system";
