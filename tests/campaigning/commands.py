@@ -17,7 +17,7 @@ class Command:
     program : str
         Module behind ``python -m``.
     kills : int
-        How often it is killed, of 200 times.
+        How often it is killed, of 280 times.
     refuses_again : bool
         Whether it wants a new folder, and refuses what it has made.
     goes_on : bool
@@ -51,6 +51,8 @@ class Command:
         )  # fmt: skip
 
 
+LENS = "--camera simulated/simulation.json"
+PLANES = f"{LENS} --depth-mm 0 --depth-mm 5 --redraws 2"
 SHAPES = "dataset shapes.toml --preset smoke --out out"
 TRAIN = "train training.toml --preset smoke --data data.zarr --out out"
 
@@ -66,6 +68,14 @@ WRITING = (
     Command("convert to .npy", "convert views out.npy", "out.npy", kills=12),
     Command("convert to .tif", "convert views out.tif", "out.tif", kills=12),
     Command("convert to a folder", "convert light_field.npy out", kills=14, refuses_again=True),
+    Command("reconstruct", f"reconstruct light_field.npy {PLANES} --out out"),
+    Command("profiles", "profiles emission --out out"),
+    Command("temperature", "temperature emission emission --wavelengths 550 650 --out out"),
+    Command("abel", f"abel light_field.npy {LENS} --redraws 2 --out out"),
+    Command("flicker", "flicker frames --views 3 --frames-per-second 100 --out out"),
+    Command("resolution", f"resolution {LENS} --figure out.png", "out.png"),
+    Command("view", "view light_field.npy --single-file out.html", "out.html"),
+    Command("demo", "demo --single-file out.html", "out.html"),
     Command("dataset, 1 process", f"{SHAPES} --workers 1", kills=20, goes_on=True),
     Command("dataset, 2 processes", f"{SHAPES} --workers 2", kills=20, goes_on=True),
     Command("train", TRAIN, kills=12, goes_on=True),

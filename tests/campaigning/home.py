@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from campaigning.commands import PLANES
 from campaigning.contents import contents, describe
 from campaigning.processes import call
 from campaigning.verdicts import fault
@@ -104,6 +105,7 @@ LIGHT = (
     "convert simulated/light_field.npz views --bits 8",
     "convert views lenslets.tif",
     "refocus views --slope 0.5 --out refocused",
+    f"reconstruct light_field.npy {PLANES} --out emission",
     "dataset shapes.toml --preset few --out data.zarr --workers 1",
     "dataset shapes.toml --preset smoke --out later.zarr --workers 1",
 )
@@ -160,6 +162,9 @@ class Home:
         Image.fromarray(np.full((8, 8), 128, np.uint8)).save(self.folder / "card.png")
         picture = rng.integers(0, 255, (96, 192), np.uint8)
         Image.fromarray(picture).save(self.folder / "picture.png")
+        (self.folder / "frames").mkdir()
+        for k, flame in enumerate(_frames()):
+            Image.fromarray(flame).save(self.folder / "frames" / f"frame{k:02d}.png")
         white, raw = _raw_images(rng)
         Image.fromarray(white).save(self.folder / "white.png")
         Image.fromarray(raw).save(self.folder / "raw.png")
@@ -198,6 +203,13 @@ def _raw_images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     white = 0.05 + 0.95 * np.clip(5.0 - np.hypot(y, x), 0, 1)
     scene = np.kron(rng.uniform(0.2, 1.0, (16, 20)), np.ones((10, 10)))
     return tuple(np.rint(255 * image).astype(np.uint8) for image in (white, white * scene))
+
+
+def _frames() -> list[np.ndarray]:
+    """Draw a column of light that flickers, as lenslet images of 3 x 3 views."""
+    y, x = np.indices((24, 24))
+    column = abs(x - 12) < 5
+    return [np.where(column & (y > 8 + 4 * np.sin(k)), 200, 0).astype(np.uint8) for k in range(16)]
 
 
 def _copy_or_link(source: str, target: str) -> None:

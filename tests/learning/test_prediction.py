@@ -333,7 +333,7 @@ def test_verify_knows_runs_and_exported_networks(run_folder, exported, tmp_path)
     for path in (tmp_path / "shapes" / "model.keras", best, tmp_path / "exported.keras"):
         content = path.read_bytes()
         path.write_bytes(content[:1000] + bytes([content[1000] ^ 1]) + content[1001:])
-        with pytest.raises(InputError, match="1 of the results is damaged"):
+        with pytest.raises(InputError, match="Of 2 results, 1 is damaged"):
             run("verify", tmp_path)
         path.write_bytes(content)
     (tmp_path / "shapes" / "model.keras").unlink()
