@@ -6,7 +6,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 import cloup
@@ -58,7 +58,7 @@ def dataset(
     preset: str,
     out: Path | str,
     workers: int,
-    route: str | None,
+    route: Literal["direct", "exact", "rays"] | None,
     scheduler: str | None,
     local_cluster: int | None,
 ) -> None:
