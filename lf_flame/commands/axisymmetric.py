@@ -40,7 +40,6 @@ FITTING = cloup.option_group(
         help="Lenslets along each axis that make one pixel.",
     ),
     cloup.option("--central", is_flag=True, help="Look at the middle view alone, as a camera's."),
-    cloup.option("--dark", type=PATH, help="Light field without light, read as SOURCE; taken off."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
@@ -68,7 +67,7 @@ FITTING = cloup.option_group(
 @FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default abel/SOURCE.")
-def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, dark, **options):
+def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options):
     """Find the emission of a flame that is round about an upright axis.
 
     Abel inversion from all views of a light field at once, with rays as the camera sees them and
@@ -91,7 +90,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     lens = read_camera(camera)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
-    light_field = reading.read_above(source, dark)
+    light_field = reading.read(source)
     axis = find_axis(light_field, lens)
     grid = AxisymmetricGrid(
         lens,

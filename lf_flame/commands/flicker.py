@@ -89,7 +89,7 @@ def flicker(sources, frames_per_second, slope, depth_mm, camera, out, **options)
     asked = {name: options.pop(name) for name in names}
     measures = _measures(lens, slope, depth_mm, **asked)
     reading = Reading(**options)
-    paths = find_frames(sources, [path for path in (reading.white,) if path])
+    paths = find_frames(sources, reading.files)
     _refuse_few(paths)
     with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
         frames = _of_camera(read_frames(paths, reading), lens)

@@ -222,7 +222,7 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
     from lf_flame.formats import write_light_field
 
     reading = Reading(**options)
-    if target.resolve() in {path.resolve() for path in (source, reading.white) if path}:
+    if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
         write_light_field(reading.read(source), target, int(bits))

@@ -91,7 +91,6 @@ FITTING = cloup.option_group(
     cloup.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or simulation.json."
     ),
-    cloup.option("--dark", type=PATH, help="Light field without light, read as SOURCE; taken off."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
@@ -136,7 +135,7 @@ FITTING = cloup.option_group(
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
 def reconstruct(
-    source, depths, planes, block, camera, out, dark, optical_thickness, l_curve, seed, **options
+    source, depths, planes, block, camera, out, optical_thickness, l_curve, seed, **options
 ) -> None:
     """Find the emission of each depth that explains a light field of a flame.
 
@@ -171,7 +170,7 @@ def reconstruct(
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
-    light_field = reading.read_above(source, dark)
+    light_field = reading.read(source)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)

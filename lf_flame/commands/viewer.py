@@ -90,7 +90,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.viewer.exhibit import Exhibit
 
-    _check_single_file(options["single_file"], (source, camera, options["white"]))
+    _check_single_file(options["single_file"], (source, camera, options["white"], options["dark"]))
     _check_making(options["single_file"], network, interpolation)
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})

@@ -51,7 +51,7 @@ class Exhibit:
     source : str, optional
         Path that a copied command names; without it none is offered.
     reading : mapping, optional
-        Options by which the source is read: views, order, white, pitch, layout.
+        Options by which the source is read: views, order, white, pitch, layout, dark.
     with_map : bool, optional
         Whether there is a slope map.
     interpolation : {"linear", "nearest", "cubic", "sinc"}
