@@ -90,7 +90,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     lens = read_camera(camera)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
-    light_field = reading.read(source)
+    light_field = reading.for_camera(source, lens).read(source)
     axis = find_axis(light_field, lens)
     grid = AxisymmetricGrid(
         lens,

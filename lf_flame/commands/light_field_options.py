@@ -26,7 +26,11 @@ SLOPE_CONVENTIONS = (
 
 READING = cloup.option_group(
     "How the light field is read",
-    cloup.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
+    cloup.option(
+        "--views",
+        type=int,
+        help="Pixels under a lenslet, of a lenslet image or raw (default: the camera's).",
+    ),
     cloup.option("--order", help="What the names of views count, as row,col (default: found)."),
     cloup.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
     cloup.option(
@@ -157,6 +161,12 @@ class Reading:
     pitch: float | None = None
     layout: str | None = None
     dark: Path | None = None
+
+    def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
+        """Take the count of views from a camera, unless it was given or files of views tell it."""
+        if lens is None or self.views is not None or source.is_dir():
+            return self
+        return replace(self, views=lens.views)
 
     def given(self) -> dict[str, Any]:
         """Give the options that were given, paths as text."""

@@ -170,7 +170,7 @@ def reconstruct(
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
-    light_field = reading.read(source)
+    light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)

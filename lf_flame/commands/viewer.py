@@ -95,6 +95,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     system = open_network(network)
+    reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
     chosen = _choose_slopes(light_field, slopes, system)
     exhibit = Exhibit(

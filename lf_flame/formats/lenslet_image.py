@@ -82,14 +82,16 @@ def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 1
     Parameters
     ----------
     light_field : LightField
-        Values from 0 to 1; without a channel axis, or with 1 or 3 channels.
+        Values from 0 to 1, unless written as floats; without a channel axis, or with 1 or 3
+        channels.
     path : str or Path
     bits : int, optional
-        8 or 16.
+        8 or 16; 32 for floats, in TIFF files.
 
     Raises
     ------
     InputError
         If values, channels or the ending do not fit.
     """
-    write_image(path, to_levels(light_field.to_raw(), bits))
+    raw = light_field.to_raw()
+    write_image(path, raw if bits == 32 else to_levels(raw, bits))
