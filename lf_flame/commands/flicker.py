@@ -133,6 +133,7 @@ def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
     from lf_flame.tomography.flame_shape import check_measures
 
     if lens is not None:
+        lens.check_depths(depth_mm)
         slope = float(lens.depth_to_slope(depth_mm))
         if asked["pixel_mm"] is None:
             asked["pixel_mm"] = lens.field_mm(depth_mm)[0] / lens.lenslets[0]

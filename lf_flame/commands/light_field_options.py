@@ -261,6 +261,7 @@ class Focus:
             return slopes
         if lens is None:
             raise InputError("--depth-mm needs the camera: --camera FILE.")
+        lens.check_depths(self.depths)
         return slopes + [lens.depth_to_slope(depth) for depth in self.depths]
 
 

@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, UsablePath
 from lf_flame.errors import InputError
 
 
@@ -113,7 +113,7 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
     type=click.Choice(["conv3", "conv4", "conv5", "none"]),
     help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
 )
-@click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
+@click.option("--seed", type=SEED, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs) -> None:
     """Train the network that CONFIG describes; goes on where a run was cut off."""

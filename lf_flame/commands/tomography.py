@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame.commands.light_field_options import READING, Reading
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED
 from lf_flame.errors import InputError
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -124,7 +124,7 @@ FITTING = cloup.option_group(
         show_default=True,
         help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
     ),
-    cloup.option("--seed", default=0, show_default=True, help="Of those draws."),
+    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Of those draws."),
 )
 
 

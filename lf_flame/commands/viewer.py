@@ -12,7 +12,7 @@ import click
 import cloup
 
 from lf_flame.commands.light_field_options import READING, Reading, open_network
-from lf_flame.commands.options import FILE, PATH, UsablePath
+from lf_flame.commands.options import FILE, PATH, FiniteRange, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ SHOWING = cloup.option_group(
     ),
     cloup.option(
         "--megabytes",
-        type=click.FloatRange(0.3, 1000),
+        type=FiniteRange(0.3, 1000),
         default=10.0,
         show_default=True,
         help="Size of that file at most; what does not fit is carried coarser, and said so.",

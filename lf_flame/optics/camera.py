@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame._common.number import Number
 from lf_flame._common.strict import strict
@@ -32,6 +33,9 @@ WIDEST_APERTURE = 4
 
 SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.1, 1e4
 """F-numbers of lenses; others are mistakes."""
+
+FARTHEST = 1e4
+"""Depth over focus distance beyond which a number is a mistake: all there is as at infinity."""
 
 _RANGES = (
     ("rim_distance_mm", 0.0, LONGEST),
@@ -191,6 +195,22 @@ class PlenopticCamera:
                 f"{views[0]} x {views[1]}: one step between views would be another angle, and each "
                 f"depth wrong; give the camera whose views these are."
             )
+
+    def check_depths(self, depths_mm: ArrayLike) -> None:
+        """Refuse depths behind the main lens, and those that nothing tells from infinity.
+
+        Raises
+        ------
+        InputError
+            If a depth is not above minus the focus distance, or exceeds 10,000 focus distances.
+        """
+        low, high = -self.focus_distance_mm, FARTHEST * self.focus_distance_mm
+        for depth in np.ravel(depths_mm):
+            if not low < depth <= high:
+                raise InputError(
+                    f"Depths must lie above {low:g} mm (the main lens) and up to {high:g} mm, "
+                    f"beyond which all is as at infinity, got {depth:g}."
+                )
 
     @cached_property
     def image_distance_mm(self) -> float:

@@ -16,10 +16,12 @@ def with_depth(text: str, slope: float, camera: PlenopticCamera | None) -> str:
 
 
 def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
-    """Write depths beside an axis's slopes, where the camera is known; gives the label."""
+    """Write depths below an axis's slopes, where the camera is known; gives the label."""
     if camera is None:
         return "slope (lenslets per view step)"
-    axis.set_major_formatter(lambda slope, _: with_depth(f"{slope:g}", slope, camera))
+    axis.set_major_formatter(
+        lambda slope, _: with_depth(f"{slope:g}", slope, camera).replace(" (", "\n(")
+    )
     return "slope, lenslets per view step (depth from the focal plane)"
 
 
@@ -50,8 +52,6 @@ def search_figure(searches, labels=None, camera=None):
     draw_searches(axis, searches, labels)
     axis.set_ylim(bottom=0)
     axis.set_xlabel(_slope_axis(axis.xaxis, camera))
-    if camera is not None:
-        axis.tick_params(axis="x", labelrotation=30)
     figure.legend(fontsize=9, loc="outside lower center")
     return figure
 

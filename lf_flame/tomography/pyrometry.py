@@ -31,6 +31,9 @@ NEWTON_STEPS = 8
 LEAST_SIGNAL = 3.0
 """Standard deviations of its noise by which an emission must exceed 0 to have a ratio."""
 
+LARGEST_EXPONENT = 10.0
+"""Exponents of absorption beyond which a number is a mistake."""
+
 
 @dataclass(frozen=True, eq=False)
 class Temperatures:
@@ -71,9 +74,10 @@ def emission_ratio(
     Raises
     ------
     InputError
-        If wavelengths are not two different ones above 0.
+        If wavelengths are not two different ones above 0, or the exponent exceeds 10.
     """
     first, second = _checked_wavelengths(wavelengths_nm)
+    _check_exponent(soot_exponent)
     inverse = 1 / np.asarray(kelvin, float)
     return np.exp(_log_ratio(inverse, first, second, soot_exponent))
 
@@ -112,6 +116,7 @@ def two_colour_temperature(
         If shapes differ or a value cannot be used.
     """
     short, long = _checked_wavelengths(wavelengths_nm)
+    _check_exponent(soot_exponent)
     emissions = [np.asarray(one, float) for one in (first, second)]
     errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
     shapes = {one.shape for one in (*emissions, *(errors or []))}
@@ -159,6 +164,14 @@ def _invert(log_ratio: np.ndarray, first: float, second: float, exponent: float)
         gap = _log_ratio(inverse, first, second, exponent) - log_ratio
         inverse = np.clip(inverse - gap / _slope(inverse, first, second), 1e-5, 1.0)
     return inverse
+
+
+def _check_exponent(soot_exponent: float) -> None:
+    if not abs(soot_exponent) <= LARGEST_EXPONENT:
+        raise InputError(
+            f"soot_exponent must lie within {LARGEST_EXPONENT:g}, got {soot_exponent}; soot has "
+            f"about 1."
+        )
 
 
 def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, float]:
