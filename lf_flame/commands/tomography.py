@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame.commands.light_field_options import READING, Reading
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange
 from lf_flame.errors import InputError
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -28,7 +28,7 @@ def _read_camera(path: Path | None):
 @click.option(
     "--thickness",
     "thickness_mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     default=30.0,
     show_default=True,
     help="Extent in depth within which light is sought, in mm.",
@@ -37,7 +37,7 @@ def _read_camera(path: Path | None):
     "--period",
     "periods",
     multiple=True,
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     help="Lateral period of detail, in mm; may be repeated.",
 )
 @click.option("--figure", type=PATH, help="PNG of the blur and of the singular values.")
