@@ -5,8 +5,10 @@ becomes one sentence that names the file and the key.
 """
 
 import dataclasses
+import difflib
 import json
 import reprlib
+import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,6 +21,12 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
+
+UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
+"""Pydantic's names for a key that is not known."""
+
+MOST_NAMED, MOST_LISTED = 5, 12
+"""Unknown keys that a message names, and known ones that it lists where none is alike."""
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
@@ -36,12 +44,13 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
     Raises
     ------
     InputError
-        One sentence on the first thing that is wrong.
+        One sentence: all keys that are not known, with those that are like them; else the first
+        thing that is wrong.
     """
     try:
         return TypeAdapter(kind).validate_python(values)
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error)}") from None
+        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
 
 
 def load_record(kind: type[T], path: str | Path) -> T:
@@ -63,7 +72,7 @@ def build_record(kind: type[T], values: Any, source: str | Path) -> T:
         # As JSON, whose lists may be tuples; of Python's own a strict check refuses that.
         return TypeAdapter(kind).validate_json(json.dumps(values), strict=True)
     except ValidationError as error:
-        raise InputError(f"{source}: {_first_problem(error)}") from None
+        raise InputError(f"{source}: {_first_problem(error, kind)}") from None
 
 
 def to_json(config: "DataclassInstance") -> dict[str, Any]:
@@ -71,16 +80,46 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
     return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
-def _first_problem(error: ValidationError) -> str:
+def _first_problem(error: ValidationError, kind: type) -> str:
     # A misspelt key is reported before the key that is missing because of it.
-    unknown = ("unexpected_keyword_argument", "extra_forbidden")
-    problem = min(error.errors(), key=lambda problem: problem["type"] not in unknown)
-    key = ".".join(reprlib.repr(str(part))[1:-1] for part in problem["loc"])
-    if problem["type"] in unknown:
-        return f"{key} is not a known key."
+    unknown = [one for one in error.errors() if one["type"] in UNKNOWN]
+    if unknown:
+        told = [_unknown_key(problem["loc"], kind) for problem in unknown[:MOST_NAMED]]
+        more = [f"and {len(unknown) - MOST_NAMED} more"] if len(unknown) > MOST_NAMED else []
+        return f"{'; '.join(told + more)}."
+    problem = error.errors()[0]
+    key = _shown(problem["loc"])
     if problem["type"] in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return f"{key} is missing."
     if problem["type"] == "value_error":  # raised by the dataclass itself, a sentence already
         return f"{key}: {problem['ctx']['error']}" if key else str(problem["ctx"]["error"])
     text = problem["msg"][0].lower() + problem["msg"][1:]
     return f"{key}: {text}, got {reprlib.repr(problem['input'])}."
+
+
+def _shown(place: tuple[int | str, ...]) -> str:
+    return ".".join(reprlib.repr(str(part))[1:-1] for part in place)
+
+
+def _unknown_key(place: tuple[int | str, ...], kind: type) -> str:
+    """Tell that a key is not known, and which known ones are like it."""
+    known = _known_keys(kind, place[:-1])
+    near = difflib.get_close_matches(str(place[-1])[:100], known, n=2, cutoff=0.5)
+    said = f"{_shown(place)} is not a known key"
+    if near:
+        return f"{said} (perhaps {' or '.join(near)})"
+    return f"{said} (known are {', '.join(known)})" if 0 < len(known) <= MOST_LISTED else said
+
+
+def _known_keys(kind: Any, place: tuple[int | str, ...]) -> list[str]:
+    """Names of the fields of a dataclass, or of that which lies at a place inside."""
+    if typing.get_origin(kind) is not None:  # an optional, a list or a dict
+        inner = [one for one in typing.get_args(kind) if one not in (type(None), str, ...)]
+        is_container = typing.get_origin(kind) in (list, tuple, dict)
+        return _known_keys(inner[0], place[is_container:]) if inner else []
+    if not dataclasses.is_dataclass(kind):
+        return []
+    hints = typing.get_type_hints(kind)
+    if not place:
+        return list(hints)
+    return _known_keys(hints.get(str(place[0])), place[1:])

@@ -10,7 +10,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
 
 FLAME = cloup.option_group(
     "Where the flame is",
@@ -41,7 +41,6 @@ FITTING = cloup.option_group(
         help="Lenslets along each axis that make one pixel.",
     ),
     cloup.option("--central", is_flag=True, help="Look at the middle view alone, as a camera's."),
-    cloup.option("--dark", type=PATH, help="Light field without light, read as SOURCE; taken off."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
@@ -59,7 +58,7 @@ FITTING = cloup.option_group(
         show_default=True,
         help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
     ),
-    cloup.option("--seed", default=0, show_default=True, help="Of those draws."),
+    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Of those draws."),
 )
 
 
@@ -69,7 +68,7 @@ FITTING = cloup.option_group(
 @FITTING
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default abel/SOURCE.")
-def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, dark, **options):
+def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options):
     """Find the emission of a flame that is round about an upright axis.
 
     Abel inversion from all views of a light field at once, with rays as the camera sees them and
@@ -94,7 +93,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, da
     lens = read_camera(camera)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
-    light_field = reading.read_above(source, dark)
+    light_field = reading.for_camera(source, lens).read(source)
     axis = find_axis(light_field, lens)
     grid = AxisymmetricGrid(
         lens,

@@ -1,13 +1,14 @@
 """What follows from a camera, as tables for the terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import MISSING, fields
 
 from tabulate import tabulate
 
 from lf_flame.optics.camera import PlenopticCamera
 
 
-def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
+def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
     """Table of the numbers that follow from a camera, and of the slopes at some depths."""
     fov, field = camera.field_of_view_deg, camera.field_mm(0.0)
     rows = [
@@ -16,6 +17,8 @@ def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
         ("main lens to microlens array", f"{camera.image_distance_mm:.3f} mm (thin lens)"),
         ("magnification", f"{-camera.image_distance_mm / camera.focus_distance_mm:.4f}"),
         ("aperture, f-number matched", f"{camera.aperture_mm:.2f} mm"),
+        ("aperture", _aperture(camera)),
+        *_imperfections(camera),
         ("view step on the main lens", f"{camera.view_step_mm:.3f} mm"),
         ("lenslets (rows x columns)", f"{camera.lenslets[0]} x {camera.lenslets[1]}"),
         ("views", f"{camera.views} x {camera.views}"),
@@ -23,6 +26,7 @@ def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
         ("field of view (down x across)", f"{fov[0]:.2f} x {fov[1]:.2f} degrees"),
         ("field at the focal plane", f"{field[0]:.2f} x {field[1]:.2f} mm"),
     ]
+    camera.check_depths(depths_mm)
     layers = [
         (
             f"{depth:g}",
@@ -34,6 +38,27 @@ def camera_report(camera: PlenopticCamera, depths_mm: Iterable[float]) -> str:
     ]
     columns = ["depth (mm)", "slope (lenslets per view)", "alpha", "field (mm)"]
     return f"{_table(rows, ['camera', 'value'])}\n\n{_table(layers, columns)}"
+
+
+def _aperture(camera: PlenopticCamera) -> str:
+    """Tell the aperture that the camera has, and its f-numbers as engraved and at work."""
+    given = camera.aperture_diameter_mm
+    shape = "square, matched" if given is None else "round"
+    width = camera.aperture_mm if given is None else given
+    return (
+        f"{shape}, {width:.2f} mm, f/{camera.main_lens_focal_mm / width:.2f} "
+        f"(at work f/{camera.image_distance_mm / width:.2f})"
+    )
+
+
+def _imperfections(camera: PlenopticCamera) -> list[tuple[str, str]]:
+    """List what a camera has beside ideal lenses, as given."""
+    ideal = {field.name: field.default for field in fields(camera)}
+    names = [field.name for field in fields(camera) if field.default is not MISSING]
+    shown = [name for name in names if name not in ("pixel_pitch_mm", "aperture_diameter_mm")]
+    return [
+        (name, str(getattr(camera, name))) for name in shown if getattr(camera, name) != ideal[name]
+    ]
 
 
 def _table(rows: list[tuple], columns: list[str]) -> str:

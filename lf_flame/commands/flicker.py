@@ -106,12 +106,12 @@ def flicker(
     names = ("level", "pixel_mm", "burner_row")
     asked = {name: options.pop(name) for name in names}
     measures = _measures(lens, slope, depth_mm, **asked)
-    reading = Reading(**options)
-    paths = find_frames(sources, [path for path in (reading.white,) if path])
+    paths = find_frames(sources, Reading(**options).files)
+    reading = Reading(**options).for_camera(paths[0], lens)
     _refuse_few(paths)
     times = _times(paths, frames_per_second, timestamps)
     with output_folder(_folder_for(sources, paths, out), output.RECORD) as folder:
-        frames = _of_camera(read_frames(paths, reading), lens)
+        frames = _checked_frames(read_frames(paths, reading), lens, measures.slope)
         series = output.measure_frames(
             paths,
             frames,
@@ -181,6 +181,7 @@ def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
     from lf_flame.tomography.flame_shape import check_measures
 
     if lens is not None:
+        lens.check_depths(depth_mm)
         slope = float(lens.depth_to_slope(depth_mm))
         if asked["pixel_mm"] is None:
             asked["pixel_mm"] = lens.field_mm(depth_mm)[0] / lens.lenslets[0]
@@ -197,13 +198,18 @@ def _refuse_few(paths: list[Path]) -> None:
         raise InputError(f"A frequency needs {LEAST_FRAMES} frames at least, got {named}.")
 
 
-def _of_camera(frames, lens):
-    """Let light fields pass that have as many views as the camera; a depth has no slope else."""
+def _checked_frames(frames, lens, slope: float | None):
+    """Let light fields pass that are the camera's, and large enough for the slope."""
+    from lf_flame.refocus import farthest_slope
+
     for light_field in frames:
-        v, u = light_field.views.shape[:2]
-        if lens is not None and (v, u) != (lens.views, lens.views):
+        if lens is not None:
+            lens.check_views(light_field.views.shape)
+        limit = farthest_slope(light_field.views)
+        if slope is not None and not abs(slope) <= limit:
             raise InputError(
-                f"--camera has {lens.views} x {lens.views} views, and the frames have {v} x {u}."
+                f"The slope must lie from {-limit:g} to {limit:g}, beyond which views are shifted "
+                f"by more than the image, got {slope:g}."
             )
         yield light_field
         del light_field

@@ -28,7 +28,7 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
         The light fields; or one folder that holds them, as files or as folders of views; or one
         pattern with ``*``, ``?`` or ``[]``.
     not_frames : sequence of Path, optional
-        Files that may lie beside them, as a white image.
+        Files that may lie beside them, as a white image and a dark one.
 
     Returns
     -------
@@ -115,14 +115,19 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
     """Read the first frame, and choose how the others are read."""
     if reading.white is not None or reading.pitch is not None:
         first, grid = formats.read_raw(
-            path, reading.white, reading.pitch, reading.layout, reading.views
+            path, reading.white, reading.pitch, reading.layout, reading.views, dark=reading.dark
         )
-        click.echo(f"{printable(path)}: {grid.describe()}", err=True)
-        white = None if reading.white is None else read_image(reading.white)
-        return lambda path: formats.decode_raw(read_image(path), grid, reading.views, white), first
+        click.echo(f"{printable(path)}: {reading.describe_grid(grid)}", err=True)
+        white, dark = (
+            None if name is None else read_image(name) for name in (reading.white, reading.dark)
+        )
+        decode = partial(formats.decode_raw, grid=grid, views=reading.views, white=white, dark=dark)
+        return lambda path: decode(read_image(path)), first
     if path.is_dir():
         folder = formats.scan_view_folder(path, reading.order)
         click.echo(folder.describe(), err=True)
         reading = replace(reading, order=folder.found.order)
-    read = partial(formats.read_light_field, views=reading.views, order=reading.order)
+    read = partial(
+        formats.read_light_field, views=reading.views, order=reading.order, dark=reading.dark
+    )
     return read, read(path)

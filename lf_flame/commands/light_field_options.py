@@ -12,10 +12,11 @@ import cloup
 
 from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, UsablePath
+from lf_flame.commands.options import FILE, PATH, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
+    from lf_flame.formats import LensletGrid
     from lf_flame.lightfield import LightField
     from lf_flame.optics.camera import PlenopticCamera
 
@@ -26,9 +27,18 @@ SLOPE_CONVENTIONS = (
 
 READING = cloup.option_group(
     "How the light field is read",
-    cloup.option("--views", type=int, help="Pixels under a lenslet, of a lenslet image or raw."),
+    cloup.option(
+        "--views",
+        type=int,
+        help="Pixels under a lenslet, of a lenslet image or raw (default: the camera's).",
+    ),
     cloup.option("--order", help="What the names of views count, as row,col (default: found)."),
     cloup.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
+    cloup.option(
+        "--dark",
+        type=PATH,
+        help="The same without light, in the form of SOURCE; subtracted from it and from --white.",
+    ),
     cloup.option("--pitch", type=float, help="Micro-image pitch in pixels, of a raw image."),
     cloup.option(
         "--layout",
@@ -151,6 +161,13 @@ class Reading:
     white: Path | None = None
     pitch: float | None = None
     layout: str | None = None
+    dark: Path | None = None
+
+    def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
+        """Take the count of views from a camera, unless it was given or files of views tell it."""
+        if lens is None or self.views is not None or source.is_dir():
+            return self
+        return replace(self, views=lens.views)
 
     def given(self) -> dict[str, Any]:
         """Give the options that were given, paths as text."""
@@ -166,37 +183,40 @@ class Reading:
         from tqdm import tqdm
 
         from lf_flame import formats
+        from lf_flame.formats.reading import subtract_dark
 
         if self.white is not None or self.pitch is not None:
             _refuse_options(f"the raw image {source}", order=self.order)
             light_field, grid = formats.read_raw(
-                source, self.white, self.pitch, self.layout, self.views
+                source, self.white, self.pitch, self.layout, self.views, dark=self.dark
             )
-            click.echo(f"{printable(source)}: {grid.describe()}", err=True)
+            click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
         elif source.is_dir():
             _refuse_options(f"the folder {source}", views=self.views, layout=self.layout)
             folder = formats.scan_view_folder(source, self.order)
             click.echo(folder.describe(), err=True)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+            light_field = subtract_dark(light_field, self.dark, order=folder.found.order)
         else:
             _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
-            light_field = formats.read_light_field(source, self.views, self.order)
+            light_field = formats.read_light_field(source, self.views, self.order, dark=self.dark)
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
         return light_field
 
-    def read_above(self, source: Path, dark: Path | None) -> "LightField":
-        """Read a light field and take a dark one off, where there is one."""
-        light_field = self.read(source)
-        if dark is None:
-            return light_field
-        black = self.read(dark)
-        if black.views.shape != light_field.views.shape:
-            raise InputError(
-                f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
-                f"{black.views.shape}."
-            )
-        return type(light_field)(light_field.views - black.views)
+    def describe_grid(self, grid: "LensletGrid") -> str:
+        """Tell which lenslets a raw image has, and what was not looked for."""
+        if self.white is not None:
+            return grid.describe()
+        return (
+            f"{grid.describe()}; the pitch is as stated, and neither the rotation nor the place of "
+            f"the array was looked for, which takes a white image (--white)"
+        )
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files that are read beside the source."""
+        return tuple(path for path in (self.white, self.dark) if path is not None)
 
 
 @dataclass(frozen=True)
@@ -242,6 +262,7 @@ class Focus:
             return slopes
         if lens is None:
             raise InputError("--depth-mm needs the camera: --camera FILE.")
+        lens.check_depths(self.depths)
         return slopes + [lens.depth_to_slope(depth) for depth in self.depths]
 
 

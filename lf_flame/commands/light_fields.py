@@ -78,14 +78,15 @@ def refocus(source, camera, out, **options):
         look.refuse_for_network(focus.maps)
     with picture_folder(_folder_for(source, out), source) as folder:
         network = open_network(look.network)
-        light_field = reading.read(source)
-        focus = focus.with_ends(light_field)
+        light_field = reading.for_camera(source, lens).read(source)
         views = light_field.views.shape[:2]
+        if lens is not None:
+            lens.check_views(views)
+        focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
-        job = RefocusJob(light_field, look.options(views, lens), network, **look.brightness)
+        job = RefocusJob(light_field, look.options(views, lens), network, lens, **look.brightness)
         check_job(job, slopes, focus.sweep or (), focus.slope_map or ())
         describe_job(job, folder)
-        folder.facts["depths_mm"] = focus.depths
         if network:
             folder.facts["network"] = network.name
         _write_pictures(job, focus, slopes, f"sweep.{look.movie}", folder)
@@ -97,10 +98,12 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
     from tqdm import tqdm
 
     from lf_flame.commands import refocus_output as output
+    from lf_flame.refocus.figures import with_depth
 
     if focus.searches:
         found = output.write_search(job, folder)
-        click.echo(f"sharpest at slope {found.slope:+.3f}, confidence {found.confidence:.2f}")
+        sharpest = with_depth(f"{found.slope:+.3f}", found.slope, job.camera)
+        click.echo(f"sharpest at slope {sharpest}, confidence {found.confidence:.2f}")
         slopes = [*slopes, found.slope]
     if slopes:
         output.write_refocused(job, slopes, folder)
@@ -109,7 +112,8 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         output.write_sweep(job, focus.sweep, movie, folder, bar)
     if focus.slope_map:
         share = output.write_slope_map(job, focus.slope_map, folder)
-        click.echo(f"slope map: {share:.0%} of the pixels are certain")
+        ends = " to ".join(with_depth(f"{end:+.3f}", end, job.camera) for end in focus.slope_map)
+        click.echo(f"slope map from {ends}: {share:.0%} of the pixels are certain")
 
 
 def _tell_files(folder) -> None:
@@ -215,23 +219,31 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
 @click.argument("source", type=PATH)
 @click.argument("target", type=PATH)
 @READING
-@click.option("--bits", type=click.Choice(["8", "16"]), default="16", show_default=True)
-def convert(source: Path, target: Path, bits: str, **options) -> None:
+@click.option(
+    "--bits",
+    type=click.Choice(["8", "16", "32"]),
+    help="Of images; 32 are floats, in TIFF (default: 16, or 32 where 16 would not hold the "
+    "values).",
+)
+def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     """Write a light field from anywhere in another form.
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a
     .png or .tif file (a lenslet image, N x N pixels to a lenslet) or .npy (views[v, u, t, s]).
+    Levels of 8 and 16 bits hold values from 0 to 1. What exceeds them, as most raw images do when
+    they are divided by a white image, is written as floats, in TIFF files; where that cannot be
+    (.png, or --bits 8 or 16), it is scaled, and TARGET.json says by how much.
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
       lf-flame convert views lenslets.png                  for programs that read lenslet images
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.locks import exclusive
-    from lf_flame.formats import write_light_field
+    from lf_flame.commands.conversion import convert_light_field
 
     reading = Reading(**options)
-    if target.resolve() in {path.resolve() for path in (source, reading.white) if path}:
+    if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
-        write_light_field(reading.read(source), target, int(bits))
-    click.echo(f"{printable(target)} is written")
+        said = convert_light_field(reading.read(source), target, int(bits) if bits else None)
+    click.echo(f"{printable(target)} is written{said}")

@@ -11,7 +11,7 @@ import cloup
 
 from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, UsablePath
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, UsablePath
 from lf_flame.errors import InputError
 
 
@@ -115,7 +115,7 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
     type=click.Choice(["conv3", "conv4", "conv5", "none"]),
     help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
 )
-@click.option("--seed", type=int, help="Instead of CONFIG's: of split, weights, batches, dropout.")
+@click.option("--seed", type=SEED, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
 @click.option(
     "--minutes",

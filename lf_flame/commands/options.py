@@ -1,6 +1,7 @@
 """Options and arguments that several commands share."""
 
 import errno
+import math
 import stat
 from pathlib import Path
 
@@ -37,6 +38,18 @@ class PlainName(click.ParamType):
         return value
 
 
+class FiniteRange(click.FloatRange):
+    """A range of numbers; click lets NaN and infinity pass."""
+
+    def convert(self, value, param, ctx):
+        """Refuse what is no finite number; the rest is click's."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is no finite number.", param, ctx)
+        return number
+
+
+SEED = click.IntRange(min=0)
 FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
 FOLDER = UsablePath(file_okay=False, path_type=Path)
 RUN = UsablePath(exists=True, file_okay=False, path_type=Path)

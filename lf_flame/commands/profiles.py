@@ -9,7 +9,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, RUN
+from lf_flame.commands.options import FOLDER, RUN, FiniteRange
 
 
 @cloup.command()
@@ -17,7 +17,7 @@ from lf_flame.commands.options import FOLDER, RUN
 @click.option("--across", type=float, help="Middle of the strip upwards, in mm (default: found).")
 @click.option(
     "--width",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
     help="Of that strip, in mm; one column of pixels at least.",
@@ -25,7 +25,7 @@ from lf_flame.commands.options import FOLDER, RUN
 @click.option("--height", type=float, help="Middle of the strip across, in mm (default: found).")
 @click.option(
     "--thickness",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
     help="Of that strip, in mm; one row of pixels at least.",

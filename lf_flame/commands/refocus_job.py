@@ -25,6 +25,8 @@ class RefocusJob:
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
     network : optional
         A system of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
+    camera : PlenopticCamera, optional
+        Gives the depths, in mm, of slopes in file names, figures and the record.
     gain, gamma : float
         Of the pictures to look at, see `preview`; both above 0.
     """
@@ -32,6 +34,7 @@ class RefocusJob:
     light_field: LightField
     options: dict[str, Any] = field(default_factory=dict)
     network: Any = None
+    camera: PlenopticCamera | None = None
     gain: float = 1.0
     gamma: float = 1.0
 
@@ -146,9 +149,5 @@ class Aperture:
             raise InputError("An f-number and another aperture cannot both be given.")
         if camera is None:
             raise InputError(f"An f-number needs the camera, got f_number={self.f_number} alone.")
-        if views != (camera.views, camera.views):
-            raise InputError(
-                f"The camera has {camera.views} x {camera.views} views, "
-                f"but the light field {views[0]} x {views[1]}."
-            )
+        camera.check_views(views)
         return camera

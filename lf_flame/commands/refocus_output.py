@@ -66,21 +66,38 @@ def describe_job(job: RefocusJob, out: OutputFolder) -> None:
 
 
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
-    """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes."""
+    """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes.
+
+    Where the camera is known, names and record hold depths too: ``refocused_N_slopeS_DEPTHmm.png``.
+    """
     stack = job.refocus(slopes)
     write_focal_stack(stack, slopes, out.path("focal_stack.tif"))
     digits = len(str(len(slopes)))
     for number, (slope, image) in enumerate(zip(slopes, stack, strict=True), 1):
-        name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}.png"
+        name = f"refocused_{number:0{digits}}_slope{slope + 0.0:+.3f}{_depth_name(job, slope)}.png"
         write_image(out.path(name), job.preview(image))
+    if job.camera is not None:
+        out.facts["depths_mm"] = _depths(job, slopes)
     out.facts["slopes"] = [float(slope) for slope in slopes]
     out.facts["radiance_of_white_in_png"] = job.white
+
+
+def _depth_name(job: RefocusJob, slope: float) -> str:
+    depth = _depths(job, [slope])[0] if job.camera is not None else None
+    return "" if depth is None else f"_{depth + 0.0:+.4g}mm"
+
+
+def _depths(job: RefocusJob, slopes: Sequence[float]) -> list[float | None]:
+    """Depths of some slopes for a record, None where no layer at a finite depth has that slope."""
+    assert job.camera is not None
+    depths = job.camera.slope_to_real_depth(np.asarray(slopes, float))
+    return [float(depth) if np.isfinite(depth) else None for depth in depths]
 
 
 def write_search(job: RefocusJob, out: OutputFolder) -> SlopeSearch:
     """Find the slope of sharpest focus; writes its curve as ``slope_search.png``."""
     search = find_sharpest_slope(job.light_field)
-    figures.save(search_figure([search]), out.path("slope_search.png"))
+    figures.save(search_figure([search], camera=job.camera), out.path("slope_search.png"))
     out.facts["search"] = {"slope": search.slope, "confidence": search.confidence}
     return search
 
@@ -114,10 +131,15 @@ def write_sweep(
     ]
     write_movie(out.path(movie), np.stack(frames + frames[-2:0:-1]))
     out.facts["sweep"] = list(ends)
+    if job.camera is not None:
+        out.facts["sweep_mm"] = _depths(job, ends)
 
 
 def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> float:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
+
+    Where the camera is known, ``depth_map.tif`` has each pixel's depth in mm, infinite or NaN where
+    no layer at a finite depth has its slope.
 
     Returns
     -------
@@ -129,8 +151,12 @@ def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolde
     found = all_in_focus(job.light_field, slopes, **options)
     write_image(out.path("all_in_focus.png"), job.preview(found.all_in_focus))
     write_image(out.path("slope_map.tif"), found.slope.astype(np.float32))
-    figures.save(slope_map_figure(found), out.path("slope_map.png"))
+    figures.save(slope_map_figure(found, job.camera), out.path("slope_map.png"))
     out.facts["slope_map"] = list(ends)
+    if job.camera is not None:
+        depth = job.camera.slope_to_real_depth(found.slope)
+        write_image(out.path("depth_map.tif"), depth.astype(np.float32))
+        out.facts["slope_map_mm"] = _depths(job, ends)
     return float(np.mean(found.confidence >= TRUSTED))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.commands.options import FILE, FOLDER, SEED
 from lf_flame.errors import InputError
 
 
@@ -108,7 +108,7 @@ def plan(
 @click.argument("scene", type=FILE)
 @click.option("--out", type=FOLDER, help="Folder for the files; default simulated/SCENE.")
 @_effect_options
-@click.option("--seed", default=0, show_default=True, help="Seed of the sensor's noise.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the sensor's noise.")
 @click.option(
     "--integrator",
     type=click.Choice(["auto", "exact", "rays"]),

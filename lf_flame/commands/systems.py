@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.keras_loading import load_keras
-from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.commands.options import FILE, FOLDER, SEED
 
 
 @cloup.command("train-system")
@@ -18,7 +18,7 @@ from lf_flame.commands.options import FILE, FOLDER
 @click.option("--config", type=FILE, required=True, help="TOML file with [systems] and [presets].")
 @click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
 @click.option(
-    "--seed", type=int, help="Of training samples, weights and patches, instead of CONFIG's."
+    "--seed", type=SEED, help="Of training samples, weights and patches, instead of CONFIG's."
 )
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
 def train_system(system: str, config: Path, preset: str, seed: int | None, out: Path) -> None:

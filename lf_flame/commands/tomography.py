@@ -10,7 +10,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange
 from lf_flame.errors import InputError
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
@@ -29,7 +29,7 @@ def _read_camera(path: Path | None):
 @click.option(
     "--thickness",
     "thickness_mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     default=30.0,
     show_default=True,
     help="Extent in depth within which light is sought, in mm.",
@@ -38,7 +38,7 @@ def _read_camera(path: Path | None):
     "--period",
     "periods",
     multiple=True,
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     help="Lateral period of detail, in mm; may be repeated.",
 )
 @click.option("--figure", type=PATH, help="PNG of the blur and of the singular values.")
@@ -92,7 +92,6 @@ FITTING = cloup.option_group(
     cloup.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or simulation.json."
     ),
-    cloup.option("--dark", type=PATH, help="Light field without light, read as SOURCE; taken off."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
@@ -126,7 +125,7 @@ FITTING = cloup.option_group(
         show_default=True,
         help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
     ),
-    cloup.option("--seed", default=0, show_default=True, help="Of those draws."),
+    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Of those draws."),
 )
 
 
@@ -137,7 +136,7 @@ FITTING = cloup.option_group(
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
 def reconstruct(
-    source, depths, planes, block, camera, out, dark, optical_thickness, l_curve, seed, **options
+    source, depths, planes, block, camera, out, optical_thickness, l_curve, seed, **options
 ) -> None:
     """Find the emission of each depth that explains a light field of a flame.
 
@@ -175,7 +174,7 @@ def reconstruct(
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
-    light_field = reading.read_above(source, dark)
+    light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     notes = notes_on_coding(source)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
         options |= {"whole_curve": l_curve, "optical_thickness": thickness}

@@ -13,7 +13,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading, open_network
-from lf_flame.commands.options import FILE, PATH, UsablePath
+from lf_flame.commands.options import FILE, PATH, FiniteRange, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ SHOWING = cloup.option_group(
     ),
     cloup.option(
         "--megabytes",
-        type=click.FloatRange(0.3, 1000),
+        type=FiniteRange(0.3, 1000),
         default=10.0,
         show_default=True,
         help="Size of that file at most; what does not fit is carried coarser, and said so.",
@@ -91,11 +91,12 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.viewer.exhibit import Exhibit
 
-    _check_single_file(options["single_file"], (source, camera, options["white"]))
+    _check_single_file(options["single_file"], (source, camera, options["white"], options["dark"]))
     _check_making(options["single_file"], network, interpolation)
     lens = read_camera(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     system = open_network(network)
+    reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
     chosen = _choose_slopes(light_field, slopes, system)
     exhibit = Exhibit(

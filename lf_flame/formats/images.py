@@ -106,6 +106,8 @@ def write_image(path: str | Path, levels: np.ndarray) -> None:
     suffix = path.suffix.lower()
     if suffix not in (".png", *TIFF_SUFFIXES):
         raise InputError(f"Images are written as .png, .tif or .tiff, got {path}.")
+    if levels.dtype.kind == "f" and suffix == ".png":
+        raise InputError(f"Floats (32 bits) are written as .tif or .tiff, got {path}.")
     if levels.ndim == 3 and levels.shape[2] == 1:
         levels = levels[..., 0]
     if levels.ndim == 3 and levels.shape[2] != 3:

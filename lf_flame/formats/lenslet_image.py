@@ -7,10 +7,15 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
+from lf_flame.formats.lenslet_grid import grid_from_pitch
+from lf_flame.formats.mosaic import refuse_mosaic
 from lf_flame.lightfield import LightField
 
 MOST_VIEWS = 64
 """Pixels under a lenslet up to which divisors of an image's sides are offered."""
+
+SMALLEST_MOSAIC = 5
+"""Pixels under a lenslet from which a mosaic is looked for: fewer are as many views as colours."""
 
 
 def read_lenslet_image(
@@ -37,7 +42,7 @@ def read_lenslet_image(
     ------
     InputError
         If the image cannot be read, `views` is missing or does not divide its sides, or `keep` is
-        not from 1 to `views`.
+        not from 1 to `views`; or if a grey image shows the 2 x 2 pattern of a colour mosaic.
     """
     raw = read_image(path)
     return LightField(cut_views(raw, views, path, keep))
@@ -65,6 +70,8 @@ def cut_views(
         keep = views
     if not 1 <= keep <= views:
         raise InputError(f"keep must be from 1 to the {views} views, got {keep}.")
+    if raw.ndim == 2 and views >= SMALLEST_MOSAIC:
+        refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
     middle = slice((views - keep) // 2, (views + keep) // 2)
     return LightField.from_raw(raw, views).views[middle, middle]
 
@@ -75,14 +82,16 @@ def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 1
     Parameters
     ----------
     light_field : LightField
-        Values from 0 to 1; without a channel axis, or with 1 or 3 channels.
+        Values from 0 to 1, unless written as floats; without a channel axis, or with 1 or 3
+        channels.
     path : str or Path
     bits : int, optional
-        8 or 16.
+        8 or 16; 32 for floats, in TIFF files.
 
     Raises
     ------
     InputError
         If values, channels or the ending do not fit.
     """
-    write_image(path, to_levels(light_field.to_raw(), bits))
+    raw = light_field.to_raw()
+    write_image(path, raw if bits == 32 else to_levels(raw, bits))

@@ -12,6 +12,7 @@ from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.mosaic import refuse_mosaic
 from lf_flame.lightfield import LightField
 
 LEAST_LIT = 0.5
@@ -29,7 +30,12 @@ MARGIN = 16
 
 
 def decode_raw(
-    raw: ArrayLike, grid: LensletGrid, views: int | None = None, white: ArrayLike | None = None
+    raw: ArrayLike,
+    grid: LensletGrid,
+    views: int | None = None,
+    white: ArrayLike | None = None,
+    *,
+    dark: ArrayLike | None = None,
 ) -> LightField:
     """Resample the micro-images of a raw lenslet image into views.
 
@@ -51,7 +57,7 @@ def decode_raw(
     Parameters
     ----------
     raw : array_like, shape (rows, columns) or (rows, columns, channels)
-        Linear in radiance, of any real type. A Bayer mosaic is to be interpolated before.
+        Linear in radiance, of any real type. A Bayer mosaic must be interpolated before.
     grid : LensletGrid
         Of `estimate_grid` or `grid_from_pitch`.
     views : int, optional
@@ -61,6 +67,9 @@ def decode_raw(
         White image, by which the views are divided, relative to the median of its central view
         (in each channel). Where it is darker than half the middle of its micro-image, it is
         divided by that half, so that the dark rim stays dark. Default: not divided.
+    dark : array_like, shape as raw, or without channels; optional
+        Image without light, in the same units. It is subtracted from both raw and white image,
+        each of which holds the sensor's black level. Default: black is 0.
 
     Returns
     -------
@@ -70,20 +79,47 @@ def decode_raw(
     Raises
     ------
     InputError
-        If an argument cannot be used, or no micro-image lies whole in the image.
+        If an argument cannot be used, no micro-image lies whole in the image, or a grey image
+        shows the 2 x 2 pattern of a mosaic.
     """
-    image, views = _as_image(raw, "raw"), _count_views(grid, views)
+    views = _count_views(grid, views)
+    image, white = less_dark(raw, white, dark)
+    for each, name in ((white, "white"), (image, "raw")):
+        if each is not None and each.shape[2] == 1:
+            refuse_mosaic(each[..., 0], grid, name)
     light_field = _cut(image, grid, views, "decoding")
     if white is not None:
-        white = _as_image(white, "white")
-        if white.shape not in (image.shape, (*image.shape[:2], 1)):
-            raise InputError(
-                f"The white image must have the raw image's shape {image.shape}, got {white.shape}."
-            )
         light_field /= _level(_cut(white, grid, views, "decoding the white image"))
     if grid.layout == "hexagonal":
         light_field = _squared(light_field, grid, grid.block(image.shape)[0])
     return LightField(light_field if np.ndim(raw) == 3 else light_field[..., 0])
+
+
+def less_dark(
+    raw: ArrayLike, white: ArrayLike | None, dark: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Subtract a dark image from a raw and a white one, each as (rows, columns, channels).
+
+    Raises
+    ------
+    InputError
+        If one is no image, or their shapes differ.
+    """
+    image = _as_image(raw, "raw")
+    others = {
+        name: None if other is None else _as_image(other, name)
+        for name, other in (("white", white), ("dark", dark))
+    }
+    for name, other in others.items():
+        if other is not None and other.shape not in (image.shape, (*image.shape[:2], 1)):
+            raise InputError(
+                f"The {name} image must have the raw image's shape {image.shape}, "
+                f"got {other.shape}."
+            )
+    if others["dark"] is None:
+        return image, others["white"]
+    black = others["dark"].astype(np.float64)  # unsigned levels would wrap below 0
+    return image - black, None if others["white"] is None else others["white"] - black
 
 
 def _as_image(image: ArrayLike, name: str) -> np.ndarray:

@@ -8,10 +8,10 @@ from lf_flame.formats.arrays import read_array
 from lf_flame.formats.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
-from lf_flame.formats.raw_lenslets import decode_raw
+from lf_flame.formats.raw_lenslets import decode_raw, less_dark
 from lf_flame.formats.stacks import is_stack, read_view_stack
-from lf_flame.formats.view_folder import read_view_folder
-from lf_flame.formats.view_order import arranged
+from lf_flame.formats.view_folder import scan_view_folder
+from lf_flame.formats.view_order import arranged, find_order
 from lf_flame.formats.white_image import estimate_grid
 from lf_flame.lightfield import LightField
 
@@ -23,6 +23,8 @@ def read_light_field(
     views: int | None = None,
     order: str | None = None,
     progress: Callable = iter,
+    *,
+    dark: str | Path | None = None,
 ) -> LightField:
     """Read a light field, whatever holds it.
 
@@ -43,6 +45,8 @@ def read_light_field(
         Default: as the parallax shows, for folders and pages; as it stands, for the others.
     progress : callable, optional
         Wraps the list of a folder's files, as ``tqdm`` does.
+    dark : str or Path, optional
+        Light field without light, of the same form and size, which is subtracted.
 
     Returns
     -------
@@ -58,7 +62,17 @@ def read_light_field(
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
     if path.is_dir():
-        return read_view_folder(path, order, progress)
+        folder = scan_view_folder(path, order)
+        light_field = folder.read(progress)
+        # A dark image has no parallax that would show its order.
+        return subtract_dark(light_field, dark, order=folder.found.order)
+    if dark is not None:
+        as_stored = "row,col" if suffix in TIFF_SUFFIXES and is_stack(path) else None
+        light_field = read_light_field(path, views, as_stored)
+        light_field = subtract_dark(light_field, dark, views, as_stored)
+        if as_stored and order is None:
+            order = find_order(light_field.views).order
+        return LightField(arranged(light_field.views, order)) if order else light_field
     if suffix in TIFF_SUFFIXES and is_stack(path):
         return read_view_stack(path, order)
     if suffix in ARRAY_SUFFIXES:
@@ -73,12 +87,46 @@ def read_light_field(
     return LightField(arranged(light_field.views, order)) if order else light_field
 
 
+def subtract_dark(
+    light_field: LightField,
+    dark: str | Path | None,
+    views: int | None = None,
+    order: str | None = None,
+) -> LightField:
+    """Subtract a light field without light, read from a file or folder of the same form.
+
+    Parameters
+    ----------
+    light_field : LightField
+    dark : str or Path or None
+        None: nothing is subtracted.
+    views, order : optional
+        As in `read_light_field`; the order as found in the light field itself.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or its shape differs.
+    """
+    if dark is None:
+        return light_field
+    black = read_light_field(dark, views, order).views
+    if black.shape != light_field.views.shape:
+        raise InputError(
+            f"The dark light field {dark} must have the light field's shape "
+            f"{light_field.views.shape}, got {black.shape}."
+        )
+    return LightField(light_field.views - black)
+
+
 def read_raw(
     path: str | Path,
     white: str | Path | None = None,
     pitch: float | None = None,
     layout: str | None = None,
     views: int | None = None,
+    *,
+    dark: str | Path | None = None,
 ) -> tuple[LightField, LensletGrid]:
     """Read and decode the raw lenslet image of any plenoptic camera.
 
@@ -95,6 +143,8 @@ def read_raw(
         Default: as the white image shows; rectangular without one.
     views : int, optional
         Default: the odd number of whole pixels under a lenslet.
+    dark : str or Path, optional
+        Image without light, which is subtracted from both raw and white image.
 
     Returns
     -------
@@ -110,12 +160,12 @@ def read_raw(
             f"A white image and a pitch decode a raw image, but {path} is a folder of views."
         )
     image = read_image(path)
-    white_image = None
-    if white is not None:
-        white_image = read_image(white)
-        grid = estimate_grid(white_image, pitch, layout)
+    white_image, black = (None if name is None else read_image(name) for name in (white, dark))
+    level = less_dark(image, white_image, black)[1]
+    if level is not None:
+        grid = estimate_grid(level, pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
     else:
         raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
-    return decode_raw(image, grid, views, white_image), grid
+    return decode_raw(image, grid, views, white_image, dark=black), grid

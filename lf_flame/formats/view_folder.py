@@ -150,16 +150,17 @@ def _kind(image: np.ndarray) -> str:
 
 
 def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 16) -> None:
-    """Write each view as ``view_RR_CC.png``, rows and columns counted from 0.
+    """Write each view as ``view_RR_CC.png`` (floats: ``.tif``), rows and columns from 0.
 
     Parameters
     ----------
     light_field : LightField
-        Values from 0 to 1; without a channel axis, or with 1 or 3 channels.
+        Values from 0 to 1, unless written as floats; without a channel axis, or with 1 or 3
+        channels.
     folder : str or Path
         A new or an empty folder. It is written aside and renamed when it is whole.
     bits : int, optional
-        8 or 16.
+        8 or 16; 32 for floats.
 
     Raises
     ------
@@ -169,8 +170,9 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
     folder = Path(folder).resolve()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"The views need a new or empty folder, got {folder}, which is neither.")
-    levels = to_levels(light_field.views, bits)
+    levels = light_field.views if bits == 32 else to_levels(light_field.views, bits)
+    suffix = ".tif" if bits == 32 else ".png"
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
     with atomic_folder(folder) as aside:
         for v, u in np.ndindex(levels.shape[:2]):
-            write_image(aside / f"view_{v:0{width}}_{u:0{width}}.png", levels[v, u])
+            write_image(aside / f"view_{v:0{width}}_{u:0{width}}{suffix}", levels[v, u])

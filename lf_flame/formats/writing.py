@@ -17,12 +17,12 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
     Parameters
     ----------
     light_field : LightField
-        For images, values from 0 to 1.
+        For images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
-        Without an ending, a new folder with a PNG for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``.
+        Without an ending, a new folder with an image for each view; .png or .tif, a lenslet
+        image; .npy, the array ``views``.
     bits : int, optional
-        8 or 16, of images.
+        8 or 16, of images; 32 for floats, in TIFF files.
 
     Raises
     ------

@@ -9,11 +9,12 @@ scene and in the image; that leaves the sign of the slope as it is.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lf_flame._common.number import Number
 from lf_flame._common.strict import strict
@@ -29,6 +30,12 @@ SHORTEST, LONGEST = 1e-50, 1e50
 
 WIDEST_APERTURE = 4
 """Widths of the matched aperture beyond which a lenslet's light would spread over too many."""
+
+SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.1, 1e4
+"""F-numbers of lenses; others are mistakes."""
+
+FARTHEST = 1e4
+"""Depth over focus distance beyond which a number is a mistake: all there is as at infinity."""
 
 _RANGES = (
     ("rim_distance_mm", 0.0, LONGEST),
@@ -85,6 +92,10 @@ class PlenopticCamera:
         out the natural falloff (cos^4). Default: they are, so that a uniform field is uniform.
     sensor : Sensor, optional
         Noise, full well and bits of the sensor. Default: an ideal one.
+    f_number : float, optional
+        In place of `aperture_diameter_mm`: focal length over diameter, as engraved on the lens. It
+        is not kept; the diameter is. (`lf_flame.refocus.f_number_aperture` takes the working
+        f-number, image distance over diameter.)
 
     Raises
     ------
@@ -108,8 +119,11 @@ class PlenopticCamera:
     lenslet_pitch_error: float = 0.0
     falloff_corrected: bool = True
     sensor: Sensor | None = None
+    f_number: InitVar[float | None] = None
 
-    def __post_init__(self):
+    def __post_init__(self, f_number: float | None):
+        if f_number is not None:
+            self._set_aperture(f_number)
         lengths = ["main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm"]
         lengths += ["lenslet_pitch_mm"]
         optional = ("pixel_pitch_mm", "aperture_diameter_mm", "rim_diameter_mm", "wavelength_nm")
@@ -150,6 +164,53 @@ class PlenopticCamera:
                 f"aperture_diameter_mm must be at most {widest:.6g}, {WIDEST_APERTURE} times what "
                 f"matches the lenslets, got {self.aperture_diameter_mm}."
             )
+
+    def _set_aperture(self, f_number: float) -> None:
+        """Turn an f-number into the diameter of the aperture."""
+        if self.aperture_diameter_mm is not None:
+            raise InputError("f_number and aperture_diameter_mm cannot both be given.")
+        if not SMALLEST_F_NUMBER <= f_number <= LARGEST_F_NUMBER:
+            raise InputError(
+                f"f_number must lie between {SMALLEST_F_NUMBER:g} and {LARGEST_F_NUMBER:g}, "
+                f"got {f_number}."
+            )
+        object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
+
+    def check_views(self, views: tuple[int, ...]) -> None:
+        """Refuse a light field of other views, in which a slope would be another depth.
+
+        Parameters
+        ----------
+        views : (int, int)
+            Rows and columns of views; further axes are ignored.
+
+        Raises
+        ------
+        InputError
+            If they are not `self.views` each.
+        """
+        if tuple(views[:2]) != (self.views, self.views):
+            raise InputError(
+                f"The camera has {self.views} x {self.views} views, but the light field has "
+                f"{views[0]} x {views[1]}: one step between views would be another angle, and each "
+                f"depth wrong; give the camera whose views these are."
+            )
+
+    def check_depths(self, depths_mm: ArrayLike) -> None:
+        """Refuse depths behind the main lens, and those that nothing tells from infinity.
+
+        Raises
+        ------
+        InputError
+            If a depth is not above minus the focus distance, or exceeds 10,000 focus distances.
+        """
+        low, high = -self.focus_distance_mm, FARTHEST * self.focus_distance_mm
+        for depth in np.ravel(depths_mm):
+            if not low < depth <= high:
+                raise InputError(
+                    f"Depths must lie above {low:g} mm (the main lens) and up to {high:g} mm, "
+                    f"beyond which all is as at infinity, got {depth:g}."
+                )
 
     @cached_property
     def image_distance_mm(self) -> float:
@@ -278,6 +339,11 @@ class PlenopticCamera:
         shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
         with np.errstate(divide="ignore"):
             return _scalar(a0 * shift / (1 - shift))
+
+    def slope_to_real_depth(self, slope: Number) -> Number:
+        """Depth in mm as `slope_to_depth`, NaN where no layer before the camera has the slope."""
+        depth = np.asarray(self.slope_to_depth(slope), float)
+        return _scalar(np.where(depth > -self.focus_distance_mm, depth, np.nan))
 
     def slope_to_alpha(self, slope: Number) -> Number:
         """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.

@@ -1,12 +1,31 @@
 """Pictures of slopes: sharpness curves, slope maps, and regions in focus."""
 
+from functools import partial
+
 import numpy as np
 from matplotlib.patches import Rectangle
 
 from lf_flame._common.figures import subplots
+from lf_flame.optics.camera import PlenopticCamera
 
 
-def search_figure(searches, labels=None):
+def with_depth(text: str, slope: float, camera: PlenopticCamera | None) -> str:
+    """Add the depth in mm to a slope's text, where the camera is known and has such a layer."""
+    depth = None if camera is None else camera.slope_to_real_depth(slope)
+    return text if depth is None or not np.isfinite(depth) else f"{text} ({depth + 0.0:+.4g} mm)"
+
+
+def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
+    """Write depths below an axis's slopes, where the camera is known; gives the label."""
+    if camera is None:
+        return "slope (lenslets per view step)"
+    axis.set_major_formatter(
+        lambda slope, _: with_depth(f"{slope:g}", slope, camera).replace(" (", "\n(")
+    )
+    return "slope, lenslets per view step (depth from the focal plane)"
+
+
+def search_figure(searches, labels=None, camera=None):
     """Sharpness against slope: one curve a search, its peak marked.
 
     Parameters
@@ -15,6 +34,8 @@ def search_figure(searches, labels=None):
         Those without a peak are drawn without a mark.
     labels : list of str, optional
         What each search looked at. Default: its region.
+    camera : PlenopticCamera, optional
+        Gives depths in mm beside the slopes.
 
     Returns
     -------
@@ -22,14 +43,15 @@ def search_figure(searches, labels=None):
     """
     if labels is None:
         labels = ["rows {}-{}, columns {}-{}".format(*search.region) for search in searches]
+    shown = partial(_shown_slope, camera=camera)
     labels = [
-        f"{label}: {shown_slope(search.slope, 3)}, confidence {search.confidence:.2f}"
+        f"{label}: {shown(search.slope)}, confidence {search.confidence:.2f}"
         for search, label in zip(searches, labels, strict=True)
     ]
     figure, axis = subplots(figsize=(7, 3.6 + 0.25 * len(labels)), layout="constrained")
     draw_searches(axis, searches, labels)
     axis.set_ylim(bottom=0)
-    axis.set_xlabel("slope (lenslets per view step)")
+    axis.set_xlabel(_slope_axis(axis.xaxis, camera))
     figure.legend(fontsize=9, loc="outside lower center")
     return figure
 
@@ -50,12 +72,18 @@ def shown_slope(slope: float, digits: int) -> str:
     return f"{round(slope, digits) + 0.0:.{digits}f}"
 
 
-def slope_map_figure(focus_map):
+def _shown_slope(slope: float, camera: PlenopticCamera | None) -> str:
+    return with_depth(shown_slope(slope, 3), slope, camera)
+
+
+def slope_map_figure(focus_map, camera=None):
     """Everything in focus beside the slope of each pixel, paler where it is less trusted.
 
     Parameters
     ----------
     focus_map : lf_flame.refocus.FocusMap
+    camera : PlenopticCamera, optional
+        Gives depths in mm beside the slopes.
 
     Returns
     -------
@@ -71,7 +99,8 @@ def slope_map_figure(focus_map):
     axes[1].set_title("slope of sharpest focus, paler where less certain", fontsize=10)
     for axis in axes:
         axis.axis("off")
-    figure.colorbar(slopes, ax=axes[1], label="slope (lenslets per view step)", shrink=0.85)
+    bar = figure.colorbar(slopes, ax=axes[1], shrink=0.85)
+    bar.set_label(_slope_axis(bar.ax.yaxis, camera))
     return figure
 
 

@@ -14,8 +14,8 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric_fit import AxisymmetricFit, BandedGram
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric_operator import AxisymmetricOperator
-from lf_flame.tomography.data_checks import check_data
-from lf_flame.tomography.error_bars import noise_by_pixel, noise_variance
+from lf_flame.tomography.data_checks import check_data, check_range
+from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_by_pixel, noise_variance
 from lf_flame.tomography.flame_axis import FlameAxis
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.plane_fit import average_blocks
@@ -110,6 +110,7 @@ def reconstruct_axisymmetric(
     _check_options(noise, strength, redraws)
     rng = np.random.default_rng(0) if rng is None else rng
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
+    check_range(views, noise)
     operator, gram = AxisymmetricOperator(grid), BandedGram(grid)
 
     def problem_of(seen: np.ndarray) -> AxisymmetricFit:
@@ -165,5 +166,5 @@ def _check_options(noise: float | None, strength: float | None, redraws: int) ->
     for name, value in (("noise", noise), ("strength", strength)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
-    if redraws < 0 or redraws == 1:
-        raise InputError(f"redraws must be 0, or 2 and more, got {redraws}.")
+    if not 0 <= redraws <= MOST_REDRAWS or redraws == 1:
+        raise InputError(f"redraws must be 0, or 2 to {MOST_REDRAWS}, got {redraws}.")

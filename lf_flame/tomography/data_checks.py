@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from lf_flame.errors import InputError
+
 VIEW_EXCESS = 1.3
 """Chi-squared of a view, relative to the median view, that is no accident."""
 
@@ -10,6 +12,35 @@ MODEL_ERROR = 2e-3
 
 SATURATED = 4
 """Pixels at exactly the brightest value from which it is a ceiling."""
+
+LARGEST = 1e15
+"""Largest value of a light field: the fit sums squares of squares of pixels in float64."""
+
+
+def check_range(views: np.ndarray, noise: float | None) -> None:
+    """Refuse values whose squares overflow, and a noise above all that was seen.
+
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s)
+    noise : float or None
+        Standard deviation of a pixel's noise, as stated.
+
+    Raises
+    ------
+    InputError
+        If the light field exceeds `LARGEST`, or the noise its largest absolute value.
+    """
+    largest = max(float(views.max()), -float(views.min()))
+    if largest > LARGEST:
+        raise InputError(
+            f"The light field's values must be at most {LARGEST:g}, got {largest:g}: scale it."
+        )
+    if noise is not None and 0 < largest < noise:
+        raise InputError(
+            f"noise, the standard deviation of a pixel, must be at most the light field's largest "
+            f"value, {largest:.4g}, got {noise:g}."
+        )
 
 
 def check_data(

@@ -12,6 +12,9 @@ from lf_flame.tomography.projection_operator import ProjectionOperator
 NOISE_BLOCK = 5
 """Pixels along each axis over which the noise of a place is averaged."""
 
+MOST_REDRAWS = 10_000
+"""Draws beyond which a number is a mistake: error bars are then known to 0.7 %."""
+
 
 def draw_noise(
     operator: ProjectionOperator, sd: np.ndarray, rng: np.random.Generator

@@ -62,9 +62,10 @@ def find_axis(light_field: LightField, camera: PlenopticCamera) -> FlameAxis:
     Raises
     ------
     InputError
-        If there is no light, or the views are too few to tell depth.
+        If there is no light, or the views are too few to tell depth, or not the camera's.
     """
     views = light_field.views
+    camera.check_views(views.shape)
     if views.ndim != 4 or views.shape[1] < 3:
         raise InputError(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}."

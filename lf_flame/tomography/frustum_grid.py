@@ -57,6 +57,7 @@ class FrustumGrid:
 
     def __post_init__(self):
         depths = _checked_depths(self.depths_mm)
+        self.camera.check_depths(depths)
         object.__setattr__(self, "depths_mm", tuple(depths.tolist()))
         object.__setattr__(self, "slopes", np.asarray(self.camera.depth_to_slope(depths)))
         lenslets = self.camera.lenslets

@@ -126,6 +126,7 @@ def two_colour_temperature(
         If shapes differ or a value cannot be used.
     """
     short, long = _checked_wavelengths(wavelengths_nm)
+    _check_exponent(soot_exponent)
     emissions = [np.asarray(one, float) for one in (first, second)]
     errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
     shapes = {one.shape for one in (*emissions, *(errors or []))}

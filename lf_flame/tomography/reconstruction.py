@@ -12,10 +12,10 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.cell_detail import SmoothStack
-from lf_flame.tomography.data_checks import check_data
-from lf_flame.tomography.error_bars import noise_variance, redraw, standard_errors
+from lf_flame.tomography.data_checks import check_data, check_range
+from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_variance, redraw, standard_errors
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
-from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.plane_fit import (
     PENALTIES,
     ROUGHNESS,
@@ -201,6 +201,7 @@ def reconstruct(
     _check_redraws(redraws, rng)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = average_blocks(light_field, grid.camera, grid.block)
+    check_range(views, noise)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
     fit = PlaneFit(operator, gram, options)
     if thickness is None or not thickness.any():
@@ -261,9 +262,9 @@ def _check_options(
 
 
 def _check_redraws(redraws: int, rng: np.random.Generator | None) -> None:
-    if redraws < 0 or redraws == 1 or (redraws and rng is None):
+    if not 0 <= redraws <= MOST_REDRAWS or redraws == 1 or (redraws and rng is None):
         raise InputError(
-            f"redraws must be 0, or 2 and more with a generator rng, got {redraws} and "
+            f"redraws must be 0, or 2 to {MOST_REDRAWS} with a generator rng, got {redraws} and "
             f"{'no generator' if rng is None else 'one'}."
         )
 
@@ -280,7 +281,14 @@ def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[flo
         raise InputError(
             f"Depths need finite ends and a step above 0 mm, got {from_mm}, {to_mm}, {step_mm}."
         )
-    count = round(abs(to_mm - from_mm) / step_mm)
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.subtract(to_mm, from_mm)) / step_mm
+    if not steps < MOST_PLANES:
+        raise InputError(
+            f"Depths must be at most {MOST_PLANES} planes, got {from_mm:g} to {to_mm:g} mm in "
+            f"steps of {step_mm:g} mm."
+        )
+    count = round(float(steps))
     if abs(count * step_mm - abs(to_mm - from_mm)) > 1e-6 * step_mm:
         raise InputError(
             f"The step of {step_mm} mm must divide the way from {from_mm} to {to_mm} mm."

@@ -51,7 +51,7 @@ class Exhibit:
     source : str, optional
         Path that a copied command names; without it none is offered.
     reading : mapping, optional
-        Options by which the source is read: views, order, white, pitch, layout.
+        Options by which the source is read: views, order, white, pitch, layout, dark.
     with_map : bool, optional
         Whether there is a slope map.
     interpolation : {"linear", "nearest", "cubic", "sinc"}
@@ -67,8 +67,9 @@ class Exhibit:
     ------
     InputError
         If the slopes are not two finite numbers that rise, or shift a view by more than the image;
-        if the light field is neither grey nor of three channels; if the interpolation is unknown,
-        or the network cannot take the light field or the slopes.
+        if the light field is neither grey nor of three channels, or its views are not the
+        camera's; if the interpolation is unknown, or the network cannot take the light field or
+        the slopes.
     """
 
     light_field: LightField
@@ -86,6 +87,8 @@ class Exhibit:
 
     def __post_init__(self):
         check_channels(self.light_field)
+        if self.camera is not None:
+            self.camera.check_views(self.light_field.views.shape)
         check_interpolation(self.interpolation, (*INTERPOLATIONS, "sinc"))
         limit = farthest_slope(self.light_field.views)
         if not -limit <= self.slopes[0] < self.slopes[1] <= limit:

@@ -269,6 +269,8 @@ def test_doubtful_frames_are_told(still, tmp_path):
         (["--frames-per-second", "inf"], "must be finite"),
         (["--frames-per-second", "nan"], "must be finite"),
         (["--depth-mm", -400, "--camera", "CAMERA"], "main lens"),
+        (["--depth-mm", 1e9, "--camera", "CAMERA"], "as at infinity"),
+        (["--slope", 1e308], "shifted by more than the image"),
         (["--out", "SOURCE"], "frames' own folder"),
     ],
 )

@@ -1,6 +1,7 @@
 """The program `lf-flame refocus`: from files of anybody's light field to pictures."""
 
 import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,20 @@ def run(*args, command="refocus"):
     return result
 
 
+def depth_of(slope):
+    """Depth of a slope by the thin-lens equation: views look through the lens 1/5 of it apart."""
+    i0 = 150 * 326 / (326 - 150)
+    view_step = i0 * (0.112 * (1 + 0.4 / i0) / 5) / 0.4
+    image = i0 / (1 + slope * 0.112 / view_step)
+    return 1 / (1 / 150 - 1 / image) - 326
+
+
+def written_camera(camera, folder, **changes):
+    path = folder / "camera.json"
+    path.write_text(json.dumps({"camera": asdict(replace(camera, **changes))}))
+    return path
+
+
 def test_slopes_and_depths(folder, light_field, camera, tmp_path):
     record = {"camera": {name: getattr(camera, name) for name in (
         "main_lens_focal_mm", "focus_distance_mm", "lenslet_focal_mm", "lenslet_pitch_mm",
@@ -68,10 +83,11 @@ def test_slopes_and_depths(folder, light_field, camera, tmp_path):
     stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     np.testing.assert_allclose(slopes, [-0.5, camera.depth_to_slope(DEPTH)])
     np.testing.assert_array_equal(stack, shift_and_sum(light_field, slopes))
-    shown = imread(tmp_path / "out" / f"refocused_2_slope{slopes[1]:+.3f}.png")
+    shown = imread(tmp_path / "out" / f"refocused_2_slope{slopes[1]:+.3f}_+3mm.png")
     np.testing.assert_allclose(shown / 255, stack[1], atol=0.003)
     written = json.loads((tmp_path / "out" / "refocus.json").read_text())
     assert written["slopes"] == list(slopes)
+    assert written["depths_mm"] == pytest.approx([depth_of(-0.5), DEPTH])
     assert written["views"] == [5, 5]
 
 
@@ -456,3 +472,120 @@ def test_names_of_views_forge_no_line_and_steer_no_terminal(folder, tmp_path, ca
     for text in (said.out, said.err):
         assert all(letter.isprintable() or letter == "\n" for letter in text)
         assert "\nfocal_stack.tif is in" not in text
+
+
+def test_with_a_camera_all_is_in_mm_too(folder, camera, tmp_path):
+    known = ["--camera", written_camera(camera, tmp_path)]
+    result = run(
+        folder, *known, "--search", "--map", -1, 2, "--sweep", -1, 2, "--out", tmp_path / "o"
+    )
+    written = json.loads((tmp_path / "o" / "refocus.json").read_text())
+    (slope,), (depth,) = written["slopes"], written["depths_mm"]
+    assert depth == pytest.approx(depth_of(slope), rel=1e-9)
+    assert depth == pytest.approx(DEPTH, abs=0.2)
+    assert (tmp_path / "o" / f"refocused_1_slope{slope:+.3f}_{depth:+.4g}mm.png").exists()
+    assert f"sharpest at slope {slope:+.3f} ({depth:+.4g} mm)" in result.output
+    ends = [depth_of(-1), depth_of(2)]
+    assert f"slope map from -1.000 ({ends[0]:+.4g} mm) to +2.000 ({ends[1]:+.4g}" in result.output
+    assert written["slope_map_mm"] == written["sweep_mm"] == pytest.approx(ends)
+    slopes, depths = (imread(tmp_path / "o" / f"{name}_map.tif") for name in ("slope", "depth"))
+    np.testing.assert_allclose(depths, depth_of(slopes.astype(float)), rtol=1e-4, atol=1e-4)
+    run(folder, "--slope", 0, "--out", tmp_path / "plain")
+    plain = json.loads((tmp_path / "plain" / "refocus.json").read_text())
+    assert "depths_mm" not in plain
+
+
+def test_figures_say_mm_where_the_camera_is_known(light_field, camera):
+    from lf_flame.refocus import all_in_focus, find_sharpest_slope
+    from lf_flame.refocus.figures import search_figure, slope_map_figure
+
+    far = replace(camera, focus_distance_mm=15_000.0)  # its slope of infinity is 0.77
+    figure = search_figure([find_sharpest_slope(light_field)], camera=far)
+    figure.canvas.draw()
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert "0\n(+0 mm)" in ticks
+    assert "1" in ticks  # nothing real is in focus there
+    found = all_in_focus(light_field, np.linspace(-1, 2, 20))
+    figure = slope_map_figure(found, camera)
+    figure.canvas.draw()
+    assert any("mm)" in label.get_text() for label in figure.axes[-1].get_yticklabels())
+    assert "depth" in figure.axes[-1].get_ylabel()
+
+
+def test_a_camera_of_other_views_is_refused(folder, camera, tmp_path):
+    """Its slope for 10 mm would be that of another depth."""
+    known = ["--camera", written_camera(camera, tmp_path, views=9)]
+    with pytest.raises(InputError, match="camera has 9 x 9 views, but the light field has 5 x 5"):
+        run(folder, *known, "--depth-mm", 10, "--out", tmp_path / "o")
+    assert not (tmp_path / "o").exists()
+    known = ["--camera", written_camera(camera, tmp_path)]
+    for depth in (1e9, 1e308, -326):
+        with pytest.raises(InputError, match="Depths must lie above -326 mm"):
+            run(folder, *known, "--depth-mm", depth, "--out", tmp_path / "o")
+
+
+def test_the_count_of_views_follows_from_the_camera(light_field, camera, tmp_path):
+    write_lenslet_image(light_field, tmp_path / "raw.tif")
+    known = ["--camera", written_camera(camera, tmp_path)]
+    for source in (["raw.tif"], ["raw.tif", "--pitch", 5]):
+        words = [tmp_path / source[0], *source[1:], *known, "--slope", 0, "--out", tmp_path / "o"]
+        result = run(*words)
+        assert "5 x 5 views of 40 x 48" in result.output
+    assert "neither the rotation nor the place of the array was looked for" in result.output
+
+
+def devignetted(folder, rng):
+    """A raw image, its white and its dark one, of 12 bits: (raw - dark) / (white - dark)."""
+    y, x = np.indices((140, 140))
+    spot = np.hypot((y - 4.5) % 10 - 5 + 0.5, (x - 4.5) % 10 - 5 + 0.5) < 4.5
+    white = 64 + 3000 * np.where(spot, 1, 0.1) * (1 - ((y - 70) ** 2 + (x - 70) ** 2) / 25_000)
+    raw = 64 + (white - 64) * rng.uniform(0.2, 1.3, (14, 14)).repeat(10, 0).repeat(10, 1)
+    for name, image in (("raw", raw), ("white", white), ("dark", np.full_like(raw, 64))):
+        noise = rng.normal(0, 6, raw.shape)
+        write_image(folder / f"{name}.tif", np.rint(image + noise).astype(np.uint16))
+        write_image(folder / f"{name}.png", np.rint(8 * (image + noise)).astype(np.uint16))
+        Image.fromarray(np.rint(image / 16).astype(np.uint8)).save(folder / f"{name}.jpg")
+
+
+@pytest.mark.parametrize("kind", ["tif", "png", "jpg"])
+def test_devignetted_raw_images_are_converted_whatever_their_values(kind, tmp_path, rng):
+    devignetted(tmp_path, rng)
+    raw, *others = (tmp_path / f"{name}.{kind}" for name in ("raw", "white", "dark"))
+    if kind == "tif":  # 12 bits in words of 16: brighter, as they are in floats
+        for path in (raw, *others):
+            write_image(path, imread(path).astype(np.float32) / 2500)
+    words = ["--white", others[0], "--dark", others[1]]
+    run(raw, tmp_path / "exact.npy", *words, command="convert")
+    exact = read_light_field(tmp_path / "exact.npy").views
+    for target in ("views", "lenslets.tif"):
+        run(raw, tmp_path / target, *words, command="convert")
+        options = {} if target == "views" else {"views": len(exact)}
+        read = read_light_field(tmp_path / target, order="row,col", **options).views
+        np.testing.assert_array_equal(read, exact)
+    assert (exact.min() < 0) or kind == "jpg"
+    for target, bits in (("lenslets.png", 16), ("eight.tif", 8), ("eight", 8)):
+        scaled = run(raw, tmp_path / target, *words, "--bits", bits, command="convert")
+        beyond = exact.min() < 0 or exact.max() > 1
+        assert ("were scaled to fit" in scaled.output) == beyond
+        low, high = 0.0, 1.0
+        if beyond:
+            record = json.loads((tmp_path / f"{target}.json").read_text())
+            low, high = record["radiance_of_black"], record["radiance_of_white"]
+        options = {} if target == "eight" else {"views": len(exact)}
+        read = read_light_field(tmp_path / target, order="row,col", **options).views
+        step = (high - low) / (2**bits - 1)
+        np.testing.assert_allclose(low + (high - low) * read, exact, atol=0.51 * step)
+
+
+def test_a_scale_is_not_recorded_over_another_file(folder, tmp_path):
+    np.save(tmp_path / "bright.npy", np.full((3, 3, 8, 8), 1.5, np.float32))
+    (tmp_path / "x.png.json").write_text('{"mine": 1}')
+    with pytest.raises(InputError, match="x.png.json is there"):
+        run(tmp_path / "bright.npy", tmp_path / "x.png", command="convert")
+    assert not (tmp_path / "x.png").exists()
+    with pytest.raises(InputError, match=r"Floats .32 bits. are written as .tif"):
+        run(tmp_path / "bright.npy", tmp_path / "y.png", "--bits", 32, command="convert")
+    run(tmp_path / "bright.npy", tmp_path / "z.png", command="convert")
+    assert (tmp_path / "z.png.json").exists()
+    run(folder, tmp_path / "z.png", command="convert")
+    assert not (tmp_path / "z.png.json").exists()  # it fits: that record was of another picture

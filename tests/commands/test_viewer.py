@@ -1,16 +1,18 @@
 """lf-flame view and lf-flame demo."""
 
+import json
 import re
 import signal
 import subprocess
 import sys
 import urllib.request
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from lf_flame import read_light_field
+from lf_flame import PAPER_CAMERA, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.refocus import find_slope_range
 from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field
@@ -57,6 +59,8 @@ def test_a_single_file_is_written(source, tmp_path):
         (["--slopes", "nan", "2"], "two slopes, the lower one first"),
         (["--slopes", "-400", "400"], "two slopes, the lower one first, from -30 to 30"),
         (["--megabytes", "0"], "is not in the range"),
+        (["--megabytes", "nan"], "no finite number"),
+        (["--camera", "CAMERA"], "The camera has 15 x 15 views"),
         (["--port", "700000"], "is not in the range"),
         (["--interpolation", "sinc"], "'sinc' needs the program, and a single file asks none"),
         (["--network", "."], "A network needs the program, and a single file asks none"),
@@ -66,7 +70,9 @@ def test_a_single_file_is_written(source, tmp_path):
 )
 def test_what_cannot_be_shown_is_one_sentence(source, tmp_path, words, message):
     before = source.read_bytes()
-    words = [word.replace("SOURCE", str(source)) for word in words]
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps({"camera": asdict(PAPER_CAMERA)}))
+    words = [word.replace("SOURCE", str(source)).replace("CAMERA", str(camera)) for word in words]
     result = run("view", source, "--single-file", tmp_path / "page.html", *words)
     assert result.exit_code != 0
     assert message in result.output + str(result.exception)

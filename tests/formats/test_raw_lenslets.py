@@ -6,11 +6,14 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
 from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame.formats import read_light_field, read_raw, write_view_folder
+from lf_flame.formats.images import write_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw_lenslets import decode_raw
 from lf_flame.formats.white_image import _flattened, _peaks, estimate_grid
@@ -499,3 +502,84 @@ def test_an_image_goes_on_beyond_its_border_as_it_ends(rng):
 def test_raw_images_that_cannot_be_used(raw, white, message):
     with pytest.raises(InputError, match=message):
         decode_raw(raw, LensletGrid(2.5, 2.5, 6), white=white)
+
+
+BAYER = {"red": 0.52, "green": 1.0, "blue": 0.61}
+"""Levels of a white wall in daylight behind a common sensor's colour filters."""
+
+ORDERS = [("red", "green", "green", "blue"), ("green", "blue", "red", "green")]
+
+
+def as_mosaic(image, order=ORDERS[0]):
+    """Light of an image behind colour filters, in the order of the pixels of each 2 x 2."""
+    y, x = np.indices(image.shape)
+    return image * np.choose(2 * (y % 2) + x % 2, [BAYER[name] for name in order])
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+@pytest.mark.parametrize("pitch", [9, 12, 14, 14.29, 20])
+def test_colour_mosaics_are_refused_and_grey_images_are_not(pitch, layout, rng):
+    """Even pitches repeat in 2 x 2 pixels, as a mosaic does."""
+    grid = LensletGrid(20.25, 30.5, pitch, 0, layout)
+    white = white_image(grid, (200, 240), rng, noise=0.02)
+    grey = white * (1 + 0.5 * ndimage.gaussian_filter(rng.standard_normal(white.shape), 1.5))
+    decode_raw(grey, grid, white=white)
+    for order in ORDERS:
+        with pytest.raises(InputError, match=r"white image is a colour mosaic.* demosaic") as found:
+            decode_raw(as_mosaic(grey, order), grid, white=as_mosaic(white, order))
+        shown = str(found.value).split("ratio ")[1].split(";")[0].split(", ")
+        np.testing.assert_allclose([float(x) for x in shown], [BAYER[n] for n in order], atol=0.04)
+        with pytest.raises(InputError, match="raw image is a colour mosaic"):
+            decode_raw(as_mosaic(grey, order), grid)
+
+
+def test_mosaics_are_refused_above_a_black_level_and_as_lenslet_images(tmp_path, rng):
+    grid, shape = grid_from_pitch((180, 180), 9), (180, 180)
+    lit = as_mosaic(white_image(grid, shape, rng))
+    with pytest.raises(InputError, match="raw image is a colour mosaic"):
+        decode_raw(0.5 + 0.1 * lit, grid, dark=np.full(shape, 0.5))
+    write_image(tmp_path / "raw.tif", lit.astype(np.float32))
+    with pytest.raises(InputError, match="lenslet image is a colour mosaic"):
+        read_light_field(tmp_path / "raw.tif", views=9)
+    with pytest.raises(InputError, match="raw image is a colour mosaic"):
+        read_raw(tmp_path / "raw.tif", pitch=9)
+    read_light_field(tmp_path / "raw.tif", views=2)  # each colour a view, as a user may want
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.uint16])
+def test_the_black_level_is_in_the_raw_and_in_the_white_image(kind, rng):
+    """Black is 64 of 1023, and lenslets towards the corners get down to 0.3 of the light.
+
+    The black level in the white image alone would make the corners 10 % too dark.
+    """
+    shape = (132, 132)
+    grid = grid_from_pitch(shape, 11)
+    y, x = (np.linspace(-1, 1, n) for n in shape)
+    light = 900 * (1 - 0.35 * (y[:, None] ** 2 + x**2))
+    black = 64 + rng.integers(-8, 8, shape)
+    raw, white, dark = (
+        np.rint(image).astype(kind) for image in (0.4 * light + black, light + black, black)
+    )
+    even = decode_raw(raw, grid, white=white, dark=dark).views
+    np.testing.assert_allclose(even / even[5, 5, 5, 5], 1, rtol=0.01)
+    assert even.mean() == pytest.approx(0.4 * np.median(light), rel=0.01)
+    if kind is np.float64:
+        in_colour = [np.stack([image, 2 * image], axis=-1) for image in (raw, white, dark)]
+        coloured = decode_raw(in_colour[0], grid, white=in_colour[1], dark=in_colour[2]).views
+        np.testing.assert_allclose(coloured[..., 1], 2 * even, rtol=1e-5)
+
+
+def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng):
+    views = rng.uniform(0.2, 0.6, (3, 4, 20, 22)).astype(np.float32)
+    black = rng.uniform(0.05, 0.2, views.shape).astype(np.float32)
+    for name, array in (("lit", views + black), ("dark", black)):
+        write_view_folder(LightField(array), tmp_path / name)
+        np.save(tmp_path / f"{name}.npy", array)
+        pages = array[:, :3].reshape(9, 20, 22)
+        tifffile.imwrite(tmp_path / f"{name}.tif", pages, photometric="minisblack")
+    for ending, wanted in (("", views), (".npy", views), (".tif", views[:, :3])):
+        paths = [tmp_path / f"{name}{ending}" for name in ("lit", "dark")]
+        read = read_light_field(paths[0], order="-row,col", dark=paths[1]).views
+        np.testing.assert_allclose(read, wanted[::-1], atol=3e-5)
+    with pytest.raises(InputError, match="dark light field .* must have the light field's shape"):
+        read_light_field(tmp_path / "lit", dark=tmp_path / "dark.tif")

@@ -160,3 +160,41 @@ def test_evidence_for_fifteen_views():
     assert spread[15] == pytest.approx(0.11, abs=0.005)
     assert spread[16] == pytest.approx(0.06, abs=0.005)
     assert slopes[15][0] / -slopes[15][3] == pytest.approx(1.83, abs=0.005)
+
+
+def test_an_f_number_is_focal_length_over_diameter():
+    lens = replace(PAPER_CAMERA, f_number=2.5)
+    assert lens.aperture_diameter_mm == pytest.approx(150.0 / 2.5, rel=1e-12)
+    assert replace(lens, views=9) == replace(PAPER_CAMERA, views=9, aperture_diameter_mm=60.0)
+    with pytest.raises(InputError, match="f_number and aperture_diameter_mm cannot both"):
+        replace(lens, f_number=2.5)
+    for wrong in (0.0, -2.0, np.nan, np.inf, 1e5):
+        with pytest.raises(InputError, match="f_number must lie between"):
+            replace(PAPER_CAMERA, f_number=wrong)
+    with pytest.raises(InputError, match="aperture_diameter_mm must be at most"):
+        replace(PAPER_CAMERA, f_number=0.4)
+
+
+def test_light_fields_of_other_views_are_refused():
+    PAPER_CAMERA.check_views((15, 15, 8, 8))
+    for views in ((9, 9), (15, 14), (14, 15), (1, 15)):
+        with pytest.raises(InputError, match=f"15 x 15 views.* has {views[0]} x {views[1]}"):
+            PAPER_CAMERA.check_views(views)
+
+
+@pytest.mark.parametrize("depth", [-326.0, -1e9, 1e9, 1e308, np.inf, np.nan])
+def test_depths_that_say_nothing_are_refused(depth):
+    PAPER_CAMERA.check_depths([-325.9, 0.0, 3.26e6])
+    with pytest.raises(InputError, match=r"above -326 mm .* up to 3.26e\+06 mm"):
+        PAPER_CAMERA.check_depths([0.0, depth])
+
+
+def test_no_real_depth_beyond_infinity():
+    """The slope of infinity is i0 / (pitch a0) times the view step, from the thin-lens equation."""
+    i0 = 150 * 326 / (326 - 150)
+    step = i0 * (0.112 * (1 + 0.4 / i0) / 15) / 0.4
+    infinity = step / 0.112 * i0 / 326
+    depths = PAPER_CAMERA.slope_to_real_depth(np.array([0.0, 0.99, 1.01]) * infinity)
+    assert depths[0] == 0
+    assert depths[1] > 10_000
+    assert np.isnan(depths[2])

@@ -1,5 +1,6 @@
 """Scenes, flames and the two templates."""
 
+import re
 from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from lf_flame import InputError, Layer, Scene
+from lf_flame import InputError, Layer, PlenopticCamera, Scene
 from lf_flame.datasets.config import read_config
+from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.flames import draw_wrinkles, flame_texture, projected_glow
 from lf_flame.scenes.scene import BRIGHTEST
+from lf_flame.scenes.scene_files import LayerEntry, read_scene
 from lf_flame.scenes.shapes import shape_texture
 
 DATA_GEN = Path(__file__).parents[2] / "data_gen"
@@ -203,3 +206,41 @@ def test_cells_of_shapes_count_the_points_inside(size):
 def test_empty_scene_is_refused():
     with pytest.raises(InputError, match="at least one layer"):
         Scene([])
+
+
+EXAMPLE = DATA_GEN / "scenes" / "example.toml"
+
+
+def test_the_example_shows_every_key():
+    shown = set(re.findall(r"^(?:# )?(\w+) = ", EXAMPLE.read_text(), re.MULTILINE))
+    names = {x.name for kind in (PlenopticCamera, Sensor, LayerEntry) for x in fields(kind)}
+    assert names - {"sensor", "image"} <= shown
+    assert 'image = "' in EXAMPLE.read_text()
+    assert "[camera.sensor]" in EXAMPLE.read_text()
+
+
+def test_all_keys_of_the_example_can_be_used(tmp_path):
+    text = re.sub(r"^# (\[|\w+ = )", r"\1", EXAMPLE.read_text(), flags=re.MULTILINE)
+    text = re.sub(r"^f_number = .*$", "", text, flags=re.MULTILINE).replace("0.0124", "0.007")
+    (tmp_path / "scene.toml").write_text(text)
+    _, camera, effects = read_scene(tmp_path / "scene.toml")
+    assert camera.rim_diameter_mm == 140
+    assert camera.sensor.bits == 12
+    assert effects == {"read_noise": False}
+
+
+def test_unknown_keys_are_told_all_at_once_with_those_that_are_like_them(tmp_path):
+    text = EXAMPLE.read_text().replace("views = 9", "veiws = 9").replace("depth_mm", "depht_mm")
+    (tmp_path / "scene.toml").write_text(text + "\nxyzzy = 3\n")
+    with pytest.raises(InputError) as found:
+        read_scene(tmp_path / "scene.toml")
+    said = str(found.value)
+    assert "camera.veiws is not a known key (perhaps views)" in said
+    for layer in (0, 1, 2):
+        assert f"layers.{layer}.depht_mm is not a known key (perhaps depth_mm" in said
+    assert "layers.2.xyzzy is not a known key (known are depth_mm, size_mm," in said
+    (tmp_path / "scene.toml").write_text("".join(f"key{n} = 1\n" for n in range(900)))
+    many = "known are layers, camera, effects.*; and 895 more"
+    with pytest.raises(InputError, match=many) as found:
+        read_scene(tmp_path / "scene.toml")
+    assert len(str(found.value)) < 1000

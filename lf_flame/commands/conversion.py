@@ -1,0 +1,66 @@
+"""A light field in another form: as levels, as floats, or scaled, with the scale on record."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import write_json
+from lf_flame._common.input_files import read_record
+from lf_flame.errors import InputError
+from lf_flame.formats import write_light_field
+from lf_flame.formats.images import TIFF_SUFFIXES
+from lf_flame.lightfield import LightField
+
+LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
+"""Names in the record of the values that the lowest and the highest level stand for."""
+
+
+def convert_light_field(light_field: LightField, target: Path, bits: int | None = None) -> str:
+    """Write a light field; values that levels do not hold as floats, or else scaled.
+
+    Parameters
+    ----------
+    light_field : LightField
+    target : Path
+        As in `write_light_field`.
+    bits : int, optional
+        8, 16 or 32 (floats). Default: 16, or 32 where a value is below 0 or above 1 and the form
+        of the target holds floats.
+
+    Returns
+    -------
+    str
+        What is to be said of the values; empty where they are as they were, in levels of 16 bits.
+    """
+    views = light_field.views
+    low, high = min(float(views.min()), 0.0), max(float(views.max()), 1.0)
+    fits, suffix = (low, high) == (0.0, 1.0), target.suffix.lower()
+    if bits is None:
+        bits = 16 if fits or suffix not in ("", *TIFF_SUFFIXES) else 32
+    record = Path(f"{target}.json")
+    held = f"values from {views.min():.4g} to {views.max():.4g}"
+    if fits or bits == 32 or suffix == ".npy":
+        write_light_field(light_field, target, bits)
+        if record.exists() and _is_record(record):
+            record.unlink()  # of an earlier file of this name
+        return f" with {held}, as floats" if bits == 32 and suffix != ".npy" else ""
+    if record.exists() and not _is_record(record):
+        raise InputError(
+            f"{record} is there, and would be replaced by the record of the scale; move it, or "
+            f"choose another target."
+        )
+    write_light_field(LightField((views.astype(np.float64) - low) / (high - low)), target, bits)
+    write_json(record, {LEVEL_0: low, LEVEL_1: high, "bits": bits, **provenance.environment()})
+    return (
+        f"; {held} were scaled to fit: level 0 is {low:.6g} and level {2**bits - 1} is {high:.6g}, "
+        f"as {record} says (.npy, or .tif without --bits, keeps values as they are)"
+    )
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a file is the record of a scale."""
+    try:
+        return LEVEL_0 in read_record(path)
+    except InputError:
+        return False

@@ -1,0 +1,80 @@
+"""Mosaics: raw images of colour sensors (Bayer), which must not be read as grey ones."""
+
+import math
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.lenslet_grid import LensletGrid
+
+WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
+"""Weights of the pixels around a micro-image's centre; even and odd ones have equal sums, and a
+profile that is a cubic polynomial has equal sums under them."""
+
+SMALL_PITCH = 10.0
+"""Pixels under a lenslet below which the shape of a grey micro-image can be like a mosaic."""
+
+LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.15, 0.6
+"""Logarithm of (red blue / green^2) from which an image counts as a mosaic, by the pitch.
+
+With red and blue at half of green, as in daylight, it is 1.4; in the light of a lamp (red 1, blue
+0.4) 0.9. It is 0 where the profile of a grey micro-image is a product of one along y and one along
+x. Round ones of an even pitch, whose pixels repeat as those of a mosaic do, reach 0.12 where the
+lit part has a radius of 2 pixels or more, and 0.54 where it has 1.2.
+"""
+
+GROUPS = 8
+"""Number of groups of lenslets that are measured apart, so that texture is not taken for colour."""
+
+LEAST_DEVIATIONS = 8.0
+"""Standard errors that a contrast must exceed."""
+
+
+def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
+    """Refuse an image whose pixels differ as those of a Bayer mosaic do.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    grid : LensletGrid
+    name : str
+        What the image is, for the message.
+
+    Raises
+    ------
+    InputError
+        If, in the middle of the micro-images, the four pixels of each 2 x 2 differ in a pattern
+        that no grey micro-image has.
+    """
+    sums = _phase_sums(image, grid.centres(image.shape))
+    if not np.all(sums > 0):  # too few lenslets, or no light
+        return
+    logs = np.log(sums)
+    contrast = logs[:, 0, 0] + logs[:, 1, 1] - logs[:, 0, 1] - logs[:, 1, 0]
+    mean, error = contrast.mean(), contrast.std(ddof=1) / math.sqrt(GROUPS)
+    least = LEAST_CONTRAST if grid.pitch >= SMALL_PITCH else LEAST_SMALL_CONTRAST
+    if abs(mean) < max(least, LEAST_DEVIATIONS * error):
+        return
+    levels = sums.sum(axis=0) / sums.sum(axis=0).max()
+    shown = ", ".join(f"{level:.2f}" for level in levels.flat)
+    raise InputError(
+        f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
+        f"have mean levels in the ratio {shown}; subtract the dark image, demosaic the raw and the "
+        f"white image without gamma or white balance, and give them in colour."
+    )
+
+
+def _phase_sums(image: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Sum the weighted light of pixels in even and odd rows and columns: (GROUPS, 2, 2)."""
+    reach = len(WEIGHTS) // 2
+    y, x = np.rint(centres.reshape(-1, 2)).astype(int).T
+    inside = (y >= reach) & (y < image.shape[0] - reach)
+    inside &= (x >= reach) & (x < image.shape[1] - reach)
+    y, x = y[inside], x[inside]
+    sums = np.zeros((GROUPS, 2, 2))
+    group = np.arange(len(y)) % GROUPS
+    for dy, weight_y in enumerate(WEIGHTS, -reach):
+        for dx, weight_x in enumerate(WEIGHTS, -reach):
+            light = weight_y * weight_x * image[y + dy, x + dx].astype(np.float64)
+            np.add.at(sums, (group, (y + dy) % 2, (x + dx) % 2), light)
+    return sums
