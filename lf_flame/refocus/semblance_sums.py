@@ -35,7 +35,8 @@ SLOPES_AT_ONCE = 8
 """Slopes that are refocused together: more would take more memory and hardly less time."""
 
 LEAST_TERM, MOST_TERMS = 1e-6, 2
-"""Size of a separable term of the views' weights, against the largest, and terms at most: more\nchanged no slope of round apertures by 1e-4, as the first is exact but for the image's corners."""
+"""Size of a separable term of the views' weights, against the largest, and terms at most: more
+changed no slope of round apertures by 1e-4, as the first is exact but for the image's corners."""
 
 MEMORY, SHARE = 48e6, 0.45
 """Bytes that the sums at some slopes may take, and part of the views in float32 if that is more:
