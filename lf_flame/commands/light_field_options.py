@@ -182,6 +182,8 @@ class Reading:
             light_field = formats.read_light_field(source, self.views, self.order)
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        if light_field.uncounted:
+            click.echo(light_field.uncounted, err=True)
         return light_field
 
     def read_above(self, source: Path, dark: Path | None) -> "LightField":
@@ -195,7 +197,7 @@ class Reading:
                 f"--dark must be of the shape of SOURCE, {light_field.views.shape}, got "
                 f"{black.views.shape}."
             )
-        return type(light_field)(light_field.views - black.views)
+        return replace(light_field, views=light_field.views - black.views)
 
 
 @dataclass(frozen=True)

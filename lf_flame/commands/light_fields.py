@@ -212,7 +212,8 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
     """Write a light field from anywhere in another form.
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a
-    .png or .tif file (a lenslet image, N x N pixels to a lenslet) or .npy (views[v, u, t, s]).
+    .png or .tif file (a lenslet image, N x N pixels to a lenslet), .npy (views[v, u, t, s]) or .npz
+    (views, and the weights of those that do not all count).
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
@@ -225,5 +226,8 @@ def convert(source: Path, target: Path, bits: str, **options) -> None:
     if target.resolve() in {path.resolve() for path in (source, reading.white) if path}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
-        write_light_field(reading.read(source), target, int(bits))
+        light_field = reading.read(source)
+        write_light_field(light_field, target, int(bits))
+    if light_field.uncounted and target.suffix.lower() != ".npz":
+        click.echo(f"{target} does not hold which views count; .npz does", err=True)
     click.echo(f"{target} is written")

@@ -20,8 +20,8 @@ LAYOUTS = ("rectangular", "hexagonal")
 HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
 """Row distance over pitch where every lenslet touches six others."""
 
-ON_PIXELS = 1e-6
-"""Pixels by which micro-images may miss the pixels that they are said to stand on."""
+ON_PIXELS = 0.02
+"""Pixels by which micro-images may miss the pixels that they are said to stand on: as estimated."""
 
 EDGE_SLACK = 0.5
 """Pixels by which a micro-image may overhang the image and still count as whole."""

@@ -70,7 +70,13 @@ def read_light_field(
             f"{path} is no light field: it must be a folder of views, an array "
             f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."
         )
-    return LightField(arranged(light_field.views, order)) if order else light_field
+    if not order:
+        return light_field
+    weights = light_field.weights
+    return LightField(
+        arranged(light_field.views, order),
+        weights=None if weights is None else arranged(weights, order),
+    )
 
 
 def read_raw(

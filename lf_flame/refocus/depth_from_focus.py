@@ -33,7 +33,7 @@ from lf_flame.refocus._arguments import (
 )
 from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
-from lf_flame.refocus.matching import match_views
+from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.surface import refocus_surface
 
 LOW_PASS = 1.0
@@ -163,12 +163,22 @@ def all_in_focus(
     _check_window(window)
     refuse_not_finite(views)
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
-    costs = match_views(as_readable(grey), slopes, window, weights)
+    compared = ComparedViews(as_readable(grey), slopes, weights)
+    slope, confidence = _matched(compared, views, window, weights)
+    if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
+        slope, confidence = _matched(compared, views, window, weights)
+    return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
+
+
+def _matched(
+    compared: ComparedViews, views: np.ndarray, window: float, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes at which compared views match best, and their confidence."""
+    slopes = compared.slopes
     used = (np.abs(centred(n))[some] for n, some in zip(views.shape, _used(weights), strict=False))
     farthest = max(steps.max() for steps in used)
-    slope, confidence = _best_match(costs, slopes, RESOLVED / max(farthest, 0.5))
-    slope, confidence = _settled(slope, confidence, _middle(views, slope), slopes)
-    return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
+    slope, confidence = _best_match(compared.costs(window), slopes, RESOLVED / max(farthest, 0.5))
+    return _settled(slope, confidence, _middle(views, slope), slopes)
 
 
 def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

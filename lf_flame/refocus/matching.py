@@ -47,6 +47,9 @@ LEAST_SIDE = 0.125
 LEVEL_TURNS = 2
 """Times that the levels of uneven views are found, each time by the slopes that the last ones give."""
 
+LEAST_KNOWN = 0.05
+"""Share of the pixels whose slopes are known, below which levels are left as they are."""
+
 SLOPE_WINDOW = 3.0
 """Standard deviation, in pixels of a row, of the Gaussian over which its slopes are found for that."""
 
@@ -57,41 +60,9 @@ SAMPLED_ROWS = 32
 def match_views(
     views: np.ndarray, slopes: np.ndarray, window: float, weights: np.ndarray | None = None
 ) -> np.ndarray:
-    """Tell how badly the views match around each pixel at each slope.
-
-    Parameters
-    ----------
-    views : ndarray, shape (v, u, t, s)
-        Grey and finite, of a type that kernels read.
-    slopes : ndarray of float64, shape (n,)
-    window : float
-        Standard deviation of the Gaussian under which pixels count, in lenslets.
-    weights : ndarray of float64, shape (v, u), optional
-        How much each view counts. All are compared with the middle one, whatever it counts.
-        Default: all alike.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, t, s)
-        From 0, all alike, to about 1.
-    """
+    """Tell how badly the views match around each pixel at each slope: `ComparedViews.costs`."""
     weights = np.ones(views.shape[:2]) if weights is None else weights
-    compared = _ComparedViews(views, weights)
-    noise = compared.noise(slopes)
-    misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
-    down, across = (np.square(centred(n)) for n in views.shape[:2])
-    moved = misfit * np.average(down[:, None] + across, weights=weights) / 2
-    costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
-    rows = np.arange(views.shape[2])
-    for cost, slope in zip(costs, slopes, strict=True):
-        parts, middle = compared.squares(float(slope), rows)
-        scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
-        cost[...] = 1.0 + QUARTER
-        for side, handicap in _sides(parts, compared.counts):
-            saturated = side / (side + scale)
-            smooth = gaussian_filter(saturated, window, mode="nearest")
-            np.minimum(cost, smooth + handicap, out=cost)
-    return costs
+    return ComparedViews(views, slopes, weights).costs(window)
 
 
 def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, np.float32]]:
@@ -110,17 +81,27 @@ def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, 
                 yield total, np.float32((0.0, HALF, QUARTER)[(i > 0) + (j > 0)])
 
 
-class _ComparedViews:
+class ComparedViews:
     """Views, what each counts, and by what it is brought to the level of the middle one.
+
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s)
+        Grey and finite, of a type that kernels read.
+    slopes : ndarray of float64, shape (n,)
+    weights : ndarray of float64, shape (v, u)
+        How much each view counts. All are compared with the middle one, whatever it counts.
 
     Attributes
     ----------
     counts : ndarray of float64, shape (3, 3)
         What the views in each of the nine parts of the aperture count, 1 in the mean.
+    even : bool
+        Whether all views are as bright as the middle one.
     """
 
-    def __init__(self, views: np.ndarray, weights: np.ndarray):
-        self.views = views
+    def __init__(self, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray):
+        self.views, self.slopes = views, slopes
         self._weights = weights / weights[weights > 0].mean()
         self._parts = [_part_of_view(n) for n in views.shape[:2]]
         middle = np.outer(*(part == 1 for part in self._parts))
@@ -132,32 +113,67 @@ class _ComparedViews:
         brightest = max(float(np.abs(row).max()) for row in views)
         self._unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
         self._levels = even_levels(views.shape[:2])
-        self._even = True
-
-    def noise(self, slopes: np.ndarray) -> float:
-        """Squared difference that is left at the best slope, the median over some rows.
-
-        Views whose levels differ are brought to one first; so levels and slopes are found in turn.
-        """
-        height = self.views.shape[2]
-        rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
+        self.even = True
+        height = views.shape[2]
+        self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
         for _ in range(LEVEL_TURNS):
-            least, best = self._best(slopes, rows)
-            self._levels = find_levels(self.views, best, rows, self._weights)
-            even = bool(np.array_equal(self._levels, even_levels(self.views.shape[:2])))
-            if even and self._even:
+            best = self._best()[1]
+            if not self.find_levels(best, np.ones(best.shape, bool)):
                 break
-            self._even = even
-        else:
-            least, best = self._best(slopes, rows)
-        return float(np.median(least)) + FLOOR**2
 
-    def _best(self, slopes: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
+        """Find the levels of the views by the slopes of pixels in some rows, or in all.
+
+        Returns
+        -------
+        bool
+            Whether they have changed.
+        """
+        if len(slope) != len(self._rows):
+            slope, known = slope[self._rows], known[self._rows]
+        if np.count_nonzero(known) < LEAST_KNOWN * known.size:
+            return False
+        before, even = self._levels, even_levels(self.views.shape[:2])
+        self._levels = find_levels(self.views, slope, self._rows, self._weights, known)
+        self.even = bool(np.array_equal(self._levels, even))
+        return not np.array_equal(self._levels, before)
+
+    def costs(self, window: float) -> np.ndarray:
+        """Tell how badly the views match around each pixel at each slope.
+
+        Parameters
+        ----------
+        window : float
+            Standard deviation of the Gaussian under which pixels count, in lenslets.
+
+        Returns
+        -------
+        ndarray of float32, shape (n, t, s)
+            From 0, all alike, to about 1.
+        """
+        views, slopes = self.views, self.slopes
+        noise = float(np.median(self._best()[0])) + FLOOR**2
+        misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
+        down, across = (np.square(centred(n)) for n in views.shape[:2])
+        moved = misfit * np.average(down[:, None] + across, weights=self._weights) / 2
+        costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
+        rows = np.arange(views.shape[2])
+        for cost, slope in zip(costs, slopes, strict=True):
+            parts, middle = self._squares(float(slope), rows)
+            scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
+            cost[...] = 1.0 + QUARTER
+            for side, handicap in _sides(parts, self.counts):
+                saturated = side / (side + scale)
+                smooth = gaussian_filter(saturated, window, mode="nearest")
+                np.minimum(cost, smooth + handicap, out=cost)
+        return costs
+
+    def _best(self) -> tuple[np.ndarray, np.ndarray]:
         """Least squared difference in some rows, and about the slope at which it is."""
-        least = np.full((rows.size, self.views.shape[3]), np.inf, np.float32)
+        least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
-        for slope in slopes:
-            total = self.squares(float(slope), rows)[0].sum(axis=(0, 1))
+        for slope in self.slopes:
+            total = self._squares(float(slope), self._rows)[0].sum(axis=(0, 1))
             total /= np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
@@ -165,7 +181,7 @@ class _ComparedViews:
             np.minimum(smoothest, smooth, out=smoothest)
         return least, best
 
-    def squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared differences from the middle in the nine parts, (3, 3, rows, s), and the middle."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
@@ -176,7 +192,7 @@ class _ComparedViews:
         _matching_kernels.compare_views(
             views, rows, down, (self._unit * down_weights).astype(np.float32), across,
             across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
-            self._middle, *shifts, self._even, self._levels, middle, out,
+            self._middle, *shifts, self.even, self._levels, middle, out,
         )  # fmt: skip
         return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1), middle
 

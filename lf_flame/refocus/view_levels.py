@@ -8,18 +8,25 @@ does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel Data,
 """
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from lf_flame._common.arrays import centred
+
+FEWEST = 100
+"""Pixels from which a view's level is fitted."""
 
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of t and s in a level, each from -1 to 1 over the image."""
 
+SMOOTH = 2.0
+"""Standard deviation, in pixels of a row, of a Gaussian that takes off noise."""
+
 RIDGE = 1e-3
 """Share of the light by which a level is held to be even where little of the image is lit."""
 
-EVEN = 0.006
-"""Root-mean-square difference of levels from 1 that is called none."""
+EVEN, EVEN_OVER_IMAGE = 0.016, 0.016
+"""Root-mean-square difference of levels from 1, and change of them over the image, called none:
+outlines that hide what is behind them, in noise, make as much, and it harms little."""
 
 DOUBT = 16.0
 """Pixels whose misfits are alike, times what is fitted to a view: what a fit follows by chance."""
@@ -33,7 +40,7 @@ def even_levels(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def find_levels(
-    views: np.ndarray, slope: np.ndarray, rows: np.ndarray, weights: np.ndarray
+    views: np.ndarray, slope: np.ndarray, rows: np.ndarray, weights: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
     """Find by what each view is to be multiplied to be as bright as the middle one.
 
@@ -45,6 +52,8 @@ def find_levels(
     rows : ndarray of int
     weights : ndarray of float64, shape (v, u)
         Views of weight 0 are left as they are.
+    known : ndarray of bool, shape of `slope`
+        Pixels to look at.
 
     Returns
     -------
@@ -65,7 +74,8 @@ def find_levels(
     fits = []
     for v, u in np.argwhere(weights > 0):
         light, powers, inside = _read(views[v, u], places, slope, down[v], across[u])
-        if max(abs(down[v]), abs(across[u])) < 1 or not inside.any():
+        inside &= known
+        if max(abs(down[v]), abs(across[u])) < 1 or np.count_nonzero(inside) < FEWEST:
             continue
         light, there, powers = light[inside], middle[inside], powers[:, inside]
         levels[v, u] = found = _level(light, there, powers)
@@ -73,10 +83,14 @@ def find_levels(
         chance = DOUBT * misfit / max(np.sum(light**2), np.finfo(float).tiny)
         fits.append((weights[v, u], v, u, powers @ powers.T / powers.shape[1], chance))
     _smooth_over_views(levels, down, across, weights)
-    off = levels - even_levels(views.shape[:2])
-    uneven = sum(weight * off[v, u] @ squares @ off[v, u] for weight, v, u, squares, _ in fits)
-    known = sum(weight * (EVEN**2 + chance) for weight, *_, chance in fits)
-    return levels if uneven > known else even_levels(views.shape[:2])
+    even = even_levels(views.shape[:2])
+    for some, least in ((slice(1, None), EVEN_OVER_IMAGE), (slice(None), EVEN)):
+        off = np.zeros_like(levels)
+        off[..., some] = (levels - even)[..., some]
+        uneven = sum(weight * off[v, u] @ squares @ off[v, u] for weight, v, u, squares, _ in fits)
+        if uneven <= sum(weight * (least**2 + chance) for weight, *_, chance in fits):
+            levels[..., some] = even[..., some]
+    return levels
 
 
 def _smooth_over_views(
@@ -97,6 +111,7 @@ def _read(view: np.ndarray, places: list, slope: np.ndarray, down: float, across
     """Read a view where it shows the places: its light, powers of where that is, and if inside."""
     at = [place + slope * step for place, step in zip(places, (down, across), strict=True)]
     light = map_coordinates(view, at, np.float64, order=1, mode="nearest")
+    light = gaussian_filter1d(light, SMOOTH, axis=1, mode="nearest")
     inside = np.all([(x >= 0) & (x <= n - 1) for x, n in zip(at, view.shape, strict=True)], axis=0)
     t, s = (2 * x / max(n - 1, 1) - 1 for x, n in zip(at, view.shape, strict=True))
     return light, np.stack([t**i * s**j for i, j in POWERS]), inside
