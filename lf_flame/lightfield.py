@@ -15,6 +15,29 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 
 
+def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Weights of (v, u) views, checked; float64.
+
+    Raises
+    ------
+    InputError
+        If they are of another shape, not finite, below 0, or all 0.
+    """
+    try:
+        weights = np.asarray(weights, float)
+    except (TypeError, ValueError):
+        raise InputError(f"weights must be numbers, one for each view, got {weights!r}.") from None
+    if weights.shape != tuple(shape):
+        raise InputError(
+            f"weights must have the shape of the views, {shape[0]} x {shape[1]}, got an array of "
+            f"shape {weights.shape}."
+        )
+    total = weights.sum()
+    if not np.all(weights >= 0) or not 0 < total < np.inf:
+        raise InputError("weights must be finite and 0 or above, with at least one above 0.")
+    return weights
+
+
 @dataclass(frozen=True, eq=False)
 class LightField:
     """A light field as sub-aperture views.
@@ -25,15 +48,22 @@ class LightField:
         Finite radiance values. Stored as contiguous float32, not copied where they are that.
     plan : lf_flame.simulation.plan.EffectPlan, optional
         Of a rendered light field: which effects were simulated, and why.
+    weights : array_like, shape (v, u), optional
+        How much each view counts wherever the light field is searched, refocused or fitted, 0 or
+        above, with at least one above 0; weights that are stated there multiply these. A decoded
+        raw image has 0 for views that are not, or not wholly, their lenslet's own. Stored as
+        float32. Default: all alike.
 
     Raises
     ------
     InputError
-        If the array has another number of axes, is empty, or holds NaN or infinite values.
+        If the array has another number of axes, is empty, or holds NaN or infinite values; if the
+        weights cannot be used.
     """
 
     views: np.ndarray
     plan: Any = None
+    weights: np.ndarray | None = None
 
     def __post_init__(self):
         views = np.asarray(self.views)
@@ -47,13 +77,20 @@ class LightField:
             bad = np.count_nonzero(~np.isfinite(views))
             raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
         object.__setattr__(self, "views", views)
+        if self.weights is not None:
+            with np.errstate(over="ignore"):  # refused below
+                weights = as_view_weights(self.weights, views.shape[:2]).astype(np.float32)
+            as_view_weights(weights, views.shape[:2])
+            object.__setattr__(self, "weights", weights)
 
     @classmethod
-    def trusted(cls, views: np.ndarray, plan: Any = None) -> "LightField":
+    def trusted(
+        cls, views: np.ndarray, plan: Any = None, weights: np.ndarray | None = None
+    ) -> "LightField":
         """Wrap float32 views that are known to be finite, without reading them once more."""
         light_field = object.__new__(cls)
-        object.__setattr__(light_field, "views", views)
-        object.__setattr__(light_field, "plan", plan)
+        for name, value in (("views", views), ("plan", plan), ("weights", weights)):
+            object.__setattr__(light_field, name, value)
         return light_field
 
     @classmethod
@@ -94,7 +131,21 @@ class LightField:
     @property
     def photograph(self) -> np.ndarray:
         """The image an ordinary camera would take: the mean view, shape (t, s), float32."""
-        return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+        if self.weights is None:
+            return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+        weights = self.weights.astype(np.float64) / self.weights.sum(dtype=np.float64)
+        return np.einsum("vu,vu...->...", weights, self.views).astype(np.float32)
+
+    @property
+    def uncounted(self) -> str:
+        """Words that tell how many views have weight 0; empty where none has."""
+        if self.weights is None or self.weights.all():
+            return ""
+        lost = int(np.count_nonzero(self.weights == 0))
+        return (
+            f"{lost} of the {self.weights.size} views do not count: they hold light of "
+            f"neighbouring lenslets, or are mostly dark"
+        )
 
     def view(self, **options: Any) -> Any:
         """Show the light field in a notebook, to be refocused while one drags.

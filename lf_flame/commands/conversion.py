@@ -12,6 +12,9 @@ from lf_flame.formats import write_light_field
 from lf_flame.formats.images import TIFF_SUFFIXES
 from lf_flame.lightfield import LightField
 
+ARRAYS = (".npy", ".npz")
+"""Endings of forms that hold values as they are."""
+
 LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
 """Names in the record of the values that the lowest and the highest level stand for."""
 
@@ -40,11 +43,11 @@ def convert_light_field(light_field: LightField, target: Path, bits: int | None 
         bits = 16 if fits or suffix not in ("", *TIFF_SUFFIXES) else 32
     record = Path(f"{target}.json")
     held = f"values from {views.min():.4g} to {views.max():.4g}"
-    if fits or bits == 32 or suffix == ".npy":
+    if fits or bits == 32 or suffix in ARRAYS:
         write_light_field(light_field, target, bits)
         if record.exists() and _is_record(record):
             record.unlink()  # of an earlier file of this name
-        return f" with {held}, as floats" if bits == 32 and suffix != ".npy" else ""
+        return f" with {held}, as floats" if bits == 32 and suffix not in ARRAYS else ""
     if record.exists() and not _is_record(record):
         raise InputError(
             f"{record} is there, and would be replaced by the record of the scale; move it, or "

@@ -202,6 +202,8 @@ class Reading:
             light_field = formats.read_light_field(source, self.views, self.order, dark=self.dark)
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        if light_field.uncounted:
+            click.echo(light_field.uncounted, err=True)
         return light_field
 
     def describe_grid(self, grid: "LensletGrid") -> str:

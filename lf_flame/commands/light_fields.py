@@ -229,10 +229,11 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     """Write a light field from anywhere in another form.
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a
-    .png or .tif file (a lenslet image, N x N pixels to a lenslet) or .npy (views[v, u, t, s]).
-    Levels of 8 and 16 bits hold values from 0 to 1. What exceeds them, as most raw images do when
-    they are divided by a white image, is written as floats, in TIFF files; where that cannot be
-    (.png, or --bits 8 or 16), it is scaled, and TARGET.json says by how much.
+    .png or .tif file (a lenslet image, N x N pixels to a lenslet), .npy (views[v, u, t, s]) or .npz
+    (views, and the weights of those that do not all count). Levels of 8 and 16 bits hold values
+    from 0 to 1. What exceeds them, as most raw images do when they are divided by a white image, is
+    written as floats, in TIFF files; where that cannot be (.png, or --bits 8 or 16), it is scaled,
+    and TARGET.json says by how much.
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
@@ -245,5 +246,8 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
-        said = convert_light_field(reading.read(source), target, int(bits) if bits else None)
+        light_field = reading.read(source)
+        said = convert_light_field(light_field, target, int(bits) if bits else None)
+    if light_field.uncounted and target.suffix.lower() != ".npz":
+        click.echo(f"{printable(target)} does not hold which views count; .npz does", err=True)
     click.echo(f"{printable(target)} is written{said}")

@@ -1,7 +1,7 @@
 """What is to be refocused, and how: checked before any work is done."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -49,10 +49,11 @@ class RefocusJob:
         return white_level(self.light_field.views)
 
     @property
-    def views_to_white(self) -> np.ndarray:
-        """Views from 0 to 1, as networks take them."""
-        views = self.light_field.views
-        return views if self.white == 1 else views / np.float32(self.white)
+    def views_to_white(self) -> LightField:
+        """Light field from 0 to 1, as networks take it."""
+        if self.white == 1:
+            return self.light_field
+        return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
 
     def preview(self, image: np.ndarray) -> np.ndarray:
         """Levels of 8 bits to look at: ``(gain image / white) ** (1 / gamma)``, white at most."""

@@ -8,6 +8,9 @@ from lf_flame.formats.images import to_unit
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.lightfield import LightField
 
+WEIGHTS = "weights"
+"""Array of an archive with the weight of each view."""
+
 MOST_ARRAYS = 1000
 """Arrays of an archive among which that of the views is looked for."""
 
@@ -23,7 +26,7 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
     path : str or Path
         An array ``[v, u, t, s]`` or ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3
         axes. In a ``.npz`` file it is the one named ``views``, or the only one, or the only one of
-        4 or 5 axes.
+        4 or 5 axes; one named ``weights``, [v, u], tells how much each view counts.
     views : int, optional
         Pixels under a lenslet along each axis of a raw lenslet array.
 
@@ -38,14 +41,17 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
         If the file cannot be read, holds other arrays, or `views` does not divide a raw array.
     """
     with open_arrays(path) as file:
-        (array,) = file.read([_choose(file)], copies=2)  # as stored, and as views
+        name = _choose(file)
+        (array,) = file.read([name], copies=2)  # as stored, and as views
+        beside = [WEIGHTS] if name != WEIGHTS and WEIGHTS in file.names else []
+        weights = file.read(beside)[0] if beside else None
     if array.ndim not in (2, 3, 4, 5) or array.size == 0:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
             f"raw lenslet array, got shape {array.shape}."
         )
     array = to_unit(array, path)
-    return LightField(cut_views(array, views, path) if array.ndim < 4 else array)
+    return LightField(cut_views(array, views, path) if array.ndim < 4 else array, weights=weights)
 
 
 def _choose(file: ArrayFile) -> str:

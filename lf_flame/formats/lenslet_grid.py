@@ -20,6 +20,9 @@ LAYOUTS = ("rectangular", "hexagonal")
 HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
 """Row distance over pitch where every lenslet touches six others."""
 
+ON_PIXELS = 0.02
+"""Pixels by which micro-images may miss the pixels that they are said to stand on: as estimated."""
+
 EDGE_SLACK = 0.5
 """Pixels by which a micro-image may overhang the image and still count as whole."""
 
@@ -158,16 +161,37 @@ class LensletGrid:
             f"{self.row_pitch:.3f} between them, turned by {self.rotation:+.5f} rad"
         )
 
-    def own_views(self, views: int) -> np.ndarray:
-        """Tell which views are nearest to their own lenslet: bool, shape (views, views).
+    def own_views(self, views: int, margin: float | None = None) -> np.ndarray:
+        """Tell which views are their own lenslet's: bool, shape (views, views).
 
         In a rectangular array all are; in a hexagonal one the corners hold neighbours' light.
+
+        Parameters
+        ----------
+        views : int
+            Equal parts along each side of a micro-image.
+        margin : float, optional
+            Pixels around a part that must be its lenslet's own, too. Default: the middle of a part
+            is enough.
         """
+        height, width = (np.abs(centred(views)) * side / views for side in self.window)
+        if margin is not None:
+            height, width = height + self.window[0] / views / 2, width + self.window[1] / views / 2
+            height, width = height + margin, width + margin
+        slack = 1e-6 * self.pitch
+        own = np.ones((views, views), bool) & (width <= self.window[1] / 2 + slack)
         if self.layout == "rectangular":
-            return np.ones((views, views), bool)
-        offset = np.abs(centred(views)) * self.pitch / views
+            return own & (height <= self.window[0] / 2 + slack)[:, None]
         x, y = self.pitch / 2, self.row_pitch  # of the nearest lenslet in the next row
-        return offset[:, None] * y + offset * x <= (x**2 + y**2) / 2  # nearer to its own
+        return own & (height[:, None] * y + width * x <= (x**2 + y**2) / 2)  # nearer to its own
+
+    @property
+    def on_pixels(self) -> bool:
+        """Whether the borders between micro-images are borders between pixels."""
+        height, width = self.window
+        sides = np.array([height, width, self.y0 - height / 2 + 0.5, self.x0 - width / 2 + 0.5])
+        straight = self.layout == "rectangular" and self.rotation == 0.0
+        return straight and bool(np.all(np.abs(sides - np.rint(sides)) < ON_PIXELS))
 
     def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the array that may lie in the image, and a few more."""

@@ -22,6 +22,9 @@ One that is darker lies partly beyond the image of the aperture. Its light comes
 part: brightened in full, it would pull the slope of sharpest focus towards 0.
 """
 
+SHARED = 0.5
+"""Pixels, in the mean, by which a part reaches into a pixel that it shares with what is beside."""
+
 LEAST_LEVEL = 0.05
 """Brightness of a micro-image's middle against the median one below which it is not trusted."""
 
@@ -51,8 +54,11 @@ def decode_raw(
     The lenslets of a hexagonal array are resampled to a square grid as far apart as its rows: the
     rows are kept, and along each, linear interpolation undoes the offset of every other row and
     brings the columns from the pitch to the row distance. Slopes of the result are in row
-    distances per view: 2 / sqrt(3) times those in pitches per view. The corner views hold
-    neighbours' light; `LensletGrid.own_views` tells which.
+    distances per view: 2 / sqrt(3) times those in pitches per view.
+
+    Views that are not their lenslet's own have weight 0 in the result: their parts lie nearer to a
+    neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
+    image. Their light comes from elsewhere, and would move a slope by per cents.
 
     Parameters
     ----------
@@ -74,7 +80,7 @@ def decode_raw(
     Returns
     -------
     LightField
-        Of the largest block of whole micro-images.
+        Of the largest block of whole micro-images, with the weights of its views.
 
     Raises
     ------
@@ -88,11 +94,35 @@ def decode_raw(
         if each is not None and each.shape[2] == 1:
             refuse_mosaic(each[..., 0], grid, name)
     light_field = _cut(image, grid, views, "decoding")
+    lit = np.ones((views, views), bool)
     if white is not None:
-        light_field /= _level(_cut(white, grid, views, "decoding the white image"))
+        white_views = _cut(white, grid, views, "decoding the white image")
+        lit = _lit(white_views)
+        light_field /= _level(white_views)
     if grid.layout == "hexagonal":
         light_field = _squared(light_field, grid, grid.block(image.shape)[0])
-    return LightField(light_field if np.ndim(raw) == 3 else light_field[..., 0])
+    counted = _counted(grid, lit)
+    return LightField(
+        light_field if np.ndim(raw) == 3 else light_field[..., 0],
+        weights=None if counted.all() else counted,
+    )
+
+
+def _counted(grid: LensletGrid, lit: np.ndarray) -> np.ndarray:
+    """Tell which of the views that are lit are their lenslet's own, too: bool, shape (v, u)."""
+    views = len(lit)
+    own = lit & grid.own_views(views)
+    if grid.on_pixels:
+        return own
+    alone = lit & grid.own_views(views, SHARED)
+    # Of a few views, those at the rim are needed.
+    return alone if 2 * alone.sum() >= own.sum() else own
+
+
+def _lit(white: np.ndarray) -> np.ndarray:
+    """Tell which views are mostly lit in a cut white image: bool, shape (v, u)."""
+    level = np.median(white.mean(axis=4, dtype=np.float64), axis=(2, 3))
+    return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
 
 
 def less_dark(

@@ -1,6 +1,7 @@
 """One door for all kinds of light-field files."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from lf_flame.errors import InputError
@@ -84,7 +85,13 @@ def read_light_field(
             f"{path} is no light field: it must be a folder of views, an array "
             f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."
         )
-    return LightField(arranged(light_field.views, order)) if order else light_field
+    if not order:
+        return light_field
+    weights = light_field.weights
+    return LightField(
+        arranged(light_field.views, order),
+        weights=None if weights is None else arranged(weights, order),
+    )
 
 
 def subtract_dark(
@@ -116,7 +123,7 @@ def subtract_dark(
             f"The dark light field {dark} must have the light field's shape "
             f"{light_field.views.shape}, got {black.shape}."
         )
-    return LightField(light_field.views - black)
+    return replace(light_field, views=light_field.views - black)
 
 
 def read_raw(

@@ -19,8 +19,9 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
     light_field : LightField
         For images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
-        Without an ending, a new folder with an image for each view; .png or .tif, a lenslet
-        image; .npy, the array ``views``.
+        Without an ending, a new folder with an image for each view; .png or .tif, a lenslet image;
+        .npy, the array ``views``; .npz, that and, where views do not all count alike, ``weights``,
+        which no other form holds.
     bits : int, optional
         8 or 16, of images; 32 for floats, in TIFF files.
 
@@ -38,5 +39,11 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
     elif suffix == ".npy":
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)
+    elif suffix == ".npz":
+        weights = {} if light_field.weights is None else {"weights": light_field.weights}
+        with atomic_write(path) as aside, aside.open("wb") as file:
+            np.savez(file, views=light_field.views, **weights)
     else:
-        raise InputError(f"A light field is written to a folder, .png, .tif or .npy, got {path}.")
+        raise InputError(
+            f"A light field is written to a folder, .png, .tif, .npy or .npz, got {path}."
+        )

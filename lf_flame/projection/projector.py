@@ -11,7 +11,8 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.projection import _kernels
 from lf_flame.projection.line_sums import split_rows, sum_lines
-from lf_flame.refocus._arguments import as_block, as_slopes, as_weights
+from lf_flame.lightfield import as_view_weights
+from lf_flame.refocus._arguments import as_block, as_slopes
 from lf_flame.refocus.alignment import as_view_indices
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.exact import bundle_bands
@@ -105,7 +106,9 @@ class Projector:
             If an argument cannot be used.
         """
         slopes = as_slopes(slopes)
-        down, across = split_rows(as_weights(weights, (self.camera.views,) * 2))
+        shape = (self.camera.views,) * 2
+        weights = np.ones(shape) if weights is None else as_view_weights(weights, shape)
+        down, across = split_rows(weights)
         return self._project(slopes, (down[None], across[None]), interpolation, block)
 
     def align_views(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField
+from lf_flame.lightfield import LightField, as_view_weights
 
 Views = LightField | ArrayLike
 """A light field, or its views alone."""
@@ -84,20 +84,34 @@ def refuse_not_finite(views: np.ndarray) -> None:
         raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
 
 
-def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Weights of the views, all 1 if none are given; float64, shape (v, u)."""
-    if weights is None:
-        return np.ones(shape)
-    weights = as_numbers(weights, "weights")
-    if weights.shape != shape:
+def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
+    """Weights of the views, all 1 if none are given, times the light field's own.
+
+    Returns
+    -------
+    ndarray of float64, shape (v, u)
+
+    Raises
+    ------
+    InputError
+        If they cannot be used, or no view counts in both.
+    """
+    shape = as_views(views).shape[:2]
+    own = views.weights if isinstance(views, LightField) else None
+    stated = (
+        np.ones(shape)
+        if weights is None
+        else as_view_weights(as_numbers(weights, "weights"), shape)
+    )
+    if own is None:
+        return stated
+    both = stated * own
+    if not 0 < both.sum() < np.inf:
         raise InputError(
-            f"weights must have the shape of the views, {shape[0]} x {shape[1]}, got an array of "
-            f"shape {weights.shape}."
+            "No view that the weights choose counts in this light field, whose own weights are 0 "
+            "there; choose a wider aperture."
         )
-    total = weights.sum()
-    if not np.all(weights >= 0) or not 0 < total < np.inf:
-        raise InputError("weights must be finite and 0 or above, with at least one above 0.")
-    return weights
+    return both
 
 
 def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]:

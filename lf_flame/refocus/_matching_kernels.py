@@ -33,16 +33,31 @@ def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
             out[s] += weight * line[first + s]
 
 
-def _add_squares(row, reference, total):
-    """Add the squared difference of two rows."""
+def _add_squares(row, reference, count, total):
+    """Add the squared difference of two rows, which counts so much."""
     for s in range(np.uint64(total.size)):
         difference = row[s] - reference[s]
-        total[s] += difference * difference
+        total[s] += count * (difference * difference)
+
+
+def _bring_to_level(level, down, start, height, row):
+    """Multiply a shifted row by a view's level, which is a polynomial in the view's own place.
+
+    down: row of the view that is shown; start: its lenslet that is shown at s = 0.
+    """
+    t = np.float32(2.0 * down / max(height - 1, 1) - 1.0)
+    step = np.float32(2.0 / max(row.size - 1, 1))
+    first = np.float32(start * step - 1.0)
+    constant = level[0] + t * (level[1] + t * level[3])
+    linear = level[2] + t * level[4]
+    for s in range(np.uint64(row.size)):
+        x = first + step * np.float32(s)
+        row[s] *= constant + x * (linear + x * level[5])
 
 
 def _compare_views(
     queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
-    middles, out,
+    counts, middle_counts, shifts_down, shifts_across, even, levels, middles, out,
 ):  # fmt: skip
     """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
 
@@ -51,6 +66,9 @@ def _compare_views(
     down[v], across[u]: by how much tap 0 is moved; down_weights[v, a], across_weights[u, b].
     parts_down[v], parts_across[u]: 0 before the middle, 1 in it, 2 behind it; a part is
     ``3 parts_down + parts_across``, and the middle is the mean of the views of part 4.
+    counts[v, u], middle_counts[v, u]: how much a view counts, and for the middle.
+    shifts_down[v], shifts_across[u]: by how much views are moved, in all.
+    even: whether views are as bright as the middle; levels[v, u, power]: else by what to multiply.
     """
     height, width = views.shape[2:]
     reach = TAPS
@@ -60,7 +78,7 @@ def _compare_views(
         line, shifted = np.empty(width + 2 * reach, np.float32), np.empty(width, np.float32)
         middle, row = middles[i], np.empty(TAPS, np.int64)
         middle[:] = 0.0
-        count = 0
+        count = np.float32(0.0)
         out[i] = 0.0
         for turn in range(2):
             for v in range(views.shape[0]):
@@ -68,18 +86,23 @@ def _compare_views(
                     row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
                 for u in range(views.shape[1]):
                     part = 3 * parts_down[v] + parts_across[u]
-                    if turn == 1 or part == 4:
+                    used = counts[v, u] if turn == 1 else middle_counts[v, u]
+                    if used > 0.0:
                         shift_row(views[v, u], row, down_weights[v], across[u], across_weights[u],
                                   reach, line, shifted)  # fmt: skip
+                        if not even:
+                            bring_to_level(levels[v, u], rows[i] + shifts_down[v],
+                                           shifts_across[u], height, shifted)  # fmt: skip
                         if turn == 1:
-                            add_squares(shifted, middle, out[i, part])
+                            add_squares(shifted, middle, used, out[i, part])
                         else:
-                            middle += shifted
-                            count += 1
+                            middle += used * shifted
+                            count += used
             if turn == 0:
-                middle /= np.float32(count)
+                middle /= count
 
 
 shift_row = compiled(_shift_row)
+bring_to_level = compiled(_bring_to_level)
 add_squares = compiled(_add_squares)
 compare_views = shared(_compare_views)

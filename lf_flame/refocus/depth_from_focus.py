@@ -23,10 +23,17 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_readable, as_steps, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import (
+    Views,
+    as_readable,
+    as_steps,
+    as_views,
+    as_weights,
+    refuse_not_finite,
+)
 from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
-from lf_flame.refocus.matching import match_views
+from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.surface import refocus_surface
 
 LOW_PASS = 1.0
@@ -135,8 +142,11 @@ def all_in_focus(
         trusted; let them reach a step beyond the scene.
     window : float, optional
         As in `depth_from_focus`.
-    interpolation, weights : optional
+    interpolation : optional
         As in `refocus_surface`, for the image.
+    weights : array_like, shape (v, u), optional
+        Weight of each view, 0 or above, in the match and in the image. Default: all alike. Those of
+        the light field multiply them.
 
     Returns
     -------
@@ -147,16 +157,33 @@ def all_in_focus(
     InputError
         If an argument cannot be used, or a pixel is NaN or infinite.
     """
+    weights = as_weights(weights, views)
     views, slopes = as_views(views), as_steps(slopes)
     check_interpolation(interpolation)
     _check_window(window)
     refuse_not_finite(views)
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
-    costs = match_views(as_readable(grey), slopes, window)
-    farthest = max((n - 1) / 2 for n in views.shape[:2])
-    slope, confidence = _best_match(costs, slopes, RESOLVED / max(farthest, 0.5))
-    slope, confidence = _settled(slope, confidence, _middle(views, slope), slopes)
+    compared = ComparedViews(as_readable(grey), slopes, weights)
+    slope, confidence = _matched(compared, views, window, weights)
+    if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
+        slope, confidence = _matched(compared, views, window, weights)
     return FocusMap(slope, confidence, refocus_surface(views, slope, interpolation, weights))
+
+
+def _matched(
+    compared: ComparedViews, views: np.ndarray, window: float, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes at which compared views match best, and their confidence."""
+    slopes = compared.slopes
+    used = (np.abs(centred(n))[some] for n, some in zip(views.shape, _used(weights), strict=False))
+    farthest = max(steps.max() for steps in used)
+    slope, confidence = _best_match(compared.costs(window), slopes, RESOLVED / max(farthest, 0.5))
+    return _settled(slope, confidence, _middle(views, slope), slopes)
+
+
+def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of views of which any counts."""
+    return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
 
 
 def _best_match(

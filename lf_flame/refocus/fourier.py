@@ -58,7 +58,8 @@ def fourier_refocus(
         "clamp" pads every view with its edge as far as its shift reaches.
         "sinc" then no longer wraps around, but rings where the pad meets its other end.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike.
+        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
+        of the light field multiply them.
 
     Returns
     -------
@@ -70,10 +71,10 @@ def fourier_refocus(
     InputError
         If an argument cannot be used.
     """
+    weights = as_weights(weights, views)
     views, slopes = as_views(views), as_slopes(slopes)
     check_interpolation(interpolation, ("sinc", *INTERPOLATIONS))
     _check_edges(edges)
-    weights = as_weights(weights, views.shape[:2])
     refocus = partial(_by_phases, interpolation=interpolation, edges=edges)
     return by_channel(refocus, views, slopes, weights)
 
@@ -187,7 +188,8 @@ def fourier_slice(
     edges : {"wrap", "clamp"}, optional
         As in `fourier_refocus`; to clamp, no slope may shift a view by more than the image.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike.
+        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
+        of the light field multiply them.
 
     Returns
     -------
@@ -199,11 +201,11 @@ def fourier_slice(
     InputError
         If an argument cannot be used.
     """
+    weights = as_weights(weights, views)
     views, slopes = as_views(views), as_slopes(slopes)
     if width not in SLICE_WIDTHS:
         raise InputError(f"width must be one of {SLICE_WIDTHS} samples, got {width!r}.")
     _check_edges(edges)
-    weights = as_weights(weights, views.shape[:2])
     return by_channel(partial(_by_slices, width=width, edges=edges), views, slopes, weights)
 
 

@@ -12,6 +12,9 @@ window (Geman, McClure, Bull. Int. Stat. Inst. 52, 5, 1987), the scale being abo
 one sharp outline outweighs the faint texture beside it, and draws its surroundings to its own
 slope.
 
+Views that are darker or brighter than the middle one, as towards the rim of a lens, are brought to
+its level first (`lf_flame.refocus.view_levels`): else that counts as a mismatch at every slope.
+
 Views are read by the cubic B-spline, without the filter that would make it interpolate: it blurs
 alike at all fractions of a lenslet, where linear interpolation softens whole shifts less than
 others, and draws slopes to them.
@@ -20,10 +23,11 @@ others, and draws slopes to them.
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
+from lf_flame.refocus.view_levels import even_levels, find_levels
 
 HALF, QUARTER = 0.05, 0.1
 """By how much half the views, and a quarter, must match better than all, from 0 to 1."""
@@ -37,79 +41,160 @@ TOLERATED = 0.07
 FLOOR = 1e-3
 """Difference, in brightest pixels, that is called noise at least: 8 bits round by as much."""
 
+LEAST_SIDE = 0.125
+"""Share of what all views beside the middle count, below which a half or a quarter is not asked."""
+
+LEVEL_TURNS = 2
+"""Times that the levels of uneven views are found, each time by the slopes that the last ones give."""
+
+LEAST_KNOWN = 0.05
+"""Share of the pixels whose slopes are known, below which levels are left as they are."""
+
+SLOPE_WINDOW = 3.0
+"""Standard deviation, in pixels of a row, of the Gaussian over which its slopes are found for that."""
+
 SAMPLED_ROWS = 32
-"""Rows, about, from which the noise is taken."""
+"""Rows, about, from which noise and levels are taken."""
 
 
-def match_views(views: np.ndarray, slopes: np.ndarray, window: float) -> np.ndarray:
-    """Tell how badly the views match around each pixel at each slope.
+def match_views(
+    views: np.ndarray, slopes: np.ndarray, window: float, weights: np.ndarray | None = None
+) -> np.ndarray:
+    """Tell how badly the views match around each pixel at each slope: `ComparedViews.costs`."""
+    weights = np.ones(views.shape[:2]) if weights is None else weights
+    return ComparedViews(views, slopes, weights).costs(window)
+
+
+def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, np.float32]]:
+    """Mean square over all views, over each half and each quarter, and what that is worth less.
+
+    Halves and quarters hold the middle row or column, too. One with hardly more than the middle,
+    as beside an aperture that is off it, is left out: it would match at every slope.
+    """
+    spans = (slice(0, 3), slice(0, 2), slice(1, 3))
+    needed = LEAST_SIDE * (counts.sum() - counts[1, 1])
+    for i, down in enumerate(spans):
+        for j, across in enumerate(spans):
+            count = counts[down, across].sum()
+            if count - counts[1, 1] >= needed:
+                total = parts[down, across].sum(axis=(0, 1)) / np.float32(count)
+                yield total, np.float32((0.0, HALF, QUARTER)[(i > 0) + (j > 0)])
+
+
+class ComparedViews:
+    """Views, what each counts, and by what it is brought to the level of the middle one.
 
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s)
         Grey and finite, of a type that kernels read.
     slopes : ndarray of float64, shape (n,)
-    window : float
-        Standard deviation of the Gaussian under which pixels count, in lenslets.
+    weights : ndarray of float64, shape (v, u)
+        How much each view counts. All are compared with the middle one, whatever it counts.
 
-    Returns
-    -------
-    ndarray of float32, shape (n, t, s)
-        From 0, all alike, to about 1.
+    Attributes
+    ----------
+    counts : ndarray of float64, shape (3, 3)
+        What the views in each of the nine parts of the aperture count, 1 in the mean.
+    even : bool
+        Whether all views are as bright as the middle one.
     """
-    brightest = max(float(np.abs(row).max()) for row in views)
-    unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
-    counts = _views_in_parts(views.shape[:2])
-    noise = _noise(views, slopes, unit, counts)
-    misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
-    moved = misfit * sum((n**2 - 1) / 12 for n in views.shape[:2]) / 2
-    costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
-    rows = np.arange(views.shape[2])
-    for cost, slope in zip(costs, slopes, strict=True):
-        parts, middle = _squares(views, float(slope), unit, rows)
-        scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
-        cost[...] = 1.0 + QUARTER
-        for side, handicap in _sides(parts, counts):
-            saturated = side / (side + scale)
-            smooth = gaussian_filter(saturated, window, mode="nearest")
-            np.minimum(cost, smooth + handicap, out=cost)
-    return costs
 
+    def __init__(self, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray):
+        self.views, self.slopes = views, slopes
+        self._weights = weights / weights[weights > 0].mean()
+        self._parts = [_part_of_view(n) for n in views.shape[:2]]
+        middle = np.outer(*(part == 1 for part in self._parts))
+        chosen = np.where(middle, self._weights, 0)
+        self._middle = (chosen if chosen.any() else middle).astype(np.float32)
+        self.counts = np.zeros((3, 3))
+        np.add.at(self.counts, np.ix_(*self._parts), self._weights)
+        # Lest squares leave the range of float32, the brightest pixel is 1.
+        brightest = max(float(np.abs(row).max()) for row in views)
+        self._unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
+        self._levels = even_levels(views.shape[:2])
+        self.even = True
+        height = views.shape[2]
+        self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
+        for _ in range(LEVEL_TURNS):
+            best = self._best()[1]
+            if not self.find_levels(best, np.ones(best.shape, bool)):
+                break
 
-def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, np.float32]]:
-    """Mean square over all views, over each half and each quarter, and what that is worth less.
+    def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
+        """Find the levels of the views by the slopes of pixels in some rows, or in all.
 
-    Halves and quarters hold the middle row or column, too.
-    """
-    spans = (slice(0, 3), slice(0, 2), slice(1, 3))
-    for i, down in enumerate(spans):
-        for j, across in enumerate(spans):
-            total = parts[down, across].sum(axis=(0, 1)) / np.float32(counts[down, across].sum())
-            yield total, np.float32((0.0, HALF, QUARTER)[(i > 0) + (j > 0)])
+        Returns
+        -------
+        bool
+            Whether they have changed.
+        """
+        if len(slope) != len(self._rows):
+            slope, known = slope[self._rows], known[self._rows]
+        if np.count_nonzero(known) < LEAST_KNOWN * known.size:
+            return False
+        before, even = self._levels, even_levels(self.views.shape[:2])
+        self._levels = find_levels(self.views, slope, self._rows, self._weights, known)
+        self.even = bool(np.array_equal(self._levels, even))
+        return not np.array_equal(self._levels, before)
 
+    def costs(self, window: float) -> np.ndarray:
+        """Tell how badly the views match around each pixel at each slope.
 
-def _noise(views: np.ndarray, slopes: np.ndarray, unit: float, counts: np.ndarray) -> float:
-    """Squared difference that is left at the best slope, the median over some rows."""
-    rows = np.arange(views.shape[2])[:: max(views.shape[2] // SAMPLED_ROWS, 1)]
-    least = np.full((rows.size, views.shape[3]), np.inf, np.float32)
-    for slope in slopes:
-        total = _squares(views, float(slope), unit, rows)[0].sum(axis=(0, 1))
-        np.minimum(least, total / np.float32(counts.sum()), out=least)
-    return float(np.median(least)) + FLOOR**2
+        Parameters
+        ----------
+        window : float
+            Standard deviation of the Gaussian under which pixels count, in lenslets.
 
+        Returns
+        -------
+        ndarray of float32, shape (n, t, s)
+            From 0, all alike, to about 1.
+        """
+        views, slopes = self.views, self.slopes
+        noise = float(np.median(self._best()[0])) + FLOOR**2
+        misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
+        down, across = (np.square(centred(n)) for n in views.shape[:2])
+        moved = misfit * np.average(down[:, None] + across, weights=self._weights) / 2
+        costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
+        rows = np.arange(views.shape[2])
+        for cost, slope in zip(costs, slopes, strict=True):
+            parts, middle = self._squares(float(slope), rows)
+            scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
+            cost[...] = 1.0 + QUARTER
+            for side, handicap in _sides(parts, self.counts):
+                saturated = side / (side + scale)
+                smooth = gaussian_filter(saturated, window, mode="nearest")
+                np.minimum(cost, smooth + handicap, out=cost)
+        return costs
 
-def _squares(views: np.ndarray, slope: float, unit: float, rows: np.ndarray):
-    """Squared differences from the middle in the nine parts, (3, 3, rows, s), and the middle."""
-    middle = np.empty((rows.size, views.shape[3]), np.float32)
-    out = np.empty((rows.size, 9, views.shape[3]), np.float32)
-    down, down_weights = _taps(slope, *views.shape[::2])
-    across, across_weights = _taps(slope, *views.shape[1::2])
-    # Lest squares leave the range of float32, the brightest pixel is 1.
-    _matching_kernels.compare_views(
-        views, rows, down, (unit * down_weights).astype(np.float32), across,
-        across_weights.astype(np.float32), *map(_part_of_view, views.shape[:2]), middle, out,
-    )  # fmt: skip
-    return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1), middle
+    def _best(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least squared difference in some rows, and about the slope at which it is."""
+        least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
+        smoothest, best = least.copy(), np.zeros(least.shape)
+        for slope in self.slopes:
+            total = self._squares(float(slope), self._rows)[0].sum(axis=(0, 1))
+            total /= np.float32(self.counts.sum())
+            np.minimum(least, total, out=least)
+            smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
+            best[smooth < smoothest] = slope
+            np.minimum(smoothest, smooth, out=smoothest)
+        return least, best
+
+    def _squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared differences from the middle in the nine parts, (3, 3, rows, s), and the middle."""
+        views = self.views
+        middle = np.empty((rows.size, views.shape[3]), np.float32)
+        out = np.empty((rows.size, 9, views.shape[3]), np.float32)
+        down, down_weights = _taps(slope, *views.shape[::2])
+        across, across_weights = _taps(slope, *views.shape[1::2])
+        shifts = (slope * centred(n) for n in views.shape[:2])
+        _matching_kernels.compare_views(
+            views, rows, down, (self._unit * down_weights).astype(np.float32), across,
+            across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
+            self._middle, *shifts, self.even, self._levels, middle, out,
+        )  # fmt: skip
+        return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1), middle
 
 
 def _steepness(image: np.ndarray) -> np.ndarray:
@@ -132,9 +217,3 @@ def _part_of_view(count: int) -> np.ndarray:
     """0 for views before the middle, 1 for those in it (one, or two), 2 for those behind it."""
     at = centred(count)
     return (1 + np.sign(at) * (np.abs(at) >= 1)).astype(np.int64)
-
-
-def _views_in_parts(shape: tuple[int, ...]) -> np.ndarray:
-    """How many views each of the nine parts of the aperture has, (3, 3)."""
-    down, across = (np.bincount(_part_of_view(count), minlength=3) for count in shape)
-    return np.outer(down, across)

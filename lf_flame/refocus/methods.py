@@ -39,7 +39,8 @@ def refocus(
         a spectrum far larger than the cache, for any number of planes. So "auto" is "space" for
         neighbours in space, and "fourier" for "sinc".
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike.
+        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
+        of the light field multiply them.
 
     Returns
     -------

@@ -3,7 +3,7 @@
     semblance = sum |sum_a h_a g_a|^2 / sum (sum_a h_a) (sum_a h_a |g_a|^2)
 
 over the lenslets of the region, with g_a the gradient that view a shows there at a slope, and h_a
-its weight, which falls to 0 at the edges of the view. By the Cauchy-Schwarz inequality it is 1
+its weight, which falls to 0 at the edges of the view, times how much the view counts. By the Cauchy-Schwarz inequality it is 1
 where the views agree and less elsewhere, whatever the region holds (Neidell and Taner, Geophysics
 36, 482, 1971; theirs is of seismic traces). Three things that would draw the slope of sharpest
 focus away from the truth are so kept out: bilinear shifts soften an image unless they are whole,
@@ -20,7 +20,13 @@ import numpy as np
 from scipy import fft
 
 from lf_flame.refocus._arguments import refuse_not_finite
-from lf_flame.refocus.semblance_sums import REACH, SemblanceSums, ShiftAxis, slopes_in_memory
+from lf_flame.refocus.semblance_sums import (
+    REACH,
+    SemblanceSums,
+    ShiftAxis,
+    separable_terms,
+    slopes_in_memory,
+)
 
 PASS_BAND = 0.15
 """Width of the Gaussian low-pass in cycles per lenslet."""
@@ -36,6 +42,7 @@ def semblance(
     views: np.ndarray,
     slopes: np.ndarray,
     regions: list,
+    counts: np.ndarray,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Measure the semblance of each region at each slope.
@@ -47,6 +54,8 @@ def semblance(
     slopes : ndarray of float64
     regions : list of (t_start, t_stop, s_start, s_stop)
         In lenslets, inside the image. They cost least where many share their rows or columns.
+    counts : ndarray of float64, shape (v, u)
+        How much each view counts, 1 in the mean. Views that do not are not transformed.
     progress : callable, optional
         ``progress(finished, done, total)`` wraps the iterable of rows of views.
 
@@ -66,20 +75,24 @@ def semblance(
     """
     patch = _Patch.of(views, slopes, regions)
     farthest = np.abs(slopes).max()
+    terms = separable_terms(counts)
     axes, interval_of_region = [], []
     for k in (0, 1):
         bounds = np.array([region[2 * k : 2 * k + 2] for region in regions])
         intervals, which = np.unique(bounds - patch.corner[k], axis=0, return_inverse=True)
-        axes.append(ShiftAxis.of(views.shape[k], patch.size[k], intervals, farthest))
+        axes.append(ShiftAxis.of(patch.size[k], intervals, farthest, terms[k]))
         interval_of_region.append(which)
     down, across = interval_of_region
     some = slopes_in_memory(*axes)
-    passes = [SemblanceSums(slopes[k : k + some], *axes) for k in range(0, len(slopes), some)]
+    passes = [
+        SemblanceSums(slopes[k : k + some], *axes, counts) for k in range(0, len(slopes), some)
+    ]
     rows: Iterable = ((sums, v) for sums in passes for v in range(len(views)))
     if progress is not None:
         rows = progress(rows, 0, len(passes) * len(views))
     for sums, v in rows:
-        sums.add(v, map(_gradient, patch.row(v)))
+        used = zip(counts[v], enumerate(patch.row(v)), strict=True)
+        sums.add(v, ((u, _gradient(view)) for count, (u, view) in used if count))
     refocused, alike, seen = (
         np.concatenate(found)[:, down, across]
         for found in zip(*(sums.found for sums in passes), strict=True)

@@ -1,17 +1,18 @@
 """Sums of shifted views over regions, from which the semblance follows.
 
-With x a lenslet, w the region, g_a the gradient of view a, h its weight before it is shifted (the
-same for all views), and d_a its shift at a slope:
+With x a lenslet, w the region, g_a the gradient of view a, c_a how much it counts, h its weight
+before it is shifted (the same for all views), and d_a its shift at a slope:
 
-    numerator     sum_x w(x) |sum_a (h g_a)(x + d_a)|^2
-    denominator   sum_x w(x) S(x) sum_a (h |g_a|^2)(x + d_a),  S(x) = sum_a h(x + d_a)
+    numerator     sum_x w(x) |sum_a c_a (h g_a)(x + d_a)|^2
+    denominator   sum_x w(x) S(x) sum_a c_a (h |g_a|^2)(x + d_a),  S(x) = sum_a c_a h(x + d_a)
 
 By the shift theorem ``f(x + d) = F^-1[exp(2 pi i k d) F[f](k)]`` the sum over the views in the
 numerator takes one inverse transform for each slope, of spectra that are computed once. In the
-denominator the shifts are moved to the other factor, ``sum_a sum_y (h |g_a|^2)(y) (w S)(y - d_a)``,
-where y - d_a is the conjugate phase: the views' energy stays as it is, and is summed by weights
-that are shifted back. As w, h and the shifts are separable along the two axes, so are those
-weights, and the sums are two matrix products.
+denominator the shifts are moved to the other factor,
+``sum_a c_a sum_y (h |g_a|^2)(y) (w S)(y - d_a)``, where y - d_a is the conjugate phase: the views'
+energy stays as it is, and is summed by weights that are shifted back. As w, h and the shifts are
+separable along the two axes, so are those weights where all views count alike, and the sums are two
+matrix products. Other c_a are a sum of separable terms, and S the sum of as many.
 """
 
 from collections.abc import Iterable
@@ -33,6 +34,10 @@ SOFTNESS = 1.5
 SLOPES_AT_ONCE = 8
 """Slopes that are refocused together: more would take more memory and hardly less time."""
 
+LEAST_TERM, MOST_TERMS = 1e-6, 2
+"""Size of a separable term of the views' weights, against the largest, and terms at most: more
+changed no slope of round apertures by 1e-4, as the first is exact but for the image's corners."""
+
 MEMORY, SHARE = 48e6, 0.45
 """Bytes that the sums at some slopes may take, and part of the views in float32 if that is more:
 where more slopes are asked for, the views are gone through again."""
@@ -49,16 +54,22 @@ class ShiftAxis:
     period : int
         Lenslets after which a transform repeats itself, `length` or more.
     covered : ndarray of float64, shape (intervals, length), from 0 to 1
+    terms : ndarray of float64, shape (terms, views)
+        How much the views count, this axis' factor of each separable term.
     """
 
     views: int
     length: int
     period: int
     covered: np.ndarray
+    terms: np.ndarray
 
     @classmethod
-    def of(cls, views: int, length: int, intervals: np.ndarray, farthest: float) -> "ShiftAxis":
+    def of(
+        cls, length: int, intervals: np.ndarray, farthest: float, terms: np.ndarray
+    ) -> "ShiftAxis":
         """Lay out an axis for intervals (start, stop), one a row, and slopes up to `farthest`."""
+        views = terms.shape[1]
         # So long that nothing that leaves at one end can come around into a region.
         span = max(length - intervals.min(), intervals.max()) + farthest * (views - 1) / 2
         period = fft.next_fast_len(max(length, int(np.ceil(span))))
@@ -66,7 +77,7 @@ class ShiftAxis:
         covered = (intervals[:, :1] <= lenslets) & (lenslets < intervals[:, 1:])
         # With hard edges, interpolation would ring into the dark from bright light beyond them.
         covered = gaussian_filter1d(covered.astype(np.float64), SOFTNESS, mode="constant")
-        return cls(views, length, period, covered)
+        return cls(views, length, period, covered, terms)
 
     def phases(self, slopes: np.ndarray) -> np.ndarray:
         """Phase factors that shift the views: complex64, shape (slopes, period, views)."""
@@ -80,23 +91,47 @@ class ShiftAxis:
 
         Returns
         -------
-        ndarray of float64, shape (intervals, views, length)
+        ndarray of float64, shape (terms, intervals, views, length)
             ``(w S)(y - d_a)``.
-        ndarray of float64, shape (intervals,)
-            ``sum_x w(x) S(x)^2``.
+        ndarray of float64, shape (terms, terms, intervals)
+            ``sum_x w(x) S(x)^2``, of S the product of two terms.
         """
         phases = self._phases(slope)  # [k, a]
         taper = fft.fft(_taper(self.length), self.period)  # [k]
-        seen = fft.ifft(taper * phases.sum(axis=1)).real[: self.length]  # [x]
-        spectra = fft.fft(self.covered * seen, self.period)  # [i, k]
-        weights = fft.ifft(spectra[:, None] * phases.conj().T).real  # [i, a, k]
-        return weights[..., : self.length], np.einsum("it,t->i", self.covered, seen**2)
+        shifted = np.stack([(phases * term).sum(axis=1) for term in self.terms])  # [m, k]
+        seen = fft.ifft(taper * shifted).real[:, : self.length]  # [m, x]
+        spectra = fft.fft(self.covered * seen[:, None], self.period)  # [m, i, k]
+        weights = fft.ifft(spectra[:, :, None] * phases.conj().T).real  # [m, i, a, k]
+        products = seen[:, None] * seen
+        return weights[..., : self.length], np.einsum("it,mnt->mni", self.covered, products)
+
+
+def separable_terms(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Write weights of views as a sum of products of one factor along v and one along u.
+
+    Parameters
+    ----------
+    counts : ndarray of float64, shape (v, u)
+
+    Returns
+    -------
+    ndarray of float64, shape (terms, v)
+    ndarray of float64, shape (terms, u)
+        The first term has the sums over rows and columns; one is enough where all are alike.
+    """
+    down, across = counts.mean(axis=1), counts.mean(axis=0) / counts.mean()
+    left, sizes, right = np.linalg.svd(counts - np.outer(down, across))
+    some = sizes > LEAST_TERM * counts.max()
+    some[MOST_TERMS - 1 :] = False
+    more = (left[:, : len(sizes)] * sizes).T[some], right[: len(sizes)][some]
+    return tuple(np.vstack([first, rest]) for first, rest in zip((down, across), more, strict=True))
 
 
 def slopes_in_memory(down: ShiftAxis, across: ShiftAxis) -> int:
     """How many slopes' sums have room in memory."""
     room = max(MEMORY, SHARE * 4 * down.views * down.length * across.views * across.length)
     energy = len(down.covered) * (across.views * across.length + down.views * down.length)
+    energy *= len(down.terms)
     return max(int(room / (8 * (down.period * across.period + energy))), SLOPES_AT_ONCE)
 
 
@@ -108,29 +143,32 @@ class SemblanceSums:
     slopes : ndarray of float64, shape (n,)
     down, across : ShiftAxis
         Along (v, t) and along (u, s).
+    counts : ndarray of float64, shape (v, u)
+        How much each view counts, 1 in the mean.
     """
 
-    def __init__(self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis):
-        self.slopes, self.down, self.across = slopes, down, across
+    def __init__(self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis, counts: np.ndarray):
+        self.slopes, self.down, self.across, self.counts = slopes, down, across, counts
         self.mean_energy = 0.0
         """Mean squared gradient of the views."""
         self.found: tuple[np.ndarray, np.ndarray, np.ndarray]
         """Numerator, denominator and ``sum_x w(x) S(x)^2``, float64 of shape (n, i, j), for
         interval i down and interval j across; there once the last row has been added."""
 
-    def add(self, v: int, gradients: Iterable[np.ndarray]) -> None:
-        """Add row v of the views, by the gradients [t, s] of its views; rows come in order."""
+    def add(self, v: int, gradients: Iterable[tuple[int, np.ndarray]]) -> None:
+        """Add row v of the views, by (u, gradient [t, s]) of its views that count; in order."""
         if v == 0:
             self._begin()
         down, across = self.down, self.across
         taper = np.outer(_taper(down.length), _taper(across.length)).astype(np.float32)
-        energies = np.empty((down.length, across.views, across.length), np.float32)
-        spectra = np.empty((across.period, across.views, down.period), np.complex64)
-        for u, gradient in enumerate(gradients):
-            energy = gradient.real**2 + gradient.imag**2
+        energies = np.zeros((down.length, across.views, across.length), np.float32)
+        spectra = np.zeros((across.period, across.views, down.period), np.complex64)
+        for u, gradient in gradients:
+            count = np.float32(self.counts[v, u])
+            energy = count * (gradient.real**2 + gradient.imag**2)
             self.mean_energy += float(energy.mean(dtype=np.float64)) / (down.views * across.views)
             energies[:, u] = taper * energy
-            light = (taper * gradient).T  # [s, t]
+            light = (taper * (count * gradient)).T  # [s, t]
             spectra[:, u] = fft.fft2(light, self._periods)
         self._add_energies(v, energies.reshape(down.length, -1))
         self._add_spectra(v, spectra)
@@ -142,10 +180,11 @@ class SemblanceSums:
         return self.across.period, self.down.period
 
     def _begin(self) -> None:
-        intervals, width = len(self.down.covered), self.across.views * self.across.length
+        lines = len(self.down.terms) * len(self.down.covered)
+        width = self.across.views * self.across.length
         weights, seen = zip(*(self.down.weights(slope) for slope in self.slopes), strict=True)
-        self._by_row, self._seen_down = np.stack(weights), np.stack(seen)  # [n, i, v, t], [n, i]
-        self._row_sums = np.zeros((len(self.slopes) * intervals, width))  # [n i, u s]
+        self._by_row, self._seen_down = np.stack(weights), seen  # [n, m, i, v, t], [m, m, i]
+        self._row_sums = np.zeros((len(self.slopes) * lines, width))  # [n m i, u s]
         self._phases_down = self.down.phases(self.slopes)  # [n, k_t, v]
         across = self.across.phases(self.slopes)
         self._phases_across = np.ascontiguousarray(across.transpose(1, 0, 2))  # [k_s, n, u]
@@ -153,7 +192,7 @@ class SemblanceSums:
 
     def _add_energies(self, v: int, energies: np.ndarray) -> None:
         """Add those of row v, [t, u s]."""
-        by_row = self._by_row[:, :, v].reshape(len(self._row_sums), -1)  # [n i, t]
+        by_row = self._by_row[..., v, :].reshape(len(self._row_sums), -1)  # [n m i, t]
         _semblance_kernels.add_product(by_row, energies, self._row_sums)
 
     def _add_spectra(self, v: int, spectra: np.ndarray) -> None:
@@ -168,17 +207,18 @@ class SemblanceSums:
     def _end(self) -> None:
         """Sum over the regions, and forget what was needed for it."""
         refocused, alike, seen = [], [], []
-        by_interval = self._row_sums.reshape(*self._seen_down.shape, -1)  # [n, i, u s]
+        by_interval = self._row_sums.reshape(*self._by_row.shape[:3], -1)  # [n, m, i, u s]
         for n, slope in enumerate(self.slopes):
             image = fft.ifft2(self._spectra[n]).T[: self.down.length, : self.across.length]
             light = image.real.astype(np.float64) ** 2 + image.imag.astype(np.float64) ** 2
             # Not by BLAS, whose sums depend on the number of its threads.
             lines = np.einsum("it,ts->is", self.down.covered, light)
             refocused.append(np.einsum("is,js->ij", lines, self.across.covered))
-            by_column, seen_across = self.across.weights(slope)  # [j, u, s], [j]
-            by_column = by_column.reshape(len(by_column), -1)
-            alike.append(np.einsum("ix,jx->ij", by_interval[n], by_column))
-            seen.append(np.outer(self._seen_down[n], seen_across))
+            by_column, seen_across = self.across.weights(slope)  # [m, j, u, s], [m, m, j]
+            by_column = by_column.reshape(*by_column.shape[:2], -1)
+            pairs = zip(by_interval[n], by_column, strict=True)
+            alike.append(sum(np.einsum("ix,jx->ij", *pair) for pair in pairs))
+            seen.append(np.einsum("mni,mnj->ij", self._seen_down[n], seen_across))
         self.found = np.stack(refocused), np.stack(alike), np.stack(seen)
         del self._by_row, self._row_sums, self._phases_down, self._phases_across, self._spectra
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import find_peaks
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_slopes, as_views, farthest_slope
+from lf_flame.refocus._arguments import Views, as_slopes, as_views, as_weights, farthest_slope
 from lf_flame.refocus.semblance import semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
@@ -79,7 +79,11 @@ class SlopeSearch:
 
 
 def find_sharpest_slope(
-    views: Views, slopes: ArrayLike | None = None, region: Region | None = None
+    views: Views,
+    slopes: ArrayLike | None = None,
+    region: Region | None = None,
+    *,
+    weights: ArrayLike | None = None,
 ) -> SlopeSearch:
     """Search the slope that makes a region sharpest.
 
@@ -94,6 +98,8 @@ def find_sharpest_slope(
     region : (int, int, int, int), optional
         ``(t_start, t_stop, s_start, s_stop)`` in lenslets; it should hold one layer.
         Default: the whole image.
+    weights : array_like, shape (v, u), optional
+        Weight of each view, 0 or above. Default: all alike. Those of the light field multiply them.
 
     Returns
     -------
@@ -106,9 +112,11 @@ def find_sharpest_slope(
         curve has no peak inside the range: it is flat to the rounding of float32 pixels, or still
         rises at an end.
     """
+    weights = as_weights(weights, views)
     views = as_views(views)
     height, width = views.shape[2:4]
-    curves = _measure(views, slopes, [(0, height, 0, width) if region is None else region])
+    whole = (0, height, 0, width)
+    curves = _measure(views, slopes, [whole if region is None else region], weights)
     if curves.flat[0]:
         raise InputError(
             "No slope is sharpest: the sharpness is the same at all of them, "
@@ -129,6 +137,8 @@ def find_sharpest_slopes(
     tiles: tuple[int, int] | None = None,
     regions: Iterable[Region] | None = None,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
+    *,
+    weights: ArrayLike | None = None,
 ) -> list[SlopeSearch]:
     """Search the slope of each of many regions; they share one set of refocused images.
 
@@ -144,6 +154,8 @@ def find_sharpest_slopes(
     progress : callable, optional
         ``progress(finished, done, total)`` wraps the iterable of finished rows of views; it is
         called again where the range widens.
+    weights : array_like, shape (v, u), optional
+        As for `find_sharpest_slope`.
 
     Returns
     -------
@@ -156,6 +168,7 @@ def find_sharpest_slopes(
     InputError
         If the arguments cannot be used, or a slope shifts views by more than the image.
     """
+    weights = as_weights(weights, views)
     views = as_views(views)
     if tiles is not None and regions is None:
         chosen = _tiles(tiles, views.shape[2:4])
@@ -165,7 +178,7 @@ def find_sharpest_slopes(
         raise InputError("Give tiles or regions, and not both.")
     if not chosen:
         raise InputError("regions must hold at least one region, got none.")
-    curves = _measure(views, slopes, chosen, progress)
+    curves = _measure(views, slopes, chosen, weights, progress)
     return [curves.search(k) for k in range(len(chosen))]
 
 
@@ -174,7 +187,7 @@ class _Curves:
     """What `semblance` gives for regions at rising slopes, and what follows from it."""
 
     regions: list[Region]
-    views: int
+    views: float  # as many of equal weight would leave as much when they are unrelated
     slopes: np.ndarray
     semblance: np.ndarray
     energy: np.ndarray
@@ -230,7 +243,7 @@ class _Curves:
         return SlopeSearch(slope, slopes, sharpness, confidence, self.regions[k])
 
 
-def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: int) -> float:
+def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: float) -> float:
     """Slope of the peak, between the samples by a spline.
 
     What the views do not share at the peak is taken for noise, of equal strength everywhere, and
@@ -257,17 +270,21 @@ def _confidence(curve: np.ndarray, unrelated: float) -> float:
 
 
 def _measure(
-    views: np.ndarray, slopes: ArrayLike | None, regions: list[Region], progress=None
-) -> _Curves:
+    views: np.ndarray, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
+    progress=None,
+) -> _Curves:  # fmt: skip
     """Measure the regions at the slopes, and between them where the number of views asks for it."""
     angular, size = views.shape[:2], views.shape[2:4]
     regions = [_checked(region, size) for region in regions]
     step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
     limit = farthest_slope(views)
 
+    counts = weights / weights.mean()
+    effective = counts.size**2 / float(np.square(counts).sum())
+
     def curves(slopes, stride=1):
-        measured = semblance(views, slopes, regions, progress)
-        return _Curves(regions, angular[0] * angular[1], slopes, *measured, stride)
+        measured = semblance(views, slopes, regions, counts, progress)
+        return _Curves(regions, effective, slopes, *measured, stride)
 
     if slopes is not None:
         return curves(*_between(as_slopes(slopes), step, limit))

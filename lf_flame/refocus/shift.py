@@ -49,7 +49,7 @@ def shift_and_sum(
         halves up; "cubic" is Keys's convolution, which can overshoot at edges.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above (`lf_flame.refocus.aperture`); divided by their sum.
-        Default: all alike. Views of weight 0 are not read.
+        Default: all alike. Those of the light field multiply them. Views of weight 0 are not read.
 
     Returns
     -------
@@ -63,8 +63,8 @@ def shift_and_sum(
     InputError
         If views, slopes, interpolation or weights cannot be used.
     """
+    weights = as_weights(weights, views)
     views, slopes = as_readable(as_views(views)), as_slopes(slopes)
-    weights = as_weights(weights, views.shape[:2])
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet side by side
     stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from lf_flame.refocus._arguments import Views, as_views, farthest_slope
+from lf_flame.refocus._arguments import Views, as_views, as_weights, farthest_slope
 from lf_flame.refocus.sharpness import find_sharpest_slopes
 
 SIDE = 192
@@ -64,12 +64,13 @@ def find_slope_range(views: Views) -> SlopeRange:
     SlopeRange
         Where no tile is certain, -3 to 3, as far as the image allows.
     """
+    weights = as_weights(None, views)
     views = as_views(views)
     limit = farthest_slope(views)
     block = max(1, round(max(views.shape[2:4]) / SIDE))
     small = _averaged(views, block)
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
-    found = find_sharpest_slopes(small, tiles=tiles)
+    found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
     sure = slopes[_certain(slopes, np.array([one.confidence for one in found]).reshape(tiles))]
     if not sure.size:

@@ -46,7 +46,7 @@ def refocus_surface(
         "cubic" is Keys' convolution with a = -1/2, 4 x 4 lenslets, which can overshoot.
     weights : array_like, shape (v, u), optional
         Weight of each view, 0 or above; their sum is taken out. Views of weight 0 are not read.
-        Default: all alike.
+        Default: all alike. Those of the light field multiply them.
 
     Returns
     -------
@@ -58,9 +58,9 @@ def refocus_surface(
     InputError
         If an argument cannot be used, or a pixel that was read is NaN or infinite.
     """
+    weights = as_weights(weights, views)
     views = as_readable(as_views(views))
     slopes = _as_slope_maps(slopes, views.shape[2:4])
-    weights = as_weights(weights, views.shape[:2])
     check_interpolation(interpolation)
     grey = views.ndim == 4
     lights = views[..., None] if grey else views

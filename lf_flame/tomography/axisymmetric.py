@@ -5,7 +5,7 @@ For one view with parallel rays this is Abel's integral equation (Hansen and Law
 the fit is penalised and without negative light.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric_fit import AxisymmetricFit, BandedGram
 from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric_operator import AxisymmetricOperator
+from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_by_pixel, noise_variance
 from lf_flame.tomography.flame_axis import FlameAxis
@@ -109,6 +110,8 @@ def reconstruct_axisymmetric(
     """
     _check_options(noise, strength, redraws)
     rng = np.random.default_rng(0) if rng is None else rng
+    light_field, camera, left_out = counted_views(light_field, grid.camera)
+    grid = replace(grid, camera=camera) if left_out else grid
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
     operator, gram = AxisymmetricOperator(grid), BandedGram(grid)
@@ -142,7 +145,7 @@ def reconstruct_axisymmetric(
         noise=sd,
         strength=chosen,
         chi_squared=chi_squared,
-        warnings=check_data(views, chi_squared, sd, measured, noise is not None),
+        warnings=(*left_out, *check_data(views, chi_squared, sd, measured, noise is not None)),
     )
 
 

@@ -9,6 +9,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography.counted_views import counted_views
 
 EDGE_SHARE = 0.01
 """Share of the brightest column at which a flame is taken to end."""
@@ -64,6 +65,7 @@ def find_axis(light_field: LightField, camera: PlenopticCamera) -> FlameAxis:
     InputError
         If there is no light, or the views are too few to tell depth, or not the camera's.
     """
+    light_field, camera, _ = counted_views(light_field, camera)
     views = light_field.views
     camera.check_views(views.shape)
     if views.ndim != 4 or views.shape[1] < 3:

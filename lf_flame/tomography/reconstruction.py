@@ -1,7 +1,7 @@
 """Emission by depth from one light field: what is found, its error bars, and warnings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.cell_detail import SmoothStack
+from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_variance, redraw, standard_errors
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
@@ -199,6 +200,8 @@ def reconstruct(
     )
     smooth_penalty = penalty == ROUGHNESS
     _check_redraws(redraws, rng)
+    light_field, camera, left_out = counted_views(light_field, grid.camera)
+    grid = replace(grid, camera=camera) if left_out else grid
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = average_blocks(light_field, grid.camera, grid.block)
     check_range(views, noise)
@@ -238,6 +241,7 @@ def reconstruct(
         tried=found.tried,
         chi_squared=chi_squared,
         warnings=(
+            *left_out,
             *check_data(views, chi_squared, found.noise, found.measured, noise is not None),
             *(() if settled else (UNSETTLED,)),
         ),

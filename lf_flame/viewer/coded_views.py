@@ -8,6 +8,7 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats.images import white_level
 from lf_flame.lightfield import LightField
+from lf_flame.refocus._arguments import as_weights
 
 MOST_BYTES = 256 * 2**20
 """Of the codes: what browsers and graphics processors hold without trouble."""
@@ -29,6 +30,8 @@ class CodedViews:
         Radiance shown as white.
     positions : tuple of two ndarray
         Of the rows and of the columns of views, in view steps from the middle.
+    weights : ndarray of float64, shape (v, u)
+        How much each view counts, whatever the aperture.
     """
 
     codes: np.ndarray
@@ -36,6 +39,7 @@ class CodedViews:
     high: float
     white: float
     positions: tuple[np.ndarray, ...]
+    weights: np.ndarray
 
     @property
     def levels(self) -> int:
@@ -89,8 +93,9 @@ def encode_views(light_field: LightField, most_bytes: int | None = None) -> Code
     white = shown_white(light_field)
     low, high = min(0.0, float(views.min())), white
     positions = tuple(centred(n) for n in views.shape[:2])
+    weights = as_weights(None, light_field)
     for kind in (np.uint8, np.uint16):
-        coded = CodedViews(_codes(views, low, high, kind), low, high, white, positions)
+        coded = CodedViews(_codes(views, low, high, kind), low, high, white, positions, weights)
         if 2 * views.size > most or np.array_equal(coded.radiance(), views):
             break
     return coded

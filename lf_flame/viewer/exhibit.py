@@ -156,6 +156,7 @@ class Exhibit:
         """
         views, size = coded.codes.shape[:2], coded.codes.shape[2:4]
         return self._describe(views, size, coded.codes.shape[4]) | {
+            "weights": coded.weights.ravel().tolist(),
             "positions": [list(map(float, at)) for at in coded.positions],
             "levels": coded.levels,
             "low": coded.low,

@@ -12,6 +12,7 @@ from lf_flame.errors import InputError
 from lf_flame.formats.images import white_level
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import aperture_weights, refocus
+from lf_flame.refocus._arguments import as_weights
 
 NAMES = ("slope", "shape", "width", "ring", "v", "u", "block")
 """Of what a plane is asked for by, each once; v and u are where the aperture's centre is."""
@@ -193,7 +194,8 @@ class PlaneMaker:
     def _weights(self, query: PlaneQuery) -> np.ndarray:
         shape = self.light_field.views.shape[:2]
         centre = query.v, query.u
-        return aperture_weights(shape, query.width, query.ring, query.shape, centre)
+        aperture = aperture_weights(shape, query.width, query.ring, query.shape, centre)
+        return as_weights(aperture, self.light_field)
 
     @cached_property
     def _white(self) -> np.float32:

@@ -123,7 +123,8 @@ def _thinned(coded: CodedViews) -> CodedViews:
     """Every second row and column of views, counted from the middle outward."""
     kept = [_every_second(len(at)) for at in coded.positions]
     positions = tuple(at[some] for at, some in zip(coded.positions, kept, strict=True))
-    return replace(coded, codes=coded.codes[np.ix_(*kept)], positions=positions)
+    some = np.ix_(*kept)
+    return replace(coded, codes=coded.codes[some], positions=positions, weights=coded.weights[some])
 
 
 def _every_second(count: int) -> list[int]:

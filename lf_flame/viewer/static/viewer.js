@@ -34,8 +34,10 @@ const MARKUP = `
   <form class="lf-controls" aria-label="Focus, aperture and display"></form>`;
 
 /** What is drawn before all views are there: the middle one, or what has come in. */
-function weightsOf(loaded, { views }, state) {
-  const weights = apertureWeights(views, state);
+function weightsOf(loaded, { views, weights: own }, state) {
+  const aperture = apertureWeights(views, state);
+  const both = own ? aperture.map((weight, i) => weight * own[i]) : aperture;
+  const weights = both.some((weight) => weight > 0) ? both : aperture;
   if (!loaded.includes(false)) return weights;
   const some = weights.map((weight, i) => (loaded[i] ? weight : 0));
   return some.some((weight) => weight > 0) ? some : loaded.map(Number);

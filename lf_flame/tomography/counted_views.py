@@ -1,0 +1,59 @@
+"""The views of a light field that a fit looks at: an inner square in which all count."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+
+FEWEST = 3
+"""Views along each axis from which depth can be told."""
+
+
+def counted_views(
+    light_field: LightField, camera: PlenopticCamera
+) -> tuple[LightField, PlenopticCamera, tuple[str, ...]]:
+    """Cut a light field to the largest inner square of views of which none has weight 0.
+
+    Fits take all views alike, as a square pupil gives them; views that do not count, such as those
+    beside a round aperture, are left out with the part of the pupil that they see.
+
+    Returns
+    -------
+    LightField
+    PlenopticCamera
+        With as many views, of the same pixels.
+    tuple of str
+        A sentence that says so, where views were left out.
+
+    Raises
+    ------
+    InputError
+        If too few views are left, or those that are do not count alike.
+    """
+    if light_field.weights is None or light_field.views.shape[:2] != (camera.views,) * 2:
+        return light_field, camera, ()
+    for out in range((camera.views + 1) // 2):
+        inner = slice(out, camera.views - out)
+        weights = light_field.weights[inner, inner]
+        if weights.all():
+            break
+    count = len(weights)
+    if not weights.all() or count < min(FEWEST, camera.views) or np.ptp(weights) > 0:
+        raise InputError(
+            f"A fit needs an inner square of {FEWEST} x {FEWEST} views or more that all count "
+            f"alike, got one of {count} x {count} with weights from {weights.min():g} to "
+            f"{weights.max():g}."
+        )
+    if count == camera.views:
+        return light_field, camera, ()
+    return (
+        LightField.trusted(np.ascontiguousarray(light_field.views[inner, inner])),
+        replace(camera, views=count, pixel_pitch_mm=camera.pixel_mm),
+        (
+            f"Only the inner {count} x {count} of the {camera.views} x {camera.views} views are "
+            f"fitted: the others hold light of neighbouring lenslets, or are mostly dark.",
+        ),
+    )
