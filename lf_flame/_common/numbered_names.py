@@ -1,0 +1,70 @@
+"""Numbers in the names of files: counts, positions with sign and decimals, and their order."""
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from decimal import Decimal
+
+NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
+"""Sign or hyphen, and digits that points may divide."""
+
+Parts = tuple[str | Decimal, ...]
+"""Text and numbers of a name by turns, text first and last; it may be empty."""
+
+
+def split_numbers(names: Sequence[str]) -> list[Parts]:
+    """Split names into text and numbers, which are then in the order in which people count.
+
+    Signs and decimals are read where names that are alike but for their numbers show that they
+    are such. A hyphen is a minus sign after anything but a letter or a digit (``pos_-40``, as
+    against ``view-40`` and ``2024-01-05``), or where other names have none in its place
+    (``y-4, y0, y4``). A point is a decimal point where it is the only one, and the decimals are
+    equally many or none ends in 0 (``5.48``, as against ``1.9, 1.10``).
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names without their endings.
+
+    Returns
+    -------
+    list of tuple
+        Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by them,
+        ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the numbers, exact.
+    """
+    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    pieces = [NUMBER.split(name) for name in names]
+    for k, one in enumerate(pieces):
+        alike[tuple(one[::3])].append(k)
+    found: dict[int, Parts] = {}
+    for places in alike.values():
+        found.update(zip(places, _split_alike([pieces[k] for k in places]), strict=True))
+    return [found[k] for k in range(len(names))]
+
+
+def _split_alike(pieces: list[list[str]]) -> list[Parts]:
+    """Split names whose texts between the numbers are the same."""
+    parts: list[list[str | Decimal]] = [[one[0]] for one in pieces]
+    for k in range(1, len(pieces[0]), 3):
+        before = pieces[0][k - 1]
+        marks, words = [one[k] for one in pieces], [one[k + 1] for one in pieces]
+        separates = (before[-1:].isalnum() or (k > 1 and not before)) and "" not in marks
+        decimal = _is_decimal(words)
+        for part, mark, word, one in zip(parts, marks, words, pieces, strict=True):
+            if separates:
+                part[-1] = f"{part[-1]}{mark}"
+            numbers = [word] if decimal else word.split(".")
+            numbers[0] = numbers[0] if separates else mark + numbers[0]
+            for number in numbers:
+                part += [Decimal(number), "."]
+            part[-1] = one[k + 2]
+    return [tuple(part) for part in parts]
+
+
+def _is_decimal(words: Sequence[str]) -> bool:
+    """Whether the points in words of digits stand before decimals."""
+    if any(word.count(".") > 1 for word in words):
+        return False
+    decimals = [word.partition(".")[2] for word in words]
+    alike = len({len(word) for word in decimals if word}) <= 1
+    return alike or not any(word.endswith("0") for word in decimals)
