@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record
 from lf_flame._common.output_folders import OutputFolder
+from lf_flame._common.tiff_files import read_tiff
 from lf_flame.commands.tomography_output import CORRECTION, DRAWS, EmissionRecord, read_stack
 from lf_flame.commands.tomography_output import RECORD as EMISSION_RECORD
 from lf_flame.errors import InputError
@@ -53,10 +53,7 @@ def read_emission(folder: Path) -> Emission:
     path = folder / DRAWS
     draws = np.empty((0, *planes.shape), np.float32)
     if path.is_file():
-        try:
-            draws = tifffile.imread(path)
-        except (tifffile.TiffFileError, ValueError) as error:
-            raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
+        draws = read_tiff(path)
         if draws.size % planes.size or draws.dtype.kind != "f":
             raise InputError(
                 f"{path} must hold planes as emission.tif does, {planes.shape}, of float32, got "

@@ -12,9 +12,8 @@ from tabulate import tabulate
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import load_record, to_json
-from lf_flame._common.input_files import readable
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame._common.pixels import TIFF_ERRORS, TIFF_SUFFIXES, read_series
+from lf_flame._common.tiff_files import TIFF_SUFFIXES, read_tiff
 from lf_flame.errors import InputError
 from lf_flame.formats import write_focal_stack
 from lf_flame.lightfield import LightField
@@ -155,8 +154,7 @@ def read_thickness(given: str) -> float | np.ndarray:
         path = Path(given)
     if path.suffix.lower() not in TIFF_SUFFIXES:
         raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
-        stack = read_series(file.series[:1], path)[0]
+    stack = read_tiff(path)
     if stack.dtype.kind != "f" or stack.ndim < 2:
         raise InputError(
             f"{path} must hold planes of optical thickness as floating-point numbers, got "
@@ -213,10 +211,7 @@ def read_stack(path: Path, planes: int) -> np.ndarray:
     """
     if not path.is_file():
         raise InputError(f"There is no {path}; call lf-flame reconstruct with --redraws 20.")
-    try:
-        stack = np.atleast_3d(tifffile.imread(path))
-    except (tifffile.TiffFileError, ValueError) as error:
-        raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
+    stack = np.atleast_3d(read_tiff(path))
     stack = stack.reshape(-1, *stack.shape[-2:])
     if len(stack) != planes or stack.dtype.kind != "f":
         raise InputError(

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
-from lf_flame.formats.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image
+from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw_lenslets import decode_raw

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build_record
-from lf_flame._common.input_files import parse_json, readable
-from lf_flame._common.pixels import TIFF_ERRORS, read_series
+from lf_flame._common.input_files import parse_json
+from lf_flame._common.pixels import to_unit
+from lf_flame._common.tiff_files import open_tiff, read_series
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_unit
 from lf_flame.formats.view_order import arranged, find_order
 from lf_flame.lightfield import LightField
 
@@ -32,7 +32,7 @@ def is_stack(path: str | Path) -> bool:
     InputError
         If the file cannot be read.
     """
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+    with open_tiff(path) as file:
         alike = _alike(file)
     return len(alike) > 1 or bool(set(alike[0].axes) - set("YXS"))
 
@@ -151,7 +151,7 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
     """Read the pages with their channels last, the axes of one image, and ImageJ's description."""
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+    with open_tiff(path) as file:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
         # Axes of length one are kept; from tifffile 2026.11 on, without being asked to.
