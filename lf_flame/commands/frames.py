@@ -125,8 +125,16 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
         white = None if reading.white is None else read_image(reading.white)
         return lambda path: formats.decode_raw(read_image(path), grid, reading.views, white), first
     if path.is_dir():
-        folder = formats.scan_view_folder(path, reading.order)
+        folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
         click.echo(folder.describe(), err=True)
-        reading = replace(reading, order=folder.found.order)
-    read = partial(formats.read_light_field, views=reading.views, order=reading.order)
+        counted = folder.files.T if "col," in folder.found.order else folder.files
+        rows, columns = counted.shape
+        reading = replace(reading, order=folder.found.order, grid=f"{rows}x{columns}")
+    read = partial(
+        formats.read_light_field,
+        views=reading.views,
+        order=reading.order,
+        grid=reading.grid,
+        axes=reading.axes,
+    )
     return read, read(path)

@@ -12,11 +12,30 @@ from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw_lenslets import decode_raw
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import read_view_folder
-from lf_flame.formats.view_order import arranged
+from lf_flame.formats.view_order import Grid, arranged
 from lf_flame.formats.white_image import estimate_grid
 from lf_flame.lightfield import LightField
 
 ARRAY_SUFFIXES = (".npy", ".npz")
+
+_LYTRO = (
+    "a container of a Lytro camera, which is not read: export its ESLF image (read with --views "
+    "14), or its raw image as PNG or TIFF (read with --white)."
+)
+_MATLAB = (
+    "a MATLAB file, which is not read: save its array views[v, u, t, s] as .npy "
+    "(scipy.io.loadmat or h5py, then numpy.save)."
+)
+_HDF5 = (
+    "an HDF5 file, which is not read: save its array views[v, u, t, s] as .npy (h5py, then "
+    "numpy.save)."
+)
+CONTAINERS = {
+    **dict.fromkeys((".lfp", ".lfr", ".lfx", ".raw"), _LYTRO),
+    ".mat": _MATLAB,
+    **dict.fromkeys((".h5", ".hdf5"), _HDF5),
+}
+"""Files that often hold light fields and are not read, and what to do."""
 
 
 def read_light_field(
@@ -24,6 +43,9 @@ def read_light_field(
     views: int | None = None,
     order: str | None = None,
     progress: Callable = iter,
+    *,
+    grid: Grid | str | None = None,
+    axes: str | None = None,
 ) -> LightField:
     """Read a light field, whatever holds it.
 
@@ -44,6 +66,11 @@ def read_light_field(
         Default: as the parallax shows, for folders and pages; as it stands, for the others.
     progress : callable, optional
         Wraps the list of a folder's files, as ``tqdm`` does.
+    grid : (int, int) or str, optional
+        Rows and columns of views that a running number counts, such as (1, 9) or ``1x9``: of a
+        folder, of pages, of an array with an axis n. Default: a square, if the parallax shows one.
+    axes : str, optional
+        What the axes of an array are, as in `read_array`. Default: ``vuts`` or ``vutsc``.
 
     Returns
     -------
@@ -58,15 +85,24 @@ def read_light_field(
     suffix = path.suffix.lower()
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
+    if axes is not None and (path.is_dir() or suffix not in ARRAY_SUFFIXES):
+        raise InputError(
+            f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)}), not of {path}."
+        )
     if path.is_dir():
-        return read_view_folder(path, order, progress)
-    if suffix in TIFF_SUFFIXES and is_stack(path):
-        return read_view_stack(path, order)
+        return read_view_folder(path, order, progress, grid=grid)
+    if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
+        return read_view_stack(path, order, grid=grid)
     if suffix in ARRAY_SUFFIXES:
-        light_field = read_array(path, views)
+        light_field = read_array(path, views, axes=axes, grid=grid)
+    elif grid is not None:
+        raise InputError(f"grid counts views in a folder, pages or an array, not in {path}.")
     elif suffix in IMAGE_SUFFIXES:
         light_field = read_lenslet_image(path, views)
     else:
+        kind = CONTAINERS.get(suffix)
+        if kind is not None and path.is_file():
+            raise InputError(f"{path} is {kind}")
         raise InputError(
             f"{path} is no light field: it must be a folder of views, an array "
             f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."

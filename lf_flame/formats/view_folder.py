@@ -12,7 +12,15 @@ from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
-from lf_flame.formats.view_order import FoundOrder, arranged, check_order, find_order
+from lf_flame.formats.view_order import (
+    FoundOrder,
+    Grid,
+    arranged,
+    as_grid,
+    check_order,
+    find_order,
+    fold,
+)
 from lf_flame.lightfield import LightField
 
 
@@ -92,14 +100,17 @@ class ViewFolder:
         return LightField(views.reshape(*self.files.shape, *first.shape))
 
 
-def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
+def scan_view_folder(
+    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
+) -> ViewFolder:
     """Find out which files of a folder are the views of a light field, and how they count.
 
     The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) whose names differ in their
     numbers only: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
-    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), or HCI's
-    ``input_Cam000.png`` and on (one running number along a square). Numbers may start anywhere.
-    Other files are left out; a second set of images half as large or larger is refused.
+    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
+    ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and on: one running number along a square,
+    if the parallax shows one, or along the rows of `grid`. Numbers may start anywhere. Other files
+    are left out; a second set of images half as large or larger is refused.
 
     Parameters
     ----------
@@ -109,6 +120,8 @@ def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
         ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
         bottom), ``row,-col``, and so on. Default: as the parallax of the four central views
         shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
+    grid : (int, int) or str, optional
+        Rows and columns that a running number counts, such as (1, 9) or ``1x9``.
 
     Returns
     -------
@@ -128,20 +141,27 @@ def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
     """
     path = Path(path)
     files = view_files(path)
-    grid = number_grid(files)
+    shape = as_grid(grid)
+    numbered = number_grid(files, shape)
+    if numbered.ndim == 1:
+        numbered = fold(numbered, path, shape, read_image)
     if order is None:
-        found = find_order(grid, read_image)
+        found = find_order(numbered, read_image)
     else:
         found = FoundOrder(check_order(order), "as stated")
     left_out = sum(1 for _ in path.iterdir()) - len(files)
-    return ViewFolder(path, arranged(grid, found.order), found, left_out)
+    return ViewFolder(path, arranged(numbered, found.order), found, left_out)
 
 
 def read_view_folder(
-    path: str | Path, order: str | None = None, progress: Callable = iter
+    path: str | Path,
+    order: str | None = None,
+    progress: Callable = iter,
+    *,
+    grid: Grid | str | None = None,
 ) -> LightField:
     """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there."""
-    return scan_view_folder(path, order).read(progress)
+    return scan_view_folder(path, order, grid=grid).read(progress)
 
 
 def _kind(image: np.ndarray) -> str:

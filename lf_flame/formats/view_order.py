@@ -6,6 +6,8 @@ row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` colum
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isqrt, prod
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -36,6 +38,10 @@ LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
 """Share of the change between views that an order must explain, and how far before the next."""
 
 
+Grid = tuple[int, int]
+"""Rows and columns of views."""
+
+
 @dataclass(frozen=True)
 class FoundOrder:
     """The order of the views, and what speaks for it.
@@ -49,11 +55,14 @@ class FoundOrder:
     slopes : (float, float), optional
         About the slopes at which the scene is sharp in this order, in pixels per view step: the
         5th and the 95th percentile of its patches.
+    explained : float, optional
+        Share of the change between the views that the order explains.
     """
 
     order: str
     reason: str
     slopes: tuple[float, float] | None = None
+    explained: float = 0.0
 
 
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
@@ -102,18 +111,100 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
+    return _best_order(*_middle_views(grid, read))
+
+
+def fold(
+    views: np.ndarray, source: str | Path, shape: Grid | None = None, read: Callable = np.asarray
+) -> np.ndarray:
+    """Put views that one running number counts in rows and columns.
+
+    Parameters
+    ----------
+    views : ndarray, shape (number, ...)
+        The views in their order, or what `read` makes them of.
+    source : str or Path
+        Where they are from, for the message.
+    shape : (int, int), optional
+        Rows and columns. Default: a square, if the parallax of the four views in its middle shows
+        rows and columns, and fits them better than one long row or column.
+    read : callable, optional
+
+    Returns
+    -------
+    ndarray, shape (rows, columns, ...)
+
+    Raises
+    ------
+    InputError
+        If the shape holds another number of views, or none is stated and no square is shown.
+    """
+    count, side = len(views), isqrt(len(views))
+    if shape is not None:
+        if prod(shape) != count:
+            raise InputError(
+                f"A grid of {shape[0]} x {shape[1]} views does not fit {source}, which holds "
+                f"{count}."
+            )
+        return views.reshape(*shape, *views.shape[1:])
+    if side**2 == count > 1:
+        square = views.reshape(side, side, *views.shape[1:])
+        block, scales = _middle_views(square, read)
+        line = max((_explained_by_line(block, scale, side) for scale in scales), default=0.0)
+        found = _best_order(block, scales)
+        if found.slopes is not None and found.explained > line:
+            return square
+    shown = f"their parallax shows no {side} rows" if side**2 == count else "they make no square"
+    raise InputError(
+        f"{source} holds {count} views with one running number, and {shown}: state rows x columns "
+        f"as --grid 1x{count}, if they are one row (in Python grid=(1, {count}))."
+    )
+
+
+def as_grid(grid: Grid | str | None) -> Grid | None:
+    """Take rows and columns of views as two numbers, or as text such as ``1x9``.
+
+    Raises
+    ------
+    InputError
+        If they are no two whole numbers above 0.
+    """
+    if grid is None:
+        return None
+    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
+    try:
+        rows, columns = (int(word) for word in words)
+    except (TypeError, ValueError):
+        rows = columns = 0
+    if rows < 1 or columns < 1:
+        raise InputError(
+            f"grid must be rows x columns of views, such as 1x9 or (1, 9), got {grid!r}."
+        )
+    return rows, columns
+
+
+def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int]]:
+    """Read the four views in the middle, and tell at which scales their parallax may show.
+
+    At no scale, if they differ in shape or are not finite.
+    """
     v, u = ((n - 1) // 2 for n in grid.shape[:2])
     block = [[_grey(read(view)) for view in row] for row in grid[v : v + 2, u : u + 2]]
     shapes = {view.shape if np.isfinite(view).all() else None for row in block for view in row}
-    smallest = min(block[0][0].shape) if len(shapes) == 1 and None not in shapes else 0
-    scales = [scale for scale in SCALES if smallest // scale >= PATCH + 2 * BORDER]
+    if len(shapes) != 1 or None in shapes:
+        return np.empty((2, 2, 0, 0)), []
+    smallest = min(block[0][0].shape)
+    return np.array(block), [n for n in SCALES if smallest // n >= PATCH + 2 * BORDER]
+
+
+def _best_order(block: np.ndarray, scales: list[int]) -> FoundOrder:
     explained, next_best, order, slopes = max(
-        (_explain(np.array(block), scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
+        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
     )
     if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
         return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
     reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
-    return FoundOrder(order, reason, slopes)
+    return FoundOrder(order, reason, slopes, explained)
 
 
 def _grey(view: np.ndarray) -> np.ndarray:
@@ -122,16 +213,8 @@ def _grey(view: np.ndarray) -> np.ndarray:
 
 def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
     """Explained share of the change by the best and the second-best order, at one scale."""
-    reduced = downscale_local_mean(block, (1, 1, scale, scale))
-    views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
-    first = np.diff(views, axis=0)[0].mean(0)
-    second = np.diff(views, axis=1)[:, 0].mean(0)
-    mean = reduced.mean((0, 1))
-    down, right = (gaussian_filter(mean, SMOOTHING, order=order) for order in ((1, 0), (0, 1)))
-    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
-    first, second, down, right = (field[inner] for field in (first, second, down, right))
+    first, second, down, right = _changes(block, scale)
     texture = _patches(down**2 + right**2)
-    change = _patches(first**2 + second**2).sum()
     found = []
     for order, with_first, with_second in (
         ("row,col", down, right),
@@ -139,15 +222,45 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
         ("col,row", right, down),
         ("col,-row", right, -down),
     ):
-        product = _patches(first * with_first + second * with_second)
-        slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
-        found.append((-np.sum(slopes * product), order, slopes * scale))
+        share, slopes = _fit(first, second, with_first, with_second)
+        found.append((share, order, slopes * scale))
     found.sort(key=lambda one: one[0], reverse=True)
     (best, order, slopes), (next_best, *_) = found[:2]
     seen = slopes[texture >= texture.mean() / 4]  # others are mostly noise
     low, high = (float(x) for x in np.percentile(seen, (5, 95)))
-    change = max(change, np.finfo(float).tiny)
-    return best / change, next_best / change, order, (low, high)
+    return best, next_best, order, (low, high)
+
+
+def _explained_by_line(block: np.ndarray, scale: int, side: int) -> float:
+    """Explained share of the change if the views are one row or column, folded to a square.
+
+    Then what seems to be one row further down is `side` steps further on.
+    """
+    first, second, *gradients = _changes(block, scale)
+    return max(_fit(first, second, side * gradient, gradient)[0] for gradient in gradients)
+
+
+def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
+    """Change from row to row and from column to column, and the gradients down and right."""
+    reduced = downscale_local_mean(block, (1, 1, scale, scale))
+    views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
+    first = np.diff(views, axis=0)[0].mean(0)
+    second = np.diff(views, axis=1)[:, 0].mean(0)
+    mean = reduced.mean((0, 1))
+    down, right = (gaussian_filter(mean, SMOOTHING, order=order) for order in ((1, 0), (0, 1)))
+    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    return [field[inner] for field in (first, second, down, right)]
+
+
+def _fit(
+    first: np.ndarray, second: np.ndarray, with_first: np.ndarray, with_second: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Fit one slope to each patch; the share of the change that they explain, and the slopes."""
+    product = _patches(first * with_first + second * with_second)
+    texture = _patches(with_first**2 + with_second**2)
+    slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
+    change = max(_patches(first**2 + second**2).sum(), np.finfo(float).tiny)
+    return float(-np.sum(slopes * product) / change), slopes
 
 
 def _patches(field: np.ndarray) -> np.ndarray:
