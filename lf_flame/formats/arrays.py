@@ -146,7 +146,7 @@ def _choose(file: ArrayFile, axes: str | None) -> str:
         held = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
         more = f" and {len(file.names) - MOST_NAMED} more" if len(file.names) > MOST_NAMED else ""
         raise InputError(
-            f"{file.path} must hold one array named views, or one only of {' or '.join(map(str, ranks))} axes, got "
-            f"{', '.join(held) or 'none'}{more}."
+            f"{file.path} must hold one array named views, or one only of "
+            f"{' or '.join(map(str, ranks))} axes, got {', '.join(held) or 'none'}{more}."
         )
     return fitting[0]

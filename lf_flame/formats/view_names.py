@@ -73,6 +73,7 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
         If a view is missing, or the numbers make no grid, or another one than stated.
     """
     readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
+    readings = readings[readings[0] == readings[1] :]  # one, where there is no sign or decimal
     pairs = [pair for numbers in readings if (pair := _pair(numbers))]
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])

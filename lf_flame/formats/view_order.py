@@ -37,6 +37,16 @@ BORDER = 4
 LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
 """Share of the change between views that an order must explain, and how far before the next."""
 
+LEAST_LEAD = 2.5
+"""How far before the next an order must be for a running number to count a square.
+
+Of one row of n * n views, whatever its texture, the best order explains at most 1.96 times as much
+as the next: what is taken for a step down is n steps along the row.
+"""
+
+LEAST_NEXT = 1e-6
+"""Share below which the next order counts as nothing."""
+
 
 Grid = tuple[int, int]
 """Rows and columns of views."""
@@ -55,14 +65,15 @@ class FoundOrder:
     slopes : (float, float), optional
         About the slopes at which the scene is sharp in this order, in pixels per view step: the
         5th and the 95th percentile of its patches.
-    explained : float, optional
-        Share of the change between the views that the order explains.
+    lead : float, optional
+        How many times as much of the change between the views it explains as the next order; 0 if
+        the parallax does not tell.
     """
 
     order: str
     reason: str
     slopes: tuple[float, float] | None = None
-    explained: float = 0.0
+    lead: float = 0.0
 
 
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
@@ -111,7 +122,14 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
-    return _best_order(*_middle_views(grid, read))
+    block, scales = _middle_views(grid, read)
+    explained, next_best, order, slopes = max(
+        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
+    )
+    if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
+        return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
+    reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
+    return FoundOrder(order, reason, slopes, explained / max(next_best, LEAST_NEXT))
 
 
 def fold(
@@ -127,7 +145,7 @@ def fold(
         Where they are from, for the message.
     shape : (int, int), optional
         Rows and columns. Default: a square, if the parallax of the four views in its middle shows
-        rows and columns, and fits them better than one long row or column.
+        rows and columns.
     read : callable, optional
 
     Returns
@@ -149,10 +167,7 @@ def fold(
         return views.reshape(*shape, *views.shape[1:])
     if side**2 == count > 1:
         square = views.reshape(side, side, *views.shape[1:])
-        block, scales = _middle_views(square, read)
-        line = max((_explained_by_line(block, scale, side) for scale in scales), default=0.0)
-        found = _best_order(block, scales)
-        if found.slopes is not None and found.explained > line:
+        if find_order(square, read).lead > LEAST_LEAD:
             return square
     shown = f"their parallax shows no {side} rows" if side**2 == count else "they make no square"
     raise InputError(
@@ -197,16 +212,6 @@ def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[in
     return np.array(block), [n for n in SCALES if smallest // n >= PATCH + 2 * BORDER]
 
 
-def _best_order(block: np.ndarray, scales: list[int]) -> FoundOrder:
-    explained, next_best, order, slopes = max(
-        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
-    )
-    if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
-        return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
-    reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
-    return FoundOrder(order, reason, slopes, explained)
-
-
 def _grey(view: np.ndarray) -> np.ndarray:
     return view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
 
@@ -229,15 +234,6 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
     seen = slopes[texture >= texture.mean() / 4]  # others are mostly noise
     low, high = (float(x) for x in np.percentile(seen, (5, 95)))
     return best, next_best, order, (low, high)
-
-
-def _explained_by_line(block: np.ndarray, scale: int, side: int) -> float:
-    """Explained share of the change if the views are one row or column, folded to a square.
-
-    Then what seems to be one row further down is `side` steps further on.
-    """
-    first, second, *gradients = _changes(block, scale)
-    return max(_fit(first, second, side * gradient, gradient)[0] for gradient in gradients)
 
 
 def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
