@@ -20,7 +20,7 @@ MOST_NAMED = 5
 """Arrays that an error names."""
 
 ORDERS_OF_AXES = (
-    "tsvu", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
+    "vtus", "tsvu", "ntsc", "ncts", "cnts", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
 )  # fmt: skip
 """Orders of axes, beside ours, in which other programs keep light fields."""
 
@@ -110,6 +110,7 @@ def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
         return
     like = [other for other in ORDERS_OF_AXES if len(other) == len(shape)]
     like = [other for other in like if not _unlikely(shape, other)]
+    like.sort(key=lambda other: shape[other.index("c")] if "c" in other else 1)
     looks = f", and looks like axes {like[0]}" if like else ""
     raise InputError(
         f"{path} holds an array of shape {shape}, which can hardly be [{', '.join(axes)}]{looks}: "
