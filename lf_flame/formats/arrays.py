@@ -20,7 +20,7 @@ MOST_NAMED = 5
 """Arrays that an error names."""
 
 ORDERS_OF_AXES = (
-    "vtus", "tsvu", "ntsc", "ncts", "cnts", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
+    "tsvu", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
 )  # fmt: skip
 """Orders of axes, beside ours, in which other programs keep light fields."""
 
@@ -110,13 +110,20 @@ def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
         return
     like = [other for other in ORDERS_OF_AXES if len(other) == len(shape)]
     like = [other for other in like if not _unlikely(shape, other)]
-    like.sort(key=lambda other: shape[other.index("c")] if "c" in other else 1)
+    like.sort(key=lambda other: _oddness(shape, other))
     looks = f", and looks like axes {like[0]}" if like else ""
     raise InputError(
         f"{path} holds an array of shape {shape}, which can hardly be [{', '.join(axes)}]{looks}: "
         f"state what they are, as --axes {like[0] if like else axes} (v, u or a running n: views; "
         f"t, s: rows and columns of pixels; c: channels)."
     )
+
+
+def _oddness(shape: tuple[int, ...], axes: str) -> tuple[float, int]:
+    """How far the views are from a square, and the number of channels."""
+    size = dict(zip(axes, shape, strict=True))
+    v, u = size.get("v", 1), size.get("u", 1)
+    return max(v, u) / min(v, u), size.get("c", 1)
 
 
 def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
