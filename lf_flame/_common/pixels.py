@@ -36,16 +36,13 @@ ORIENTATION = 0x0112
 """Tag of EXIF that says how a picture is to be turned."""
 
 
-def read_pixels(path: str | Path, held: float = FLOAT) -> np.ndarray:
+def read_pixels(path: str | Path) -> np.ndarray:
     """Read an image file in its full depth, and with its transparency, turned as it is to be seen.
 
     Parameters
     ----------
     path : str or Path
         A TIFF file by its ending, else one of FORMATS by its content.
-    held : float, optional
-        Bytes that the caller needs for each value beside those of the decoder, for the check of
-        memory. Default: a light field's.
 
     Returns
     -------
@@ -61,11 +58,10 @@ def read_pixels(path: str | Path, held: float = FLOAT) -> np.ndarray:
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
-            return _channels_last(read_series(file.series[:1], path, held)[0])
+            return _channels_last(read_series(file.series[:1], path)[0])
     with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
         _check_colours(image, path)
-        values = prod(image.size) * len(image.getbands())
-        check_memory(int(values * (FLOAT + held)), path)
+        check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
         if image.format == "PPM" and _is_deep(image):
             return _read_netpbm(image, path)
         if image.format == "PNG":
@@ -73,8 +69,8 @@ def read_pixels(path: str | Path, held: float = FLOAT) -> np.ndarray:
         return _decode(image)
 
 
-def count_values(path: str | Path) -> int:
-    """Count the values of an image, rows x columns x channels, by its header alone.
+def read_shape(path: str | Path) -> tuple[int, int, int]:
+    """Read rows, columns and channels of an image from its header alone.
 
     Raises
     ------
@@ -83,20 +79,34 @@ def count_values(path: str | Path) -> int:
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
-            return prod(file.series[0].shape)
+            page, values = file.series[0].keyframe, prod(file.series[0].shape)
+        rows, columns = page.imagelength, page.imagewidth
+        return rows, columns, values // max(rows * columns, 1)
     with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
-        return prod(image.size) * (3 if image.mode == "P" else len(image.getbands()))
+        colours = 3 if image.mode == "P" else len(image.getbands())
+        return image.height, image.width, colours
+
+
+def check_levels(pixels: np.ndarray, source: str | Path) -> None:
+    """Refuse what is neither unsigned levels of 8 or 16 bits nor floats.
+
+    Raises
+    ------
+    InputError
+        If it is so; the message names the source.
+    """
+    kind = pixels.dtype.kind
+    if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
+        raise InputError(
+            f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
+        )
 
 
 def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
     """Bring unsigned levels of 8 or 16 bits to 0 to 1, leave floats as they are; float32."""
-    kind, size = pixels.dtype.kind, pixels.dtype.itemsize
-    if kind == "u" and size <= 2:
-        return pixels / np.float32(2 ** (8 * size) - 1)
-    if kind not in "bf":
-        raise InputError(
-            f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
-        )
+    check_levels(pixels, source)
+    if pixels.dtype.kind == "u":
+        return pixels / np.float32(np.iinfo(pixels.dtype).max)
     with np.errstate(over="ignore"):  # infinite values are refused by the light field
         return pixels.astype(np.float32, copy=False)
 

@@ -78,9 +78,9 @@ def read_tiff(path: str | Path) -> np.ndarray:
 
 
 def read_series(
-    series: list[tifffile.TiffPageSeries], path: str | Path, held: float = FLOAT, **options: bool
+    series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
 ) -> list[np.ndarray]:
-    """Read series of an open TIFF file, if there is memory for all of them.
+    """Read series of an open TIFF file, if there is memory for all of them as floats.
 
     Grey that counts from white is turned, levels of less than a whole number of bytes become
     fractions of the highest, and pictures are turned as the file says that they are seen.
@@ -90,8 +90,6 @@ def read_series(
     series : list of tifffile.TiffPageSeries
     path : str or Path
         The file, for the message and for decoders of its own.
-    held : float, optional
-        Bytes that the caller needs for each value beside the decoded one.
     **options
         Of `tifffile.TiffPageSeries.asarray`.
 
@@ -100,8 +98,8 @@ def read_series(
     InputError
         If a page is in another file, its samples mean no light, or memory does not suffice.
     """
-    values = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + held) for one in series)
-    check_memory(int(values), path)
+    need = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + FLOAT) for one in series)
+    check_memory(need, path)
     return [_decode(one, path, options) for one in series]
 
 

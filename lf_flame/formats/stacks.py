@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import parse_json
+from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
-from lf_flame.formats.view_order import Grid, arranged, as_grid, find_order, fold
+from lf_flame.formats.view_order import Grid, arranged, as_grid, find_order, fold, order_memory
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
@@ -70,6 +71,7 @@ def read_view_stack(
     if "slopes" in metadata:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
     shape, image = as_grid(grid), pages.shape[-image_axes:]
+    check_memory(2 * pages.nbytes + order_memory(image), path)
     if shape is None and len(letters) == 2 and set(letters) <= UNNAMED:
         views = pages
     else:

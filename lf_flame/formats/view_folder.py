@@ -1,14 +1,18 @@
 """Folders with one image for each view of a light field."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.memory import check_memory
+from lf_flame._common.pixels import read_shape
+from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
@@ -20,6 +24,7 @@ from lf_flame.formats.view_order import (
     check_order,
     find_order,
     fold,
+    order_memory,
 )
 from lf_flame.lightfield import LightField
 
@@ -80,8 +85,8 @@ class ViewFolder:
             If a file cannot be read, or differs from the first in size or channels.
         """
         paths = list(self.files.flat)
+        _check_memory(paths, self.path)
         first = read_image(paths[0])
-        check_memory(len(paths) * first.nbytes, self.path)
         views = np.empty((len(paths), *first.shape), np.float32)
 
         def place(k: int) -> None:
@@ -93,7 +98,9 @@ class ViewFolder:
                 )
             views[k] = image
 
-        with ThreadPoolExecutor() as pool:  # decoders work outside the interpreter's lock
+        with ThreadPoolExecutor(
+            _readers(paths)
+        ) as pool:  # decoders work outside the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
@@ -141,6 +148,7 @@ def scan_view_folder(
     """
     path = Path(path)
     files = view_files(path)
+    _check_memory(files, path)
     shape = as_grid(grid)
     numbered = number_grid(files, shape)
     if numbered.ndim == 1:
@@ -151,6 +159,25 @@ def scan_view_folder(
         found = FoundOrder(check_order(order), "as stated")
     left_out = sum(1 for _ in path.iterdir()) - len(files)
     return ViewFolder(path, arranged(numbered, found.order), found, left_out)
+
+
+def _check_memory(files: list[Path], folder: Path) -> None:
+    """Refuse views that need too much memory, by the header of the first, before any is decoded.
+
+    As floats, with those that are being decoded, or with the search for their order.
+    """
+    shape = read_shape(files[0])
+    values = prod(shape)
+    if shape[2] in (2, 4):
+        values -= prod(shape[:2])  # transparency is left out
+    decoding = 2 * FLOAT * prod(shape)
+    reading = FLOAT * values * len(files) + decoding * _readers(files)
+    check_memory(max(reading, order_memory(shape) + decoding), folder)
+
+
+def _readers(files: list[Path]) -> int:
+    """Count the files that are decoded side by side."""
+    return min(len(files), os.cpu_count() or 1)
 
 
 def read_view_folder(

@@ -6,7 +6,7 @@ row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` colum
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isqrt, prod
+from math import ceil, isqrt, prod, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,12 @@ SMOOTHING = 1.0
 
 BORDER = 4
 """Reduced pixels that are left out on each side."""
+
+MOST_PIXELS = 4_000_000
+"""Pixels of a view in which the parallax is looked for; larger ones are reduced before."""
+
+ORDER_BYTES = 140
+"""Bytes of memory that this takes for each of these pixels."""
 
 LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
 """Share of the change between views that an order must explain, and how far before the next."""
@@ -122,14 +128,15 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
-    block, scales = _middle_views(grid, read)
+    block, scales, times = _middle_views(grid, read)
     explained, next_best, order, slopes = max(
-        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
+        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", (0.0, 0.0))
     )
     if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
         return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
     reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
-    return FoundOrder(order, reason, slopes, explained / max(next_best, LEAST_NEXT))
+    low, high = (slope * times for slope in slopes)
+    return FoundOrder(order, reason, (low, high), explained / max(next_best, LEAST_NEXT))
 
 
 def fold(
@@ -198,22 +205,33 @@ def as_grid(grid: Grid | str | None) -> Grid | None:
     return rows, columns
 
 
-def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int]]:
+def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int], int]:
     """Read the four views in the middle, and tell at which scales their parallax may show.
 
-    At no scale, if they differ in shape or are not finite.
+    At no scale, if they differ in shape or are not finite. The last number returned is that of the
+    pixels along an axis that are averaged to one of the block.
     """
     v, u = ((n - 1) // 2 for n in grid.shape[:2])
-    block = [[_grey(read(view)) for view in row] for row in grid[v : v + 2, u : u + 2]]
-    shapes = {view.shape if np.isfinite(view).all() else None for row in block for view in row}
+    block = [_grey(read(view)) for row in grid[v : v + 2, u : u + 2] for view in row]
+    shapes = {view.shape if np.isfinite(view).all() else None for view, _ in block}
     if len(shapes) != 1 or None in shapes:
-        return np.empty((2, 2, 0, 0)), []
-    smallest = min(block[0][0].shape)
-    return np.array(block), [n for n in SCALES if smallest // n >= PATCH + 2 * BORDER]
+        return np.empty((2, 2, 0, 0)), [], 1
+    views, times = np.array([view for view, _ in block]), block[0][1]
+    scales = [n for n in SCALES if min(views.shape[1:]) // n >= PATCH + 2 * BORDER]
+    return views.reshape(2, 2, *views.shape[1:]), scales, times
 
 
-def _grey(view: np.ndarray) -> np.ndarray:
-    return view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
+def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
+    """Average the colours, and the pixels of a large view, so many to one along each axis."""
+    times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
+    grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
+    return downscale_local_mean(grey, (times, times)) if times > 1 else grey, times
+
+
+def order_memory(shape: tuple[int, ...]) -> int:
+    """Bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
+    rows, columns = shape[:2]
+    return ORDER_BYTES * min(rows * columns, MOST_PIXELS) + 8 * rows * columns
 
 
 def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
