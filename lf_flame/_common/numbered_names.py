@@ -48,7 +48,7 @@ def _split_alike(pieces: list[list[str]]) -> list[Parts]:
     for k in range(1, len(pieces[0]), 3):
         before = pieces[0][k - 1]
         marks, words = [one[k] for one in pieces], [one[k + 1] for one in pieces]
-        separates = (before[-1:].isalnum() or (k > 1 and not before)) and "" not in marks
+        separates = (before[-1:].isalnum() or (k > 1 and not before)) and set(marks) == {"-"}
         decimal = _is_decimal(words)
         for part, mark, word, one in zip(parts, marks, words, pieces, strict=True):
             if separates:

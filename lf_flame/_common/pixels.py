@@ -1,24 +1,25 @@
 """Pixels of image files, by decoders that only decode."""
 
+import re
 import struct
 import zlib
 from math import prod
 from pathlib import Path
 
 import numpy as np
-import tifffile
-from PIL import Image
+from PIL import Image, ImageFile
 
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
+from lf_flame._common.tiff_files import FLOAT, TIFF_SUFFIXES, open_tiff, oriented, read_series
 from lf_flame.errors import InputError
 
-TIFF_SUFFIXES = (".tif", ".tiff")
-
-FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM", "TIFF")
+FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """What Pillow may take a file for, whatever its name. Of a PostScript file it would start
 Ghostscript; other formats are not needed."""
 
+TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of TIFF files, which Pillow alone would not read in full."""
 
 PILLOW_ERRORS = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
@@ -28,18 +29,15 @@ PILLOW_ERRORS = (
 """What Pillow's decoders raise at damaged files; of bombs the last two, a warning where warnings
 are errors."""
 
-TIFF_ERRORS = (
-    tifffile.TiffFileError, OSError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
-    AttributeError, AssertionError, NotImplementedError, RuntimeError, struct.error, zlib.error,
-)  # fmt: skip
-"""What tifffile and its decoders raise at damaged files."""
+PLAIN = ("1", "L", "LA", "I;16", "I", "F", "RGB", "RGBA")
+"""Pillow's modes that are taken as they are: grey or RGB, with transparency or without."""
 
-FLOAT = np.dtype(np.float32).itemsize
-"""Bytes of a pixel's value in a light field."""
+ORIENTATION = 0x0112
+"""Tag of EXIF that says how a picture is to be turned."""
 
 
 def read_pixels(path: str | Path) -> np.ndarray:
-    """Read an image file in its full depth, and with its transparency.
+    """Read an image file in its full depth, and with its transparency, turned as it is to be seen.
 
     Parameters
     ----------
@@ -49,35 +47,76 @@ def read_pixels(path: str | Path) -> np.ndarray:
     Returns
     -------
     ndarray, shape (h, w) or (h, w, channels)
-        Levels as they are stored.
+        Levels as they are stored, 0 being black; those of other depths than 1, 8 and 16 bits as
+        fractions of the highest, float32.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, is no image of these formats, or needs too much memory.
+        If the file is missing or damaged, is no image of these formats, holds other than grey or
+        RGB, or needs too much memory.
     """
-    if Path(path).suffix.lower() in TIFF_SUFFIXES:
-        with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+    if _is_tiff(path):
+        with open_tiff(path) as file:
             return _channels_last(read_series(file.series[:1], path)[0])
-    return _read_pillow(path)
+    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+        _check_colours(image, path)
+        check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
+        if image.format == "PPM" and _is_deep(image):
+            return _read_netpbm(image, path)
+        if image.format == "PNG":
+            return _read_png(image, path)
+        return _decode(image)
 
 
-def read_series(
-    series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
-) -> list[np.ndarray]:
-    """Read series of an open TIFF file, if there is memory for all of them as floats.
+def read_shape(path: str | Path) -> tuple[int, int, int]:
+    """Read rows, columns and channels of an image from its header alone.
 
-    Parameters
-    ----------
-    series : list of tifffile.TiffPageSeries
-    path : str or Path
-        For the message.
-    **options
-        Of `tifffile.TiffPageSeries.asarray`.
+    Raises
+    ------
+    InputError
+        If the file is missing, or is no image of these formats.
     """
-    need = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + FLOAT) for one in series)
-    check_memory(need, path)
-    return [one.asarray(**options) for one in series]
+    if _is_tiff(path):
+        with open_tiff(path) as file:
+            page, values = file.series[0].keyframe, prod(file.series[0].shape)
+        rows, columns = page.imagelength, page.imagewidth
+        return rows, columns, values // max(rows * columns, 1)
+    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+        colours = 3 if image.mode == "P" else len(image.getbands())
+        return image.height, image.width, colours
+
+
+def check_levels(pixels: np.ndarray, source: str | Path) -> None:
+    """Refuse what is neither unsigned levels of 8 or 16 bits nor floats.
+
+    Raises
+    ------
+    InputError
+        If it is so; the message names the source.
+    """
+    kind = pixels.dtype.kind
+    if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
+        raise InputError(
+            f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
+        )
+
+
+def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
+    """Bring unsigned levels of 8 or 16 bits to 0 to 1, leave floats as they are; float32."""
+    check_levels(pixels, source)
+    if pixels.dtype.kind == "u":
+        return pixels / np.float32(np.iinfo(pixels.dtype).max)
+    with np.errstate(over="ignore"):  # infinite values are refused by the light field
+        return pixels.astype(np.float32, copy=False)
+
+
+def _is_tiff(path: str | Path) -> bool:
+    """Whether a file is TIFF by its ending or its first bytes."""
+    if Path(path).suffix.lower() in TIFF_SUFFIXES:
+        return True
+    with readable(path, (OSError,)), Path(path).open("rb") as file:
+        return file.read(4) in TIFF_STARTS
 
 
 def _channels_last(pixels: np.ndarray) -> np.ndarray:
@@ -86,29 +125,63 @@ def _channels_last(pixels: np.ndarray) -> np.ndarray:
     return np.moveaxis(pixels, 0, -1) if planar else pixels
 
 
-def _read_pillow(path: str | Path) -> np.ndarray:
-    """Read an image in full depth.
+def _check_colours(image: Image.Image, path: str | Path) -> None:
+    if image.mode not in (*PLAIN, "P", "PA", "YCbCr"):
+        raise InputError(
+            f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
+            f"printer's profile)."
+        )
 
-    Of 16-bit colour in PNG, Pillow's decoder keeps the high byte of each level. Told that the bytes
-    stand the other way round, it keeps the low one.
+
+def _decode(image: Image.Image) -> np.ndarray:
+    """Decode an open image, and turn it as it is to be seen."""
+    colours = "RGBA" if "transparency" in image.info else "RGB"
+    pixels = np.asarray(image if image.mode in PLAIN else image.convert(colours))
+    return oriented(pixels, image.getexif().get(ORIENTATION, 1))
+
+
+def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+    """Read a PNG in full depth, if the checksums of its data are right.
+
+    Of 16-bit colour, Pillow's decoder keeps the high byte of each level. Told that the bytes stand
+    the other way round, it keeps the low one.
     """
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
-        tiles = image.tile
-        packed = tiles[0].args if image.format == "PNG" else ""
-        if packed == "LA;16B":
-            raise InputError(f"{path} has 16-bit grey with transparency: store it without.")
-        check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
-        high = np.asarray(image if image.mode in _PLAIN else image.convert(_colours(image)))
+    with Image.open(path, formats=("PNG",)) as again:
+        again.verify()  # as the decoder does not
+    packed = image.tile[0].args
+    if packed == "LA;16B":
+        raise InputError(f"{path} has 16-bit grey with transparency: store it without.")
+    high = _decode(image)
     if packed not in ("RGB;16B", "RGBA;16B"):
         return high
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=("PNG",)) as image:
-        image.tile = [tiles[0]._replace(args=packed.replace("16B", "16L"))]
-        low = np.asarray(image)
+    with Image.open(path, formats=("PNG",)) as again:
+        again.tile = [again.tile[0]._replace(args=str(packed).replace("16B", "16L"))]
+        low = _decode(again)
     return high * np.uint16(256) + low
 
 
-_PLAIN = ("1", "L", "LA", "I;16", "I", "F", "RGB", "RGBA")
+def _is_deep(image: ImageFile.ImageFile) -> bool:
+    """Whether a Netpbm file holds levels that Pillow would round, or text."""
+    codec, _, _, args = image.tile[0]
+    return image.mode in ("L", "I", "RGB") and (codec != "raw" or args == "I;16B")
 
 
-def _colours(image: Image.Image) -> str:
-    return "RGBA" if "transparency" in image.info else "RGB"
+def _read_netpbm(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+    """Read PGM and PPM of any maximum, as text or as bytes, after Pillow has read the header."""
+    codec, _, offset, args = image.tile[0]
+    highest = args[-1] if isinstance(args, tuple) else 65535
+    shape = (image.height, image.width, *([3] if image.mode == "RGB" else []))
+    with Path(path).open("rb") as file:
+        file.seek(offset)
+        if codec == "ppm_plain":
+            words = re.sub(rb"#[^\r\n]*", b" ", file.read()).split(None, prod(shape))
+            levels = np.array(words[: prod(shape)], np.bytes_).astype(np.float32)
+        else:
+            kind = np.dtype(np.uint8 if highest < 256 else ">u2")
+            levels = np.frombuffer(file.read(prod(shape) * kind.itemsize), kind)
+    if levels.size < prod(shape) or not 0 <= levels.min() <= levels.max() <= highest:
+        raise InputError(
+            f"{path} cannot be read: it is damaged, and must hold {prod(shape)} levels from 0 to "
+            f"{highest}."
+        )
+    return levels.reshape(shape) / np.float32(highest)

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
-from lf_flame._common.input_files import readable
-from lf_flame._common.pixels import TIFF_ERRORS, read_series
+from lf_flame._common.tiff_files import read_tiff
 from lf_flame.errors import InputError
 
 RECORD = "reconstruct.json"
@@ -92,12 +90,7 @@ class EmissionFolder:
             raise InputError(f"{self.folder / RECORD} names no {name}.")
         if file_sha256(path) != self._hashes[name]:
             raise InputError(f"{path} is not the file that {RECORD} was written for.")
-        # Never as a format whose description may name other files, which would then be opened.
-        with (
-            readable(path, TIFF_ERRORS),
-            tifffile.TiffFile(path, is_ome=False, is_mmstack=False) as file,
-        ):
-            stack = read_series([file.series[0]], path)[0]
+        stack = read_tiff(path)
         planes = len(self.depths_mm)
         shape = stack.shape if stack.ndim > 2 else (1, *stack.shape)
         flat = int(np.prod(shape[:-2]))

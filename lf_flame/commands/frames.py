@@ -124,10 +124,17 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
         decode = partial(formats.decode_raw, grid=grid, views=reading.views, white=white, dark=dark)
         return lambda path: decode(read_image(path)), first
     if path.is_dir():
-        folder = formats.scan_view_folder(path, reading.order)
+        folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
         click.echo(folder.describe(), err=True)
-        reading = replace(reading, order=folder.found.order)
+        reading = replace(
+            reading, order=folder.found.order, grid="x".join(map(str, folder.counted))
+        )
     read = partial(
-        formats.read_light_field, views=reading.views, order=reading.order, dark=reading.dark
+        formats.read_light_field,
+        views=reading.views,
+        order=reading.order,
+        grid=reading.grid,
+        axes=reading.axes,
+        dark=reading.dark,
     )
     return read, read(path)

@@ -33,6 +33,8 @@ READING = cloup.option_group(
         help="Pixels under a lenslet, of a lenslet image or raw (default: the camera's).",
     ),
     cloup.option("--order", help="What the names of views count, as row,col (default: found)."),
+    cloup.option("--grid", help="Rows x columns that a running number of views counts, as 1x9."),
+    cloup.option("--axes", help="What the axes of an array are, as vuts, tsvu or ntsc."),
     cloup.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
     cloup.option(
         "--dark",
@@ -158,6 +160,8 @@ class Reading:
 
     views: int | None = None
     order: str | None = None
+    grid: str | None = None
+    axes: str | None = None
     white: Path | None = None
     pitch: float | None = None
     layout: str | None = None
@@ -186,20 +190,26 @@ class Reading:
         from lf_flame.formats.reading import subtract_dark
 
         if self.white is not None or self.pitch is not None:
-            _refuse_options(f"the raw image {source}", order=self.order)
+            _refuse_options(
+                f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes
+            )
             light_field, grid = formats.read_raw(
                 source, self.white, self.pitch, self.layout, self.views, dark=self.dark
             )
             click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
         elif source.is_dir():
-            _refuse_options(f"the folder {source}", views=self.views, layout=self.layout)
-            folder = formats.scan_view_folder(source, self.order)
+            _refuse_options(
+                f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes
+            )
+            folder = formats.scan_view_folder(source, self.order, grid=self.grid)
             click.echo(folder.describe(), err=True)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
             light_field = subtract_dark(light_field, self.dark, order=folder.found.order)
         else:
             _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
-            light_field = formats.read_light_field(source, self.views, self.order, dark=self.dark)
+            light_field = formats.read_light_field(
+                source, self.views, self.order, grid=self.grid, axes=self.axes, dark=self.dark
+            )
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
         if light_field.uncounted:

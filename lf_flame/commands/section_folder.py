@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
-from lf_flame._common.input_files import readable
-from lf_flame._common.pixels import TIFF_ERRORS, read_series
+from lf_flame._common.tiff_files import read_tiff
 from lf_flame.commands.emission_folder import Pair
 from lf_flame.errors import InputError
 
@@ -101,12 +99,7 @@ def _read(folder: Path, name: str, record: SectionRecord) -> np.ndarray:
         raise InputError(f"{folder} has no {name}; call lf-flame abel with --redraws 20.")
     if file_sha256(path) != record.files[name]:
         raise InputError(f"{path} is not the file that {RECORD} was written for.")
-    # Never as a format whose description may name other files, which would then be opened.
-    with (
-        readable(path, TIFF_ERRORS),
-        tifffile.TiffFile(path, is_ome=False, is_mmstack=False) as file,
-    ):
-        stack = read_series([file.series[0]], path)[0]
+    stack = read_tiff(path)
     if stack.ndim != 2 or stack.dtype != np.float32 or not np.isfinite(stack).all():
         raise InputError(
             f"{path} must hold a half section of finite float32, got shape {stack.shape} of "

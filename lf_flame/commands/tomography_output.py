@@ -11,9 +11,8 @@ from tabulate import tabulate
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import to_json
-from lf_flame._common.input_files import readable
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame._common.pixels import TIFF_ERRORS, TIFF_SUFFIXES, read_series
+from lf_flame._common.tiff_files import TIFF_SUFFIXES, read_tiff
 from lf_flame.commands.emission_folder import CORRECTION, DRAWS, EMISSION, SIGMA
 from lf_flame.errors import InputError
 from lf_flame.formats import write_focal_stack
@@ -138,8 +137,7 @@ def read_thickness(given: str) -> float | np.ndarray:
         path = Path(given)
     if path.suffix.lower() not in TIFF_SUFFIXES:
         raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
-        stack = read_series(file.series[:1], path)[0]
+    stack = read_tiff(path)
     if stack.dtype.kind != "f" or stack.ndim < 2:
         raise InputError(
             f"{path} must hold planes of optical thickness as floating-point numbers, got "

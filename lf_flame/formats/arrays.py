@@ -1,11 +1,16 @@
 """Light fields in NumPy's files, never unpickled."""
 
+from math import isqrt
 from pathlib import Path
 
+import numpy as np
+
 from lf_flame._common.array_files import ArrayFile, open_arrays
+from lf_flame._common.pixels import to_unit
+from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_unit
 from lf_flame.formats.lenslet_image import cut_views
+from lf_flame.formats.view_order import Grid, as_grid, fold
 from lf_flame.lightfield import LightField
 
 WEIGHTS = "weights"
@@ -17,8 +22,25 @@ MOST_ARRAYS = 1000
 MOST_NAMED = 5
 """Arrays that an error names."""
 
+ORDERS_OF_AXES = (
+    "tsvu", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
+)  # fmt: skip
+"""Orders of axes, beside ours, in which other programs keep light fields."""
 
-def read_array(path: str | Path, views: int | None = None) -> LightField:
+MOST_COLOURS = 4
+"""Channels that an array may have whatever the size of its images."""
+
+SQUARE_OF_VIEWS = 25
+"""Views from which on a square number of them beside 3 or 4 more is a count beside colours."""
+
+
+def read_array(
+    path: str | Path,
+    views: int | None = None,
+    *,
+    axes: str | None = None,
+    grid: Grid | str | None = None,
+) -> LightField:
     """Read a light field from a ``.npy`` or ``.npz`` file.
 
     Parameters
@@ -29,6 +51,12 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
         4 or 5 axes; one named ``weights``, [v, u], tells how much each view counts.
     views : int, optional
         Pixels under a lenslet along each axis of a raw lenslet array.
+    axes : str, optional
+        What the axes are, one letter each: v and u, row and column of the view, or n, its running
+        number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``, ``vutsc``,
+        or a raw array; an array of unlikely shape for these is refused.
+    grid : (int, int) or str, optional
+        Rows and columns of views that a running number counts, such as (9, 9) or ``9x9``.
 
     Returns
     -------
@@ -41,30 +69,98 @@ def read_array(path: str | Path, views: int | None = None) -> LightField:
         If the file cannot be read, holds other arrays, or `views` does not divide a raw array.
     """
     with open_arrays(path) as file:
-        name = _choose(file)
-        (array,) = file.read([name], copies=2)  # as stored, and as views
+        name = _choose(file, axes)
+        stored = file.header(name).dtype.itemsize
+        # As stored, as floats, and once more in the order of our axes.
+        (array,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
         beside = [WEIGHTS] if name != WEIGHTS and WEIGHTS in file.names else []
         weights = file.read(beside)[0] if beside else None
+    if axes is not None:
+        ours = _arrange(to_unit(array, path), axes.lower(), path, as_grid(grid))
+        return LightField(ours, weights=weights)
+    if grid is not None:
+        raise InputError(f"grid is for views with a running number: state the axes of {path}, too.")
     if array.ndim not in (2, 3, 4, 5) or array.size == 0:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
             f"raw lenslet array, got shape {array.shape}."
         )
+    _check_shape(array.shape, path)
     array = to_unit(array, path)
     return LightField(cut_views(array, views, path) if array.ndim < 4 else array, weights=weights)
 
 
-def _choose(file: ArrayFile) -> str:
+def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:
+    """Bring an array of stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``."""
+    wanted = ("n" if "n" in axes else "vu") + "ts" + ("c" if "c" in axes else "")
+    if sorted(axes) != sorted(wanted) or len(axes) != array.ndim:
+        raise InputError(
+            f"axes must be one letter for each axis of {path}, whose shape is {array.shape}: v and "
+            f"u or n for views, t and s for pixels, c for channels, got {axes!r}."
+        )
+    ours = array.transpose([axes.index(letter) for letter in wanted])
+    if "n" in axes:
+        return fold(ours, path, shape)
+    if shape not in (None, ours.shape[:2]):
+        raise InputError(
+            f"A grid of {shape[0]} x {shape[1]} views does not fit {path}, of {ours.shape[0]} x "
+            f"{ours.shape[1]}."
+        )
+    return ours
+
+
+def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
+    """Refuse an array whose axes are hardly ours."""
+    axes = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}[len(shape)]
+    if not _unlikely(shape, axes):
+        return
+    like = [other for other in ORDERS_OF_AXES if len(other) == len(shape)]
+    like = [other for other in like if not _unlikely(shape, other)]
+    like.sort(key=lambda other: _oddness(shape, other))
+    looks = f", and looks like axes {like[0]}" if like else ""
+    raise InputError(
+        f"{path} holds an array of shape {shape}, which can hardly be [{', '.join(axes)}]{looks}: "
+        f"state what they are, as --axes {like[0] if like else axes} (v, u or a running n: views; "
+        f"t, s: rows and columns of pixels; c: channels)."
+    )
+
+
+def _oddness(shape: tuple[int, ...], axes: str) -> tuple[float, int]:
+    """How far the views are from a square, and the number of channels."""
+    size = dict(zip(axes, shape, strict=True))
+    v, u = size.get("v", 1), size.get("u", 1)
+    return max(v, u) / min(v, u), size.get("c", 1)
+
+
+def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
+    """Whether an array has more views than pixels, or more channels than colours and pixels.
+
+    And whether views beside 3 or 4 others look like a running number beside colours.
+    """
+    size = dict(zip(axes, shape, strict=True))
+    views = size.get("n", 1) * size.get("v", 1) * size.get("u", 1)
+    channels, across = size.get("c", 1), sorted((size.get("v", 1), size.get("u", 1)))
+    square = isqrt(max(across)) ** 2 == max(across) >= SQUARE_OF_VIEWS
+    return (
+        views >= max(2, size["t"] * size["s"])
+        or channels > max(MOST_COLOURS, min(size["t"], size["s"]) - 1)
+        or (square and across[0] in (3, 4))
+        or ("n" in axes and isqrt(views) ** 2 != views)
+    )
+
+
+def _choose(file: ArrayFile, axes: str | None) -> str:
     """Name the file's array of views."""
+    ranks = (4, 5) if axes is None else (len(axes),)
     if "views" in file.names or len(file.names) == 1:
         return "views" if "views" in file.names else file.names[0]
     headers = {name: file.header(name) for name in file.names[:MOST_ARRAYS]}
-    fitting = [name for name, header in headers.items() if len(header.shape) in (4, 5)]
+    fitting = [name for name, header in headers.items() if len(header.shape) in ranks]
     if len(fitting) != 1 or len(file.names) > MOST_ARRAYS:
         held = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
         more = f" and {len(file.names) - MOST_NAMED} more" if len(file.names) > MOST_NAMED else ""
         raise InputError(
-            f"{file.path} must hold one array named views, or one only of 4 or 5 axes, got "
-            f"{', '.join(held) or 'none'}{more}."
+            f"{file.path} must hold one array named views, or one only of "
+            f"{' or '.join(map(str, ranks))} axes, got {', '.join(held) or 'none'}{more}."
         )
     return fitting[0]

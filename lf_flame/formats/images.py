@@ -9,7 +9,8 @@ import tifffile
 from PIL import Image
 
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.pixels import TIFF_SUFFIXES, read_pixels
+from lf_flame._common.pixels import read_pixels, to_unit
+from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
@@ -43,19 +44,6 @@ def read_image(path: str | Path) -> np.ndarray:
             f"The image {path} must have 1 or 3 channels, got an array of shape {pixels.shape}."
         )
     return to_unit(pixels, path)
-
-
-def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
-    """Bring unsigned levels of 8 or 16 bits to 0 to 1, leave floats as they are; float32."""
-    kind, size = pixels.dtype.kind, pixels.dtype.itemsize
-    if kind == "u" and size <= 2:
-        return pixels / np.float32(2 ** (8 * size) - 1)
-    if kind not in "bf":
-        raise InputError(
-            f"{source} must hold unsigned integers of 8 or 16 bits, or floats, got {pixels.dtype}."
-        )
-    with np.errstate(over="ignore"):  # infinite values are refused by the light field
-        return pixels.astype(np.float32, copy=False)
 
 
 def to_levels(values: np.ndarray, bits: int) -> np.ndarray:

@@ -4,19 +4,39 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
-from lf_flame.formats.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image
+from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.raw_lenslets import decode_raw, less_dark
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import scan_view_folder
-from lf_flame.formats.view_order import arranged, find_order
+from lf_flame.formats.view_order import Grid, arranged, find_order
 from lf_flame.formats.white_image import estimate_grid
 from lf_flame.lightfield import LightField
 
 ARRAY_SUFFIXES = (".npy", ".npz")
+
+_LYTRO = (
+    "a container of a Lytro camera, which is not read: export its ESLF image (read with --views "
+    "14), or its raw image as PNG or TIFF (read with --white)."
+)
+_MATLAB = (
+    "a MATLAB file, which is not read: save its array views[v, u, t, s] as .npy "
+    "(scipy.io.loadmat or h5py, then numpy.save)."
+)
+_HDF5 = (
+    "an HDF5 file, which is not read: save its array views[v, u, t, s] as .npy (h5py, then "
+    "numpy.save)."
+)
+CONTAINERS = {
+    **dict.fromkeys((".lfp", ".lfr", ".lfx", ".raw"), _LYTRO),
+    ".mat": _MATLAB,
+    **dict.fromkeys((".h5", ".hdf5"), _HDF5),
+}
+"""Files that often hold light fields and are not read, and what to do."""
 
 
 def read_light_field(
@@ -25,6 +45,8 @@ def read_light_field(
     order: str | None = None,
     progress: Callable = iter,
     *,
+    grid: Grid | str | None = None,
+    axes: str | None = None,
     dark: str | Path | None = None,
 ) -> LightField:
     """Read a light field, whatever holds it.
@@ -46,6 +68,11 @@ def read_light_field(
         Default: as the parallax shows, for folders and pages; as it stands, for the others.
     progress : callable, optional
         Wraps the list of a folder's files, as ``tqdm`` does.
+    grid : (int, int) or str, optional
+        Rows and columns of views that a running number counts, such as (1, 9) or ``1x9``: of a
+        folder, of pages, of an array with an axis n. Default: a square, if the parallax shows one.
+    axes : str, optional
+        What the axes of an array are, as in `read_array`. Default: ``vuts`` or ``vutsc``.
     dark : str or Path, optional
         Light field without light, of the same form and size, which is subtracted.
 
@@ -62,29 +89,44 @@ def read_light_field(
     suffix = path.suffix.lower()
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
+    if axes is not None and (path.is_dir() or suffix not in ARRAY_SUFFIXES):
+        raise InputError(
+            f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)}), not of {path}."
+        )
     if path.is_dir():
-        folder = scan_view_folder(path, order)
+        folder = scan_view_folder(path, order, grid=grid)
         light_field = folder.read(progress)
         # A dark image has no parallax that would show its order.
-        return subtract_dark(light_field, dark, order=folder.found.order)
+        return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
+    pages = suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path))
     if dark is not None:
-        as_stored = "row,col" if suffix in TIFF_SUFFIXES and is_stack(path) else None
-        light_field = read_light_field(path, views, as_stored)
-        light_field = subtract_dark(light_field, dark, views, as_stored)
-        if as_stored and order is None:
+        stored = None if not pages else "row,col"  # a dark image shows no order
+        light_field = read_light_field(path, views, stored, grid=grid, axes=axes)
+        light_field = subtract_dark(light_field, dark, views, stored, grid=grid, axes=axes)
+        if pages and order is None:
             order = find_order(light_field.views).order
-        return LightField(arranged(light_field.views, order)) if order else light_field
-    if suffix in TIFF_SUFFIXES and is_stack(path):
-        return read_view_stack(path, order)
+        return _arranged(light_field, order)
+    if pages:
+        return read_view_stack(path, order, grid=grid)
     if suffix in ARRAY_SUFFIXES:
-        light_field = read_array(path, views)
+        light_field = read_array(path, views, axes=axes, grid=grid)
+    elif grid is not None:
+        raise InputError(f"grid counts views in a folder, pages or an array, not in {path}.")
     elif suffix in IMAGE_SUFFIXES:
         light_field = read_lenslet_image(path, views)
     else:
+        kind = CONTAINERS.get(suffix)
+        if kind is not None and path.is_file():
+            raise InputError(f"{path} is {kind}")
         raise InputError(
             f"{path} is no light field: it must be a folder of views, an array "
             f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."
         )
+    return _arranged(light_field, order)
+
+
+def _arranged(light_field: LightField, order: str | None) -> LightField:
+    """Bring the views of a light field, and their weights, from a stated order to ours."""
     if not order:
         return light_field
     weights = light_field.weights
@@ -99,6 +141,9 @@ def subtract_dark(
     dark: str | Path | None,
     views: int | None = None,
     order: str | None = None,
+    *,
+    grid: Grid | str | None = None,
+    axes: str | None = None,
 ) -> LightField:
     """Subtract a light field without light, read from a file or folder of the same form.
 
@@ -107,8 +152,8 @@ def subtract_dark(
     light_field : LightField
     dark : str or Path or None
         None: nothing is subtracted.
-    views, order : optional
-        As in `read_light_field`; the order as found in the light field itself.
+    views, order, grid, axes : optional
+        As in `read_light_field`; order and grid as found in the light field itself.
 
     Raises
     ------
@@ -117,7 +162,7 @@ def subtract_dark(
     """
     if dark is None:
         return light_field
-    black = read_light_field(dark, views, order).views
+    black = read_light_field(dark, views, order, grid=grid, axes=axes).views
     if black.shape != light_field.views.shape:
         raise InputError(
             f"The dark light field {dark} must have the light field's shape "

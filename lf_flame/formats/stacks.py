@@ -1,7 +1,6 @@
 """TIFF files of many pages: views of a light field, and refocused images with their slopes."""
 
 import json
-from math import isqrt
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +9,19 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.config import build_record
-from lf_flame._common.input_files import parse_json, readable
-from lf_flame._common.pixels import TIFF_ERRORS, read_series
+from lf_flame._common.input_files import parse_json
+from lf_flame._common.memory import check_memory
+from lf_flame._common.pixels import to_unit
+from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
-from lf_flame.formats.images import to_unit
-from lf_flame.formats.view_order import arranged, find_order
+from lf_flame.formats.view_order import Grid, arranged, as_grid, find_order, fold, order_memory
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
 """Channels up to which an axis that a file calls C may hold colours and not pages."""
+
+UNNAMED = frozenset("QI")
+"""Axes of pages that a file does not name, and may so be rows and columns of views."""
 
 LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 """ImageJ reads classic TIFF only, whose offsets have 32 bits."""
@@ -32,21 +35,26 @@ def is_stack(path: str | Path) -> bool:
     InputError
         If the file cannot be read.
     """
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+    with open_tiff(path) as file:
         alike = _alike(file)
     return len(alike) > 1 or bool(set(alike[0].axes) - set("YXS"))
 
 
-def read_view_stack(path: str | Path, order: str | None = None) -> LightField:
+def read_view_stack(
+    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
+) -> LightField:
     """Read the pages of a TIFF file as views.
 
     Parameters
     ----------
     path : str or Path
-        A square number of pages, or rows and columns of pages where the file tells them apart.
+        Rows and columns of pages where the file tells them apart, without calling them times or
+        depths; or pages in one row, which are a square of views if the parallax shows one.
     order : str, optional
         What the pages count, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row by row.
         Default: as the parallax shows.
+    grid : (int, int) or str, optional
+        Rows and columns of views in the order of the pages, such as (1, 9) or ``1x9``.
 
     Returns
     -------
@@ -56,21 +64,18 @@ def read_view_stack(path: str | Path, order: str | None = None) -> LightField:
     Raises
     ------
     InputError
-        If the file cannot be read, its pages make no square, or it is a focal stack.
+        If the file cannot be read, its pages show no square of views and no grid is stated, or it
+        is a focal stack.
     """
-    pages, image_axes, metadata = _read(path)
+    pages, image_axes, metadata, letters = _read(path)
     if "slopes" in metadata:
         raise InputError(f"{path} is a stack of refocused images, not of views.")
-    counted, image = pages.shape[:-image_axes], pages.shape[-image_axes:]
-    if len(counted) != 2:
-        side = isqrt(pages.size // int(np.prod(image)))
-        counted = (side, side)
-    if int(np.prod(counted + image)) != pages.size:
-        raise InputError(
-            f"The views in {path} must be a square number of pages, or rows and columns of pages, "
-            f"got pages in the shape {pages.shape[:-image_axes]}."
-        )
-    views = pages.reshape(counted + image)
+    shape, image = as_grid(grid), pages.shape[-image_axes:]
+    check_memory(2 * pages.nbytes + order_memory(image), path)
+    if shape is None and len(letters) == 2 and set(letters) <= UNNAMED:
+        views = pages
+    else:
+        views = fold(pages.reshape(-1, *image), path, shape)
     return LightField(arranged(views, order or find_order(views).order))
 
 
@@ -133,7 +138,7 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     InputError
         If the file cannot be read, or its pages are in more than one row.
     """
-    pages, image_axes, metadata = _read(path)
+    pages, image_axes, metadata, _ = _read(path)
     if pages.ndim == image_axes:
         pages = pages[None]
     if pages.ndim != image_axes + 1:
@@ -149,14 +154,19 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     return pages, slopes
 
 
-def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
-    """Read the pages with their channels last, the axes of one image, and ImageJ's description."""
-    with readable(path, TIFF_ERRORS), tifffile.TiffFile(path) as file:
+def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
+    """Read the pages with their channels last.
+
+    Returns them with the number of axes of one image, ImageJ's description, and the letters of the
+    axes of pages.
+    """
+    with open_tiff(path) as file:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
         # Axes of length one are kept; from tifffile 2026.11 on, without being asked to.
         whole = {"squeeze": False} if hasattr(alike[0], "get_axes") else {}
         axes = "I" + (alike[0].get_axes(**whole) if whole else alike[0].axes)
+        transparent = transparency(alike[0].keyframe)
         arrays = read_series(alike, path, **whole)
         pages = arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
     if len(axes) != pages.ndim or axes.count("Y") != 1 or axes.count("X") != 1:
@@ -166,9 +176,13 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict]:
     channels = _channel_axis(axes, pages.shape, "slopes" in metadata)
     image = [axes.index("Y"), axes.index("X")] + ([] if channels is None else [channels])
     counted = [k for k in range(pages.ndim) if k not in image]
-    shape = [pages.shape[k] for k in counted if pages.shape[k] > 1]
-    shape += [pages.shape[k] for k in image]
-    return to_unit(pages.transpose(counted + image).reshape(shape), path), len(image), metadata
+    several = [k for k in counted if pages.shape[k] > 1]
+    shape = [pages.shape[k] for k in several + image]
+    levels = pages.transpose(counted + image).reshape(shape)
+    if channels is not None and transparent:
+        levels = levels[..., :-1]
+    letters = "".join(axes[k] for k in several)
+    return to_unit(levels, path), len(image), metadata, letters
 
 
 def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:

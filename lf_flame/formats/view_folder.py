@@ -1,19 +1,32 @@
 """Folders with one image for each view of a light field."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.memory import check_memory
+from lf_flame._common.pixels import read_shape
 from lf_flame._common.printable import printable
+from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
 from lf_flame.formats.view_names import number_grid, view_files
-from lf_flame.formats.view_order import FoundOrder, arranged, check_order, find_order
+from lf_flame.formats.view_order import (
+    FoundOrder,
+    Grid,
+    arranged,
+    as_grid,
+    check_order,
+    find_order,
+    fold,
+    order_memory,
+)
 from lf_flame.lightfield import LightField
 
 
@@ -36,6 +49,12 @@ class ViewFolder:
     files: np.ndarray
     found: FoundOrder
     left_out: int
+
+    @property
+    def counted(self) -> tuple[int, int]:
+        """Rows and columns as the file names count them: what ``grid`` would state."""
+        rows, columns = self.files.shape
+        return (columns, rows) if "col," in self.found.order else (rows, columns)
 
     def describe(self) -> str:
         """Tell in a few lines what was found and how it is read."""
@@ -73,8 +92,8 @@ class ViewFolder:
             If a file cannot be read, or differs from the first in size or channels.
         """
         paths = list(self.files.flat)
+        _check_memory(paths, self.path)
         first = read_image(paths[0])
-        check_memory(len(paths) * first.nbytes, self.path)
         views = np.empty((len(paths), *first.shape), np.float32)
 
         def place(k: int) -> None:
@@ -86,21 +105,26 @@ class ViewFolder:
                 )
             views[k] = image
 
-        with ThreadPoolExecutor() as pool:  # decoders work outside the interpreter's lock
+        with ThreadPoolExecutor(
+            _readers(paths)
+        ) as pool:  # decoders work outside the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
         return LightField(views.reshape(*self.files.shape, *first.shape))
 
 
-def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
+def scan_view_folder(
+    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
+) -> ViewFolder:
     """Find out which files of a folder are the views of a light field, and how they count.
 
     The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) whose names differ in their
     numbers only: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
-    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), or HCI's
-    ``input_Cam000.png`` and on (one running number along a square). Numbers may start anywhere.
-    Other files are left out; a second set of images half as large or larger is refused.
+    ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
+    ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and on: one running number along a square,
+    if the parallax shows one, or along the rows of `grid`. Numbers may start anywhere. Other files
+    are left out; a second set of images half as large or larger is refused.
 
     Parameters
     ----------
@@ -110,6 +134,8 @@ def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
         ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
         bottom), ``row,-col``, and so on. Default: as the parallax of the four central views
         shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
+    grid : (int, int) or str, optional
+        Rows and columns that a running number counts, such as (1, 9) or ``1x9``.
 
     Returns
     -------
@@ -129,20 +155,47 @@ def scan_view_folder(path: str | Path, order: str | None = None) -> ViewFolder:
     """
     path = Path(path)
     files = view_files(path)
-    grid = number_grid(files)
+    _check_memory(files, path)
+    shape = as_grid(grid)
+    numbered = number_grid(files, shape)
+    if numbered.ndim == 1:
+        numbered = fold(numbered, path, shape, read_image)
     if order is None:
-        found = find_order(grid, read_image)
+        found = find_order(numbered, read_image)
     else:
         found = FoundOrder(check_order(order), "as stated")
     left_out = sum(1 for _ in path.iterdir()) - len(files)
-    return ViewFolder(path, arranged(grid, found.order), found, left_out)
+    return ViewFolder(path, arranged(numbered, found.order), found, left_out)
+
+
+def _check_memory(files: list[Path], folder: Path) -> None:
+    """Refuse views that need too much memory, by the header of the first, before any is decoded.
+
+    As floats, with those that are being decoded, or with the search for their order.
+    """
+    shape = read_shape(files[0])
+    values = prod(shape)
+    if shape[2] in (2, 4):
+        values -= prod(shape[:2])  # transparency is left out
+    decoding = 2 * FLOAT * prod(shape)
+    reading = FLOAT * values * len(files) + decoding * _readers(files)
+    check_memory(max(reading, order_memory(shape) + decoding), folder)
+
+
+def _readers(files: list[Path]) -> int:
+    """Count the files that are decoded side by side."""
+    return min(len(files), os.cpu_count() or 1)
 
 
 def read_view_folder(
-    path: str | Path, order: str | None = None, progress: Callable = iter
+    path: str | Path,
+    order: str | None = None,
+    progress: Callable = iter,
+    *,
+    grid: Grid | str | None = None,
 ) -> LightField:
     """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there."""
-    return scan_view_folder(path, order).read(progress)
+    return scan_view_folder(path, order, grid=grid).read(progress)
 
 
 def _kind(image: np.ndarray) -> str:

@@ -2,11 +2,15 @@
 
 import re
 from collections import defaultdict
-from math import isqrt
+from dataclasses import dataclass, field
+from decimal import Decimal
+from itertools import pairwise
+from math import gcd, isqrt
 from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common.numbered_names import Parts, split_numbers
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 
@@ -44,94 +48,130 @@ def view_files(folder: Path) -> list[Path]:
     return by_size[0][1]
 
 
-def number_grid(files: list[Path]) -> np.ndarray:
+def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.ndarray:
     """Arrange files by their numbers.
 
     Two neighbouring numbers that make a full grid count rows and columns, the first such pair: they
-    may start anywhere and rise by any one step; a constant number counts only where it is 0 or 1
-    and written as wide as its partner. Otherwise one running number counts along a square.
+    may start anywhere and rise by any steps; a constant number counts only where it is 0 or 1
+    and written as wide as its partner. Signs and decimals count, as of positions, unless the digits
+    alone make a fuller grid (``01.02``). Otherwise one running number counts all views.
 
     Parameters
     ----------
     files : list of Path
         As `view_files` finds them.
+    shape : (int, int), optional
+        Rows and columns as stated, of which a running number need not tell.
 
     Returns
     -------
-    ndarray of Path, shape (first number, second number)
+    ndarray of Path, shape (first number, second number) or (running number,)
 
     Raises
     ------
     InputError
-        If a view is missing, or the numbers make no grid.
+        If a view is missing, or the numbers make no grid, or another one than stated.
     """
-    words = [re.findall(r"\d+", path.stem) for path in files]
-    shared = min(map(len, words))
-    numbers = np.array([[int(word[-18:]) for word in one[:shared]] for one in words])  # as int64
-    widths = np.array([[len(word) for word in one[:shared]] for one in words]).min(axis=0)
-    pair = _pair(numbers, widths)
-    if pair is not None:
-        return _full_grid(files, numbers[:, pair], widths[pair])
-    for k in range(shared):
-        if len(np.unique(numbers[:, k])) == len(files):
-            return _square(files, numbers[:, k], widths[k])
+    readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
+    readings = readings[readings[0] == readings[1] :]  # one, where there is no sign or decimal
+    pairs = [pair for numbers in readings if (pair := _pair(numbers))]
+    if pairs:
+        rows_columns, _ = min(pairs, key=lambda pair: pair[1])
+        grid = _full_grid(files, rows_columns)
+        if shape not in (None, grid.shape):
+            raise InputError(
+                f"The names of the images like {files[0]} number {grid.shape[0]} x "
+                f"{grid.shape[1]} views, not the {shape[0]} x {shape[1]} of the grid stated."
+            )
+        return grid
+    for numbers in readings:
+        for column in zip(*numbers, strict=True):
+            if len(set(column)) == len(files):
+                if shape is None and isqrt(len(files)) ** 2 != len(files):
+                    _refuse_missing(_gaps(column), files, f"{len(files)} views")
+                return _as_array([path for _, path in sorted(zip(column, files, strict=True))])
     raise InputError(
         f"The {len(files)} images like {files[0]} do not number a grid: each needs a row and a "
         f"column, or a running number, of its own."
     )
 
 
-def _pair(numbers: np.ndarray, widths: np.ndarray) -> slice | None:
-    """Find the neighbouring columns of numbers that make the fullest grid, the first of them."""
-    found = {}
-    for k in range(numbers.shape[1] - 1):
-        pair = slice(k, k + 2)
-        values = numbers[:, pair]
-        counts = [len(np.unique(values[:, axis])) for axis in (0, 1)]
-        constant = counts.index(1) if 1 in counts else None
-        one_row = constant is None or (values[0, constant] in (0, 1) and widths[k] == widths[k + 1])
+@dataclass(frozen=True, order=True)
+class _Count:
+    """A number of a name, and how it is written there."""
+
+    value: Decimal
+    text: str = field(compare=False)
+
+
+Columns = list[tuple[_Count, ...]]
+"""Numbers of each file."""
+
+
+def _numbers(parts: list[Parts]) -> Columns:
+    """Take the numbers that all names have, with their signs and decimals."""
+    shared = min(len(part) // 2 for part in parts)
+    values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
+    return [tuple(_Count(x, f"{x}") for x in one[:shared]) for one in values]
+
+
+def _digits(files: list[Path]) -> Columns:
+    """Take whatever stands in digits that all names have."""
+    words = [re.findall(r"[0-9]+", path.stem) for path in files]
+    shared = min(map(len, words))
+    return [tuple(_Count(Decimal(word), word) for word in one[:shared]) for one in words]
+
+
+def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
+    """Find the neighbouring numbers that make the fullest grid, the first of them, and its size."""
+    found = []
+    for k in range(len(numbers[0]) - 1):
+        pair = [(one[k], one[k + 1]) for one in numbers]
+        rows, columns = ({count.value for count in axis} for axis in zip(*pair, strict=True))
+        widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
+        constant = next((values for values in (rows, columns) if len(values) == 1), None)
+        one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
         # Less than half a grid is no grid with gaps, but numbers that count something else.
-        full_enough = counts[0] * counts[1] <= 2 * len(numbers)
-        if one_row and full_enough and len(np.unique(values, axis=0)) == len(numbers):
-            found[k] = counts[0] * counts[1]
-    first = min(found, key=found.__getitem__, default=None)
-    return None if first is None else slice(first, first + 2)
+        full_enough = len(rows) * len(columns) <= 2 * len(numbers)
+        if one_row and full_enough and len(set(pair)) == len(numbers):
+            found.append((pair, len(rows) * len(columns)))
+    return min(found, key=lambda one: one[1], default=None)
 
 
-def _full_grid(files: list[Path], numbers: np.ndarray, widths: np.ndarray) -> np.ndarray:
+def _full_grid(files: list[Path], numbers: list[tuple[_Count, _Count]]) -> np.ndarray:
     """Put the files in their places and refuse a grid with gaps."""
-    rows, columns = (_evenly(numbers[:, axis]) for axis in (0, 1))
-    placed = {tuple(pair): path for pair, path in zip(numbers.tolist(), files, strict=True)}
+    rows, columns = (_evenly(axis) for axis in zip(*numbers, strict=True))
+    placed = dict(zip(numbers, files, strict=True))
     wanted = [(row, column) for row in rows for column in columns]
     _refuse_missing(
-        [f"{r:0{widths[0]}}_{c:0{widths[1]}}" for r, c in wanted if (r, c) not in placed],
+        [f"{row.text}_{column.text}" for row, column in wanted if (row, column) not in placed],
         files,
         f"{len(rows)} x {len(columns)} views",
     )
-    return _as_grid([placed[pair] for pair in wanted], (len(rows), len(columns)))
+    return _as_array([placed[pair] for pair in wanted]).reshape(len(rows), len(columns))
 
 
-def _square(files: list[Path], numbers: np.ndarray, width: int) -> np.ndarray:
-    """Put files with one running number in a square, in its order."""
-    side = isqrt(len(files))
-    placed = dict(sorted(zip(numbers.tolist(), files, strict=True)))
-    if side**2 != len(files):
-        gaps = [f"{n:0{width}}" for n in _evenly(numbers) if n not in placed]
-        _refuse_missing(gaps, files, f"{len(files)} views")
-        raise InputError(
-            f"The {len(files)} images like {files[0]}, with one running number, make no square "
-            f"grid: {side**2} or {(side + 1) ** 2} would."
-        )
-    return _as_grid(list(placed.values()), (side, side))
+def _gaps(column: tuple[_Count, ...]) -> list[str]:
+    return [count.text for count in _evenly(column) if count not in column]
 
 
-def _evenly(numbers: np.ndarray) -> list[int]:
+def _evenly(numbers: tuple[_Count, ...]) -> list[_Count]:
     """All numbers from the lowest to the highest, in the step that they have in common."""
-    values = np.unique(numbers).tolist()
-    step = int(np.gcd.reduce(np.diff(values))) or 1
-    steps = range(values[0], values[-1] + 1, step)
-    # Wide gaps are no missing views, but another way of counting, by positions or times.
-    return list(steps) if len(steps) <= 2 * len(values) else values
+    found = sorted(set(numbers))
+    finest = min(int(count.value.as_tuple().exponent) for count in found)
+    ticks = [int(count.value.scaleb(-finest)) for count in found]
+    step = gcd(*(after - before for before, after in pairwise(ticks))) or 1
+    steps = range(ticks[0], ticks[-1] + 1, step)
+    if len(steps) > 2 * len(found):
+        # Wide gaps are no missing views, but another way of counting, by positions or times.
+        return found
+    width, known = min(len(count.text) for count in found), dict(zip(ticks, found, strict=True))
+    return [known.get(k) or _between(Decimal(k).scaleb(finest), width) for k in steps]
+
+
+def _between(value: Decimal, width: int) -> _Count:
+    """Write a number that no name has, as the others are written."""
+    return _Count(value, f"{value:f}".zfill(width))
 
 
 def _refuse_missing(missing: list[str], files: list[Path], what: str) -> None:
@@ -142,7 +182,7 @@ def _refuse_missing(missing: list[str], files: list[Path], what: str) -> None:
         raise InputError(f"Of {what} like {files[0]}, {are.format(named + more)} missing.")
 
 
-def _as_grid(files: list[Path], shape: tuple[int, int]) -> np.ndarray:
-    grid = np.empty(len(files), object)
-    grid[:] = files
-    return grid.reshape(shape)
+def _as_array(files: list[Path]) -> np.ndarray:
+    array = np.empty(len(files), object)
+    array[:] = files
+    return array

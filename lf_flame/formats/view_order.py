@@ -6,6 +6,8 @@ row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` colum
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil, isqrt, prod, sqrt
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -32,8 +34,28 @@ SMOOTHING = 1.0
 BORDER = 4
 """Reduced pixels that are left out on each side."""
 
+MOST_PIXELS = 4_000_000
+"""Pixels of a view in which the parallax is looked for; larger ones are reduced before."""
+
+ORDER_BYTES = 140
+"""Bytes of memory that this takes for each of these pixels."""
+
 LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
 """Share of the change between views that an order must explain, and how far before the next."""
+
+LEAST_LEAD = 2.5
+"""How far before the next an order must be for a running number to count a square.
+
+Of one row of n * n views, whatever its texture, the best order explains at most 1.96 times as much
+as the next: what is taken for a step down is n steps along the row.
+"""
+
+LEAST_NEXT = 1e-6
+"""Share below which the next order counts as nothing."""
+
+
+Grid = tuple[int, int]
+"""Rows and columns of views."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +71,15 @@ class FoundOrder:
     slopes : (float, float), optional
         About the slopes at which the scene is sharp in this order, in pixels per view step: the
         5th and the 95th percentile of its patches.
+    lead : float, optional
+        How many times as much of the change between the views it explains as the next order; 0 if
+        the parallax does not tell.
     """
 
     order: str
     reason: str
     slopes: tuple[float, float] | None = None
+    lead: float = 0.0
 
 
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
@@ -102,36 +128,116 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
-    v, u = ((n - 1) // 2 for n in grid.shape[:2])
-    block = [[_grey(read(view)) for view in row] for row in grid[v : v + 2, u : u + 2]]
-    shapes = {view.shape if np.isfinite(view).all() else None for row in block for view in row}
-    smallest = min(block[0][0].shape) if len(shapes) == 1 and None not in shapes else 0
-    scales = [scale for scale in SCALES if smallest // scale >= PATCH + 2 * BORDER]
+    block, scales, times = _middle_views(grid, read)
     explained, next_best, order, slopes = max(
-        (_explain(np.array(block), scale) for scale in scales), default=(0.0, 0.0, "row,col", None)
+        (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", (0.0, 0.0))
     )
     if explained < max(LEAST_EXPLAINED, LEAST_RATIO * next_best):
         return FoundOrder("row,col", "as the numbers stand: the parallax does not tell")
     reason = f"by the parallax, of which it explains {explained:.0%}, the next one {next_best:.0%}"
-    return FoundOrder(order, reason, slopes)
+    low, high = (slope * times for slope in slopes)
+    return FoundOrder(order, reason, (low, high), explained / max(next_best, LEAST_NEXT))
 
 
-def _grey(view: np.ndarray) -> np.ndarray:
-    return view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
+def fold(
+    views: np.ndarray, source: str | Path, shape: Grid | None = None, read: Callable = np.asarray
+) -> np.ndarray:
+    """Put views that one running number counts in rows and columns.
+
+    Parameters
+    ----------
+    views : ndarray, shape (number, ...)
+        The views in their order, or what `read` makes them of.
+    source : str or Path
+        Where they are from, for the message.
+    shape : (int, int), optional
+        Rows and columns. Default: a square, if the parallax of the four views in its middle shows
+        rows and columns.
+    read : callable, optional
+
+    Returns
+    -------
+    ndarray, shape (rows, columns, ...)
+
+    Raises
+    ------
+    InputError
+        If the shape holds another number of views, or none is stated and no square is shown.
+    """
+    count, side = len(views), isqrt(len(views))
+    if shape is not None:
+        if prod(shape) != count:
+            raise InputError(
+                f"A grid of {shape[0]} x {shape[1]} views does not fit {source}, which holds "
+                f"{count}."
+            )
+        return views.reshape(*shape, *views.shape[1:])
+    if side**2 == count > 1:
+        square = views.reshape(side, side, *views.shape[1:])
+        if find_order(square, read).lead > LEAST_LEAD:
+            return square
+    shown = f"their parallax shows no {side} rows" if side**2 == count else "they make no square"
+    raise InputError(
+        f"{source} holds {count} views with one running number, and {shown}: state rows x columns "
+        f"as --grid 1x{count}, if they are one row (in Python grid=(1, {count}))."
+    )
+
+
+def as_grid(grid: Grid | str | None) -> Grid | None:
+    """Take rows and columns of views as two numbers, or as text such as ``1x9``.
+
+    Raises
+    ------
+    InputError
+        If they are no two whole numbers above 0.
+    """
+    if grid is None:
+        return None
+    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
+    try:
+        rows, columns = (int(word) for word in words)
+    except (TypeError, ValueError):
+        rows = columns = 0
+    if rows < 1 or columns < 1:
+        raise InputError(
+            f"grid must be rows x columns of views, such as 1x9 or (1, 9), got {grid!r}."
+        )
+    return rows, columns
+
+
+def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int], int]:
+    """Read the four views in the middle, and tell at which scales their parallax may show.
+
+    At no scale, if they differ in shape or are not finite. The last number returned is that of the
+    pixels along an axis that are averaged to one of the block.
+    """
+    v, u = ((n - 1) // 2 for n in grid.shape[:2])
+    block = [_grey(read(view)) for row in grid[v : v + 2, u : u + 2] for view in row]
+    shapes = {view.shape if np.isfinite(view).all() else None for view, _ in block}
+    if len(shapes) != 1 or None in shapes:
+        return np.empty((2, 2, 0, 0)), [], 1
+    views, times = np.array([view for view, _ in block]), block[0][1]
+    scales = [n for n in SCALES if min(views.shape[1:]) // n >= PATCH + 2 * BORDER]
+    return views.reshape(2, 2, *views.shape[1:]), scales, times
+
+
+def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
+    """Average the colours, and the pixels of a large view, so many to one along each axis."""
+    times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
+    grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
+    return downscale_local_mean(grey, (times, times)) if times > 1 else grey, times
+
+
+def order_memory(shape: tuple[int, ...]) -> int:
+    """Bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
+    rows, columns = shape[:2]
+    return ORDER_BYTES * min(rows * columns, MOST_PIXELS) + 8 * rows * columns
 
 
 def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
     """Explained share of the change by the best and the second-best order, at one scale."""
-    reduced = downscale_local_mean(block, (1, 1, scale, scale))
-    views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
-    first = np.diff(views, axis=0)[0].mean(0)
-    second = np.diff(views, axis=1)[:, 0].mean(0)
-    mean = reduced.mean((0, 1))
-    down, right = (gaussian_filter(mean, SMOOTHING, order=order) for order in ((1, 0), (0, 1)))
-    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
-    first, second, down, right = (field[inner] for field in (first, second, down, right))
+    first, second, down, right = _changes(block, scale)
     texture = _patches(down**2 + right**2)
-    change = _patches(first**2 + second**2).sum()
     found = []
     for order, with_first, with_second in (
         ("row,col", down, right),
@@ -139,15 +245,36 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
         ("col,row", right, down),
         ("col,-row", right, -down),
     ):
-        product = _patches(first * with_first + second * with_second)
-        slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
-        found.append((-np.sum(slopes * product), order, slopes * scale))
+        share, slopes = _fit(first, second, with_first, with_second)
+        found.append((share, order, slopes * scale))
     found.sort(key=lambda one: one[0], reverse=True)
     (best, order, slopes), (next_best, *_) = found[:2]
     seen = slopes[texture >= texture.mean() / 4]  # others are mostly noise
     low, high = (float(x) for x in np.percentile(seen, (5, 95)))
-    change = max(change, np.finfo(float).tiny)
-    return best / change, next_best / change, order, (low, high)
+    return best, next_best, order, (low, high)
+
+
+def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
+    """Change from row to row and from column to column, and the gradients down and right."""
+    reduced = downscale_local_mean(block, (1, 1, scale, scale))
+    views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
+    first = np.diff(views, axis=0)[0].mean(0)
+    second = np.diff(views, axis=1)[:, 0].mean(0)
+    mean = reduced.mean((0, 1))
+    down, right = (gaussian_filter(mean, SMOOTHING, order=order) for order in ((1, 0), (0, 1)))
+    inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
+    return [field[inner] for field in (first, second, down, right)]
+
+
+def _fit(
+    first: np.ndarray, second: np.ndarray, with_first: np.ndarray, with_second: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Fit one slope to each patch; the share of the change that they explain, and the slopes."""
+    product = _patches(first * with_first + second * with_second)
+    texture = _patches(with_first**2 + with_second**2)
+    slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
+    change = max(_patches(first**2 + second**2).sum(), np.finfo(float).tiny)
+    return float(-np.sum(slopes * product) / change), slopes
 
 
 def _patches(field: np.ndarray) -> np.ndarray:

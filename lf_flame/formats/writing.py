@@ -40,9 +40,11 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)
     elif suffix == ".npz":
-        weights = {} if light_field.weights is None else {"weights": light_field.weights}
+        arrays = {"views": light_field.views}
+        if light_field.weights is not None:
+            arrays["weights"] = light_field.weights
         with atomic_write(path) as aside, aside.open("wb") as file:
-            np.savez(file, views=light_field.views, **weights)
+            np.savez(file, allow_pickle=False, **arrays)
     else:
         raise InputError(
             f"A light field is written to a folder, .png, .tif, .npy or .npz, got {path}."

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
+from lf_flame.lightfield import as_view_weights
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.projection import _kernels
 from lf_flame.projection.line_sums import split_rows, sum_lines
-from lf_flame.lightfield import as_view_weights
 from lf_flame.refocus._arguments import as_block, as_slopes
 from lf_flame.refocus.alignment import as_view_indices
 from lf_flame.scenes.scene import Scene

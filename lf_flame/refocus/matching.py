@@ -45,13 +45,13 @@ LEAST_SIDE = 0.125
 """Share of what all views beside the middle count, below which a half or a quarter is not asked."""
 
 LEVEL_TURNS = 2
-"""Times that the levels of uneven views are found, each time by the slopes that the last ones give."""
+"""Times that the levels of uneven views are found, each time by the slopes found last."""
 
 LEAST_KNOWN = 0.05
 """Share of the pixels whose slopes are known, below which levels are left as they are."""
 
 SLOPE_WINDOW = 3.0
-"""Standard deviation, in pixels of a row, of the Gaussian over which its slopes are found for that."""
+"""Standard deviation, in pixels of a row, of the Gaussian over which its slopes are found."""
 
 SAMPLED_ROWS = 32
 """Rows, about, from which noise and levels are taken."""
@@ -182,7 +182,7 @@ class ComparedViews:
         return least, best
 
     def _squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared differences from the middle in the nine parts, (3, 3, rows, s), and the middle."""
+        """Squared differences from the middle in nine parts, (3, 3, rows, s), and the middle."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)

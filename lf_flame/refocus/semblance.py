@@ -3,13 +3,13 @@
     semblance = sum |sum_a h_a g_a|^2 / sum (sum_a h_a) (sum_a h_a |g_a|^2)
 
 over the lenslets of the region, with g_a the gradient that view a shows there at a slope, and h_a
-its weight, which falls to 0 at the edges of the view, times how much the view counts. By the Cauchy-Schwarz inequality it is 1
-where the views agree and less elsewhere, whatever the region holds (Neidell and Taner, Geophysics
-36, 482, 1971; theirs is of seismic traces). Three things that would draw the slope of sharpest
-focus away from the truth are so kept out: bilinear shifts soften an image unless they are whole,
-here all are exact, by the spectrum; above the frequencies that the views resolve there is aliasing,
-so the gradients are low-passed; and as the slope changes light enters and leaves the region, and
-fewer views see the lenslets near the edges of the image, which numerator and denominator share.
+its weight, which falls to 0 at the edges of the view, times how much the view counts. By the
+Cauchy-Schwarz inequality it is 1 where the views agree and less elsewhere, whatever the region
+holds (Neidell and Taner, Geophysics 36, 482, 1971; theirs is of seismic traces). This excludes
+three sources of bias: bilinear shifts soften an image unless they are whole, here all are exact, by
+the spectrum; above the frequencies that the views resolve there is aliasing, so the gradients are
+low-passed; and as the slope changes light enters and leaves the region, and fewer views see the
+lenslets near the edges of the image, which numerator and denominator share.
 """
 
 import math
@@ -85,7 +85,8 @@ def semblance(
     down, across = interval_of_region
     some = slopes_in_memory(*axes)
     passes = [
-        SemblanceSums(slopes[k : k + some], *axes, counts) for k in range(0, len(slopes), some)
+        SemblanceSums(slopes[k : k + some], axes[0], axes[1], counts)
+        for k in range(0, len(slopes), some)
     ]
     rows: Iterable = ((sums, v) for sums in passes for v in range(len(views)))
     if progress is not None:

@@ -124,7 +124,7 @@ def separable_terms(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     some = sizes > LEAST_TERM * counts.max()
     some[MOST_TERMS - 1 :] = False
     more = (left[:, : len(sizes)] * sizes).T[some], right[: len(sizes)][some]
-    return tuple(np.vstack([first, rest]) for first, rest in zip((down, across), more, strict=True))
+    return np.vstack([down, more[0]]), np.vstack([across, more[1]])
 
 
 def slopes_in_memory(down: ShiftAxis, across: ShiftAxis) -> int:

@@ -1,4 +1,4 @@
-"""The level of each view against the middle one, which falls off towards the corners in real lenses.
+"""The level of each view against the middle one, which falls off towards the corners.
 
 By cos^4, vignetting or the gain of a camera, views of one place differ in brightness; what compares
 views takes that for parallax. The level of a view is a polynomial of second order over the image,
@@ -6,6 +6,8 @@ by which the view is multiplied. It is fitted to the middle view where both show
 far as is known, by instrumental variables: sums of pixels times powers of their place, which noise
 does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5).
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
@@ -107,7 +109,13 @@ def _smooth_over_views(
     levels[weights > 0, 1:] = terms.T @ fit
 
 
-def _read(view: np.ndarray, places: list, slope: np.ndarray, down: float, across: float):
+def _read(
+    view: np.ndarray,
+    places: Sequence[np.ndarray],
+    slope: np.ndarray,
+    down: float,
+    across: float,
+):
     """Read a view where it shows the places: its light, powers of where that is, and if inside."""
     at = [place + slope * step for place, step in zip(places, (down, across), strict=True)]
     light = map_coordinates(view, at, np.float64, order=1, mode="nearest")

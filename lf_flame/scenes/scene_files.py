@@ -8,13 +8,18 @@ from skimage.util import img_as_float64
 
 from lf_flame._common.config import build
 from lf_flame._common.input_files import read_record, read_toml
-from lf_flame._common.pixels import read_pixels
+from lf_flame._common.memory import check_memory
+from lf_flame._common.pixels import check_levels, read_pixels, read_shape
 from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import LARGEST_MM, Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
+
+LAYER_BYTES, CHANNEL_BYTES = 52, 8
+"""Bytes of memory that a layer takes for each pixel of its image, and for each of its channels,
+while it is read and its radiance, coverage and absorption are made."""
 
 
 @strict
@@ -69,6 +74,13 @@ class LayerEntry:
                 f"size_mm must be above 0, below {LARGEST_MM:g}, and brightness 0 or above, "
                 f"got {self.size_mm} and {self.brightness}."
             )
+
+    def memory(self, folder: Path) -> int:
+        """Bytes that it takes to make the layer from its image file, by the file's header."""
+        if self.image is None:
+            return 0
+        rows, columns, channels = read_shape(folder / self.image)
+        return rows * columns * (LAYER_BYTES + CHANNEL_BYTES * channels)
 
     def layer(self, folder: Path) -> Layer:
         """Make the layer, its image file looked for in `folder`."""
@@ -126,9 +138,12 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
         If the file cannot be read, or a value in it cannot be used.
     """
     entries = build(SceneFile, read_toml(path), path)
-    layers = []
+    layers: list[Layer] = []
+    need = 0
     for number, entry in enumerate(entries.layers, 1):
         try:
+            need += entry.memory(Path(path).parent)
+            check_memory(need, "what the scene shows up to here")
             layers.append(entry.layer(Path(path).parent))
         except InputError as error:
             raise InputError(f"{path}: layer {number}: {error}") from None
@@ -148,7 +163,9 @@ def read_camera(path: str | Path) -> PlenopticCamera:
 
 def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Read the radiance of an image's pixels, and how far they are there at all."""
-    image = img_as_float64(read_pixels(path))
+    pixels = read_pixels(path)
+    check_levels(pixels, path)
+    image = img_as_float64(pixels)
     if image.ndim not in (2, 3):
         raise InputError(f"{path} must be one image, got an array of shape {image.shape}.")
     coverage = np.ones(image.shape[:2])

@@ -1,5 +1,9 @@
+"""Memory: what an input needs is known before it is taken."""
+
 import os
 import re
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +14,7 @@ from PIL import Image
 from lf_flame import InputError
 from lf_flame._common.memory import LIMIT, check_memory, memory_limit
 from lf_flame.formats import read_light_field
+from lf_flame.scenes.scene_files import read_scene
 
 
 def test_half_of_the_machine_unless_the_environment_says_otherwise(monkeypatch):
@@ -59,15 +64,19 @@ def write_folder(path):
         Image.new("L", (1000, 500)).save(path / f"view_{view}.png")
 
 
+SEARCH = 140 * 0.5 + 8 * 0.5
+"""Megabytes that the search for the order takes for views of half a million pixels."""
+
+
 @pytest.mark.parametrize(
     ("name", "write", "megabytes"),
     [
         ("a.png", write_png, 16),
         ("a.tif", write_tiff, 10),
-        ("pages.tif", write_pages, 10),
+        ("pages.tif", write_pages, 2 * 8 + SEARCH),
         ("a.npy", write_npy, 16),
         ("a.npz", write_npz, 16),
-        ("folder", write_folder, 8),
+        ("folder", write_folder, 4 + SEARCH),
     ],
 )
 def test_what_a_light_field_needs_is_known_before_it_is_taken(
@@ -75,11 +84,65 @@ def test_what_a_light_field_needs_is_known_before_it_is_taken(
 ):
     """Two million pixels; the limit lies just below what they need, and just above."""
     write(tmp_path / name)
+    stated = {"views": 1} if name in ("a.png", "a.tif") else {}
+    stated = {"grid": "2x2"} if name in ("pages.tif", "folder") else stated
     monkeypatch.setenv(LIMIT, str(0.9 * megabytes / 1000))
     with pytest.raises(InputError, match=rf"{name} would need 0\.0\d+ GB of memory.*{LIMIT}"):
-        read_light_field(tmp_path / name, views=1 if name in ("a.png", "a.tif") else None)
+        read_light_field(tmp_path / name, **stated)
     monkeypatch.setenv(LIMIT, str(1.1 * megabytes / 1000))
-    read_light_field(tmp_path / name, views=1 if name in ("a.png", "a.tif") else None)
+    read_light_field(tmp_path / name, **stated)
+
+
+def stated_need(tmp_path, monkeypatch, read):
+    """Bytes that a reader says it needs, and those that it takes at most."""
+    monkeypatch.setenv(LIMIT, "1e-6")
+    with pytest.raises(InputError, match="would need") as refused:
+        read()
+    monkeypatch.setenv(LIMIT, "1")
+    tracemalloc.start()
+    read()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return 1e9 * float(re.search(r"need (\S+) GB", str(refused.value))[1]), peak
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGB", "RGBA"])
+def test_an_image_of_a_layer_takes_no_more_than_is_said(tmp_path, monkeypatch, mode):
+    Image.new(mode, (700, 500)).save(tmp_path / "a.png")
+    layer = '[[layers]]\nimage = "a.png"\ndepth_mm = 1.0\nsize_mm = [5.0, 7.0]\nopaque = true\n'
+    (tmp_path / "a.toml").write_text(layer)
+    said, peak = stated_need(tmp_path, monkeypatch, lambda: read_scene(tmp_path / "a.toml"))
+    assert 0.5 * said < peak < said
+    (tmp_path / "a.toml").write_text(3 * layer)
+    monkeypatch.setenv(LIMIT, str(2.5e-9 * said))
+    with pytest.raises(InputError, match="layer 3: what the scene shows up to here would need"):
+        read_scene(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+@pytest.mark.parametrize("side", [2, 5])
+def test_a_folder_takes_no_more_than_is_said(tmp_path, monkeypatch, mode, side):
+    for view in range(side**2):
+        Image.new(mode, (500, 400)).save(tmp_path / f"{view // side}_{view % side}.png")
+    said, peak = stated_need(tmp_path, monkeypatch, lambda: read_light_field(tmp_path))
+    assert 0.5 * said < peak < said
+
+
+def test_large_views_are_refused_before_one_is_decoded(tmp_path, monkeypatch):
+    """Four pictures that say they are of 30,000 x 30,000 pixels, and hold none."""
+    Image.new("L", (1, 1)).save(tmp_path / "0_0.png")
+    whole = (tmp_path / "0_0.png").read_bytes()
+    head = b"IHDR" + (30000).to_bytes(4) * 2 + whole[24:29]
+    claim = whole[:12] + head + zlib.crc32(head).to_bytes(4) + whole[33:]
+    for name in ("0_0", "0_1", "1_0", "1_1"):
+        (tmp_path / f"{name}.png").write_bytes(claim)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", None)
+    monkeypatch.setenv(LIMIT, "12")
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"would need \d+(\.\d)? GB"):
+        read_light_field(tmp_path)
+    assert tracemalloc.get_traced_memory()[1] < 2e6
+    tracemalloc.stop()
 
 
 def test_a_header_alone_takes_no_memory(tmp_path):

@@ -1,6 +1,7 @@
 """Images, lenslet images, arrays and stacks: round trips and what is refused."""
 
 import json
+import re
 import subprocess
 import sys
 import zlib
@@ -200,6 +201,65 @@ def test_odd_arrays_are_refused(tmp_path, rng):
         read_array(tmp_path / "nowhere.npy")
 
 
+@pytest.mark.parametrize(
+    ("axes", "shape"),
+    [
+        ("ntsc", (81, 80, 64, 3)),
+        ("tsvu", (80, 64, 9, 9)),
+        ("ncts", (81, 3, 80, 64)),
+        ("cnts", (3, 81, 80, 64)),
+        ("vucts", (9, 9, 3, 80, 64)),
+        ("cvuts", (3, 9, 9, 80, 64)),
+        ("tsvuc", (80, 64, 9, 9, 3)),
+        ("vtus", (9, 80, 9, 64)),
+        ("nts", (81, 80, 90)),
+        ("tsn", (20, 30, 81)),
+    ],
+)
+def test_arrays_in_another_order_are_named_and_read(tmp_path, rng, axes, shape):
+    array = rng.integers(0, 256, shape, np.uint8)
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(InputError, match=rf"{re.escape(str(shape))}.*looks like axes {axes}: .*"):
+        read_light_field(tmp_path / "a.npy", views=1 if len(shape) == 3 else None)
+    grid = "9x9" if "n" in axes else None
+    views = read_light_field(tmp_path / "a.npy", axes=axes, grid=grid).views
+    wanted = "n" if "n" in axes else "vu"
+    wanted += "tsc" if "c" in axes else "ts"
+    expected = np.einsum(f"{axes}->{wanted}", array).reshape(views.shape)
+    assert views.shape[:2] == (9, 9)
+    np.testing.assert_array_equal(views, expected / np.float32(255))
+
+
+def test_an_array_with_more_views_than_pixels_is_read_where_its_axes_are_stated(tmp_path, rng):
+    array = rng.uniform(size=(12, 12, 5, 6)).astype(np.float32)
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(InputError, match="can hardly be"):
+        read_light_field(tmp_path / "a.npy")
+    np.testing.assert_array_equal(read_light_field(tmp_path / "a.npy", axes="vuts").views, array)
+
+
+@pytest.mark.parametrize("axes", ["", "vut", "vutt", "vutsc", "nvts", "xyzw", "ntsv"])
+def test_axes_that_do_not_fit_are_refused(tmp_path, axes):
+    np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
+    with pytest.raises(InputError, match=r"axes must be one letter for each axis of .*, got "):
+        read_light_field(tmp_path / "a.npy", axes=axes)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("a.lfp", "container of a Lytro camera"),
+        ("a.LFR", "container of a Lytro camera"),
+        ("a.mat", "a MATLAB file, which is not read"),
+        ("a.h5", "an HDF5 file, which is not read"),
+    ],
+)
+def test_containers_that_are_not_read_are_named(tmp_path, name, told):
+    (tmp_path / name).write_bytes(b"anything")
+    with pytest.raises(InputError, match=told):
+        read_light_field(tmp_path / name)
+
+
 @pytest.mark.parametrize("bits", [8, 16, 32])
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
@@ -218,9 +278,10 @@ def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
         axes = "ZYXS" if channels else "ZYX"
         tifffile.imwrite(tmp_path / "imagej.tif", row, imagej=True, metadata={"axes": axes})
     for path in tmp_path.iterdir():
-        back = read_light_field(path).views
+        stated = {} if path.name == "grid.tiff" else {"grid": "3x3"}
+        back = read_light_field(path, **stated).views
         np.testing.assert_array_equal(back, kept / np.float32(top), err_msg=path.name)
-        turned = read_light_field(path, order="col,row").views
+        turned = read_light_field(path, order="col,row", **stated).views
         np.testing.assert_array_equal(turned, back.swapaxes(0, 1))
 
 
@@ -233,7 +294,7 @@ def test_a_tiff_of_one_page_is_a_lenslet_image(tmp_path, rng):
 def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
     pages = levels(rng, (9, 3, 10, 12), bits=16)
     tifffile.imwrite(tmp_path / "a.tif", pages, imagej=True, metadata={"axes": "ZCYX"})
-    views = read_light_field(tmp_path / "a.tif").views
+    views = read_light_field(tmp_path / "a.tif", grid=(3, 3)).views
     expected = np.moveaxis(pages, 1, -1).reshape(3, 3, 10, 12, 3) / np.float32(65535)
     np.testing.assert_array_equal(views, expected)
 
@@ -250,7 +311,9 @@ def test_a_thumbnail_in_a_tiff_is_left_out(tmp_path, rng):
 def test_odd_stacks_are_refused(tmp_path, rng):
     stack = rng.uniform(size=(7, 10, 12)).astype(np.float32)
     tifffile.imwrite(tmp_path / "seven.tif", stack)
-    with pytest.raises(InputError, match=r"square number of pages, .*got .*\(7,\)"):
+    with pytest.raises(
+        InputError, match=r"seven.tif holds 7 views .* make no square: .* --grid 1x7"
+    ):
         read_light_field(tmp_path / "seven.tif")
     write_focal_stack(stack[:4], [0, 1, 2, 3], tmp_path / "focal.tif")
     with pytest.raises(InputError, match="focal.tif is a stack of refocused images"):
@@ -328,9 +391,9 @@ def test_one_door_opens_every_kind(tmp_path, rng):
 
 
 def test_what_no_door_fits_is_refused(tmp_path):
-    (tmp_path / "a.lfr").write_bytes(b"")
-    with pytest.raises(InputError, match=r"a.lfr is no light field: it must be a folder of views"):
-        read_light_field(tmp_path / "a.lfr")
+    (tmp_path / "a.xyz").write_bytes(b"")
+    with pytest.raises(InputError, match=r"a.xyz is no light field: it must be a folder of views"):
+        read_light_field(tmp_path / "a.xyz")
     with pytest.raises(InputError, match="no such file or folder"):
         read_light_field(tmp_path / "nowhere")
     (tmp_path / "a.png").write_bytes(b"no picture")

@@ -16,7 +16,7 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
-from lf_flame.formats.view_order import ORDERS, arranged, find_order
+from lf_flame.formats.view_order import ORDERS, arranged, find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
@@ -70,6 +70,17 @@ def numbered(rows, columns, form, first=0, step=1):
         ([f"scene1_{n:03}.png" for n in range(9)], (3, 3)),
         ([f"frame{n}.png" for n in (3, 7, 8, 12)], (2, 2)),
         (numbered((0, 15), (0, 3, 100), "mm_{:03}_{:03}.png"), (2, 3)),
+        (
+            [f"y{y}_x{x}.png" for y in ("0.00", "1.37", "2.74", "4.11", "5.48") for x in (0, 3, 6)],
+            (5, 3),
+        ),
+        (numbered((-40, -24, -8), (-40, -8), "pos_{}_{}.png"), (3, 2)),
+        (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}.png"), (5, 5)),
+        (numbered((-12.5, 0, 2.25), (-1, 0.5), "y{:+.2f}_x{:.2f}.png"), (3, 2)),
+        (numbered(range(9, 12), range(8, 11), "scene.{}.{}.png"), (3, 3)),
+        (numbered(range(9, 12), range(8, 11), "view-{}-{}.png"), (3, 3)),
+        ([f"cam_{n}.png" for n in range(-4, 5)], (1, 9)),
+        ([f"cam_{n}.png" for n in range(1, 17)], (2, 8)),
         ([f"{20240101120000000000 + 7**n}.png" for n in range(4)], (2, 2)),
     ],
     ids=lambda value: value[1] if isinstance(value, list) else "",
@@ -77,8 +88,124 @@ def numbered(rows, columns, form, first=0, step=1):
 def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     views = levels(rng, (*shape, 5, 6))
     save(tmp_path, names, views)
-    light_field = read_view_folder(tmp_path)
+    light_field = read_view_folder(tmp_path, grid=shape)
     np.testing.assert_array_equal(light_field.views, views / np.float32(255))
+
+
+@pytest.mark.parametrize(
+    ("names", "slope"),
+    [
+        ([f"y{y:.2f}_x{x}" for y in (0, 1.37, 2.74, 4.11, 5.48) for x in (0, 3, 6, 9, 12)], 0.6),
+        (numbered(range(-40, -7, 8), range(-40, -7, 8), "pos_{}_{}"), 0.6),
+        (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}"), -0.6),
+    ],
+    ids=["decimals", "negative", "signs"],
+)
+def test_positions_give_the_slope(tmp_path, rng, names, slope):
+    views = np.rint(255 * textured(rng, slope, views=(5, 5))).astype(np.uint8)
+    save(tmp_path, [f"{name}.png" for name in names], views)
+    found = find_sharpest_slope(read_view_folder(tmp_path), np.arange(-1, 1.01, 0.1))
+    assert found.slope == pytest.approx(slope, abs=0.02)
+
+
+def test_a_missing_position_is_named(tmp_path, rng):
+    names = numbered((-1.5, -0.5, 0.5), (0, 1), "p_{:.1f}_{}.png")
+    save(tmp_path, names, levels(rng, (3, 2, 3, 4)))
+    (tmp_path / "p_-0.5_1.png").unlink()
+    with pytest.raises(InputError, match=r"3 x 2 views like .*, view -0.5_1 is missing"):
+        read_view_folder(tmp_path)
+
+
+def in_a_row(rng, count, slope=0.6, axis=1):
+    """Draw views along one row, or one column, with the numbers 0, 1 ..."""
+    shape = (count, 1) if axis == 0 else (1, count)
+    return textured(rng, slope, views=shape, shape=(90, 110)).reshape(count, 90, 110)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("count", [4, 9, 16, 25])
+def test_one_row_of_views_is_no_square(tmp_path, rng, count, axis):
+    views = in_a_row(rng, count, axis=axis)
+    stored = np.rint(255 * views).astype(np.uint8)
+    save(tmp_path / "row", [f"cam{n:02}.png" for n in range(count)], stored[None])
+    imwrite(tmp_path / "pages.tif", views, photometric="minisblack", metadata={"axes": "ZYX"})
+    imwrite(tmp_path / "i.tif", views[None], imagej=True, metadata={"axes": "TZYX"})
+    np.save(tmp_path / "n.npy", views)
+    for name in ("row", "pages.tif", "i.tif", "n.npy"):
+        axes = "nts" if name == "n.npy" else None
+        for order in (None, "row,col"):
+            with pytest.raises(InputError, match=rf"{count} views .*--grid 1x{count}, if"):
+                read_light_field(tmp_path / name, order=order, axes=axes)
+        grid = (count, 1) if axis == 0 else f"1x{count}"
+        light_field = read_light_field(tmp_path / name, grid=grid, axes=axes)
+        assert light_field.views.shape == ((count, 1) if axis == 0 else (1, count)) + (90, 110)
+    found = find_sharpest_slope(light_field, np.arange(-1, 1.01, 0.1))
+    assert found.slope == pytest.approx(0.6, abs=0.02)
+
+
+@pytest.mark.parametrize("count", [4, 9, 25])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_row_of_slanted_stripes_is_no_square(rng, count, axis):
+    """Where gradients down and right go together, rows and columns seem alike."""
+    t, s = np.mgrid[:60, :60]
+    for angle in np.deg2rad(range(0, 180, 9)):
+        down, right = np.sin(angle), np.cos(angle)
+        moved = [0.6 * n * (right, down)[axis] for n in range(count)]
+        row = np.array([np.sin((down * t + right * s - move) / 3) for move in moved])
+        row += 0.01 * rng.normal(size=row.shape)
+        with pytest.raises(InputError, match="shows no"):
+            fold(row, "row")
+
+
+@pytest.mark.parametrize("shape", [(4, 9), (2, 8), (3, 12)])
+def test_a_square_number_in_other_rows_is_no_square(rng, shape):
+    views = textured(rng, 0.6, views=shape)
+    with pytest.raises(InputError, match="shows no"):
+        fold(views.reshape(-1, *views.shape[2:]), "views")
+
+
+def test_rows_that_turn_back_are_no_square(rng):
+    views = textured(rng, 0.6, views=(4, 4))
+    views[1::2] = views[1::2, ::-1].copy()
+    with pytest.raises(InputError, match="shows no"):
+        fold(views.reshape(-1, *views.shape[2:]), "views")
+
+
+@pytest.mark.parametrize("side", [2, 3, 5])
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+def test_a_square_with_one_running_number_is_found(tmp_path, rng, side, order):
+    views = np.rint(255 * textured(rng, 0.6, views=(side, side))).astype(np.uint8)
+    counted = views[::-1] if "-row" in order else views
+    counted = counted.swapaxes(0, 1) if order.startswith("col") else counted
+    names = [f"input_Cam{n:03}.png" for n in range(side**2)]
+    save(tmp_path / "f", names, counted)
+    pages = counted.reshape(side**2, *views.shape[2:])
+    imwrite(tmp_path / "a.tif", pages, photometric="minisblack")
+    imwrite(tmp_path / "b.tif", counted, imagej=True, metadata={"axes": "TZYX"})
+    for name in ("f", "a.tif", "b.tif"):
+        found = read_light_field(tmp_path / name).views
+        np.testing.assert_array_equal(found, views / np.float32(255))
+
+
+@pytest.mark.parametrize("grid", ["9", "1x", "0x9", "3x3x3", "axb", (3,), (-3, -3), (3, 0)])
+def test_a_grid_is_two_numbers(tmp_path, rng, grid):
+    save(tmp_path, [f"{n}.png" for n in range(9)], levels(rng, (3, 3, 3, 4)))
+    with pytest.raises(InputError, match=r"grid must be rows x columns"):
+        read_view_folder(tmp_path, grid=grid)
+
+
+def test_a_grid_must_fit(tmp_path, rng):
+    save(tmp_path / "run", [f"{n}.png" for n in range(9)], levels(rng, (3, 3, 3, 4)))
+    save(tmp_path / "pair", numbered(range(3), range(3), "{}_{}.png"), levels(rng, (3, 3, 3, 4)))
+    with pytest.raises(InputError, match="2 x 4 views does not fit .*run, which holds 9"):
+        read_light_field(tmp_path / "run", grid="2x4")
+    with pytest.raises(InputError, match="number 3 x 3 views, not the 1 x 9 of the grid stated"):
+        read_light_field(tmp_path / "pair", grid="1x9")
+    np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
+    with pytest.raises(InputError, match="state the axes"):
+        read_light_field(tmp_path / "a.npy", grid="2x2")
+    with pytest.raises(InputError, match="not in .*0.png"):
+        read_light_field(tmp_path / "run" / "0.png", grid="1x1")
 
 
 def test_stanford_names_take_the_grid_and_not_the_positions(tmp_path, rng):
@@ -231,7 +358,7 @@ def test_a_missing_running_number_is_named(tmp_path, rng):
     with pytest.raises(InputError, match="view 004 is missing"):
         read_view_folder(tmp_path)
     (tmp_path / "input_Cam008.png").rename(tmp_path / "input_Cam004.png")  # the last is missing
-    with pytest.raises(InputError, match=r"The 8 images .* no square grid: 4 or 9 would"):
+    with pytest.raises(InputError, match=r"holds 8 views .* make no square: .* --grid 1x8"):
         read_view_folder(tmp_path)
 
 
@@ -294,7 +421,7 @@ def test_transparency_palettes_and_single_bits_are_read(tmp_path, rng, mode):
         if "A" in mode:
             image.putalpha(Image.fromarray(levels(rng, (5, 6))))
         image.save(tmp_path / f"{k}.png")
-    views = read_view_folder(tmp_path).views
+    views = read_view_folder(tmp_path, grid="2x2").views
     views = views if views.ndim == 4 else views[..., 1]
     np.testing.assert_array_equal(views.reshape(4, 5, 6), grey / 255)
 
@@ -315,7 +442,7 @@ def test_progress_sees_every_file(tmp_path, rng):
             yield file
             seen.append(file.name)
 
-    read_view_folder(tmp_path, progress=progress)
+    read_view_folder(tmp_path, progress=progress, grid=(3, 3))
     assert seen == [f"{n}.png" for n in range(9)]
 
 

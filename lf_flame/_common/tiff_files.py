@@ -1,0 +1,237 @@
+"""TIFF files: nothing beside them is opened, and their levels are brought to mean light."""
+
+import io
+import struct
+import sys
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from PIL import Image
+
+from lf_flame._common.input_files import readable
+from lf_flame._common.memory import check_memory
+from lf_flame.errors import InputError
+
+TIFF_SUFFIXES = (".tif", ".tiff")
+
+TIFF_ERRORS = (
+    tifffile.TiffFileError, OSError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
+    AttributeError, AssertionError, NotImplementedError, RuntimeError, SyntaxError, struct.error,
+    zlib.error,
+)  # fmt: skip
+"""What tifffile, Pillow and their decoders raise at damaged files."""
+
+FLOAT = np.dtype(np.float32).itemsize
+"""Bytes of a pixel's value in a light field."""
+
+GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW = 1, 0, 2, 6, 34892
+"""Meanings of samples (PhotometricInterpretation) that are read; TIFF 6.0 and DNG 1.4."""
+
+TRANSPARENCY = 2
+"""Meaning of an extra sample: transparency that the colours are not multiplied by."""
+
+
+class _Apart(io.FileIO):
+    """A file that has no neighbours: tifffile opens others only beside one with a descriptor."""
+
+    def fileno(self) -> int:
+        raise io.UnsupportedOperation("other files are not opened")
+
+
+@contextmanager
+def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
+    """Open a TIFF file; whatever it says of other files, none of them is opened.
+
+    Yields
+    ------
+    tifffile.TiffFile
+
+    Raises
+    ------
+    InputError
+        If it is no regular file, or no TIFF file that can be read.
+    """
+    with (
+        readable(path, TIFF_ERRORS),
+        io.BufferedReader(_Apart(path)) as stream,
+        tifffile.TiffFile(stream) as file,
+    ):
+        yield file
+
+
+def read_tiff(path: str | Path) -> np.ndarray:
+    """Read the first series of images of a TIFF file, in the axes that it has.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read (`read_series`).
+    """
+    with open_tiff(path) as file:
+        return read_series(file.series[:1], path)[0]
+
+
+def read_series(
+    series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
+) -> list[np.ndarray]:
+    """Read series of an open TIFF file, if there is memory for all of them as floats.
+
+    Grey that counts from white is turned, levels of less than a whole number of bytes become
+    fractions of the highest, and pictures are turned as the file says that they are seen.
+
+    Parameters
+    ----------
+    series : list of tifffile.TiffPageSeries
+    path : str or Path
+        The file, for the message and for decoders of its own.
+    **options
+        Of `tifffile.TiffPageSeries.asarray`.
+
+    Raises
+    ------
+    InputError
+        If a page is in another file, its samples mean no light, or memory does not suffice.
+    """
+    need = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + FLOAT) for one in series)
+    check_memory(need, path)
+    return [_decode(one, path, options) for one in series]
+
+
+def transparency(page: tifffile.TiffPage) -> bool:
+    """Whether the last sample of a page is its transparency."""
+    return tuple(page.extrasamples) == (TRANSPARENCY,)
+
+
+def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
+    """Turn a picture as it is to be seen; EXIF 2.32 and TIFF 6.0, Orientation.
+
+    Parameters
+    ----------
+    pixels : ndarray
+    orientation : int
+        1 to 8; other numbers mean nothing, as 1.
+    rows : int, optional
+        Axis of the rows; that of the columns follows.
+    """
+    axes = (rows, rows + 1)
+    if orientation in (5, 6, 7, 8):
+        pixels = np.swapaxes(pixels, *axes)
+    turned = {2: (1,), 3: (0, 1), 4: (0,), 6: (1,), 7: (0, 1), 8: (0,)}.get(orientation, ())
+    return np.flip(pixels, tuple(axes[k] for k in turned))
+
+
+def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
+    """Decode a series by tifffile, or what that cannot decode by Pillow."""
+    if any(page is None for page in series.pages):
+        raise InputError(
+            f"{path} names other files as the place of some of its pages, and these are not "
+            f"opened: store all pages in one file."
+        )
+    page = series.keyframe
+    meaning = _meaning(page, path)
+    bits, rows = _bits(page), _axes(series, options).index("Y")
+    try:
+        if meaning == YCBCR:
+            return _by_pillow(series, path, options)
+        pixels = series.asarray(**options)
+    except TIFF_ERRORS as error:
+        if not any(words in str(error) for words in ("imagecodecs", "not supported")):
+            raise
+        try:
+            pixels = _by_pillow(series, path, options)
+        except (*TIFF_ERRORS, Image.DecompressionBombError):
+            raise InputError(
+                f"{path} is damaged, or packed in a way (compression {int(page.compression)}, "
+                f"{bits} bits) that needs another package: pip install imagecodecs, or store it "
+                f"without compression."
+            ) from None
+        turned = pixels.dtype != np.uint16  # Pillow turns other levels that count from white
+        return _fractions(pixels, max(bits, 8), meaning == INVERTED_GREY and not turned, path)
+    orientation = page.tags.get("Orientation")
+    pixels = _fractions(pixels, bits, meaning == INVERTED_GREY, path)
+    return oriented(pixels, orientation.value if orientation else 1, rows)
+
+
+def _meaning(page: tifffile.TiffPage, path: str | Path) -> int:
+    """Meaning of a page's samples, if it is light."""
+    meaning = int(page.photometric) if "PhotometricInterpretation" in page.tags else GREY
+    if meaning not in (GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW):
+        name = getattr(page.photometric, "name", str(meaning))
+        raise InputError(
+            f"{path} holds no light but {name} (photometric interpretation {meaning}): convert it "
+            f"to grey or RGB."
+        )
+    if page.samplesperpixel in (2, 4) and page.extrasamples and not transparency(page):
+        raise InputError(
+            f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
+            f"is a plain transparency (extra samples {[int(n) for n in page.extrasamples]}): "
+            f"store it in grey or RGB."
+        )
+    return meaning
+
+
+def _bits(page: tifffile.TiffPage) -> int:
+    bits = page.bitspersample
+    return max(bits) if isinstance(bits, tuple) else int(bits)
+
+
+def _fractions(pixels: np.ndarray, bits: int, inverted: bool, path: str | Path) -> np.ndarray:
+    """Turn levels that count from white, and scale those of other bits than 8 and 16."""
+    if inverted and pixels.dtype.kind not in "bu":
+        raise InputError(
+            f"{path} counts from white, but holds {pixels.dtype}: store it from black."
+        )
+    if pixels.dtype.kind == "b":
+        return ~pixels if inverted else pixels
+    if inverted:
+        pixels = pixels.dtype.type(2**bits - 1) - pixels
+    if pixels.dtype.kind == "u" and bits < 8 * pixels.dtype.itemsize:
+        return pixels / np.float32(2**bits - 1)
+    return pixels
+
+
+def _axes(series: tifffile.TiffPageSeries, options: dict) -> str:
+    return series.get_axes(**options) if options else series.axes
+
+
+def _by_pillow(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
+    """Decode the pages of a series by Pillow's libtiff, which turns them by itself."""
+    shape = list(series.get_shape(**options) if options else series.shape)
+    axes = _axes(series, options)
+    pages = np.stack([_pillow_page(path, page.index) for page in series.pages if page])
+    if "S" in axes and axes.index("S") < axes.index("Y"):
+        pages = np.moveaxis(pages, -1, 1)
+        height, width = pages.shape[2:4]
+    else:
+        height, width = pages.shape[1:3]
+    shape[axes.index("Y")], shape[axes.index("X")] = height, width
+    return pages.reshape(shape)
+
+
+def _pillow_page(path: str | Path, index: int) -> np.ndarray:
+    """Decode a page in full depth.
+
+    Pillow keeps the high byte of 16-bit colours. A second decoder, told that the bytes stand the
+    other way round, keeps the low one.
+    """
+    with Image.open(path, formats=("TIFF",)) as image:
+        image.seek(index)
+        tile: Any = image.tile[0]
+        rawmode = str(tile.args[0])
+        high = np.asarray(image)
+    colours, _, depth = rawmode.partition(";16")
+    if colours not in ("RGB", "RGBA") or not depth:
+        return high
+    with Image.open(path, formats=("TIFF",)) as image:
+        image.seek(index)
+        tile = image.tile[0]
+        other = colours + {"little": ";16B", "big": ";16L"}[sys.byteorder]
+        image.tile = [tile._replace(args=(other, *tile.args[1:]))]
+        low = np.asarray(image)
+    return high * np.uint16(256) + low
