@@ -20,14 +20,14 @@ from lf_flame.scenes.scene import Layer
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import layer_bands
 
-SLABS_PER_BLUR = 2.0
-"""Slabs to the depth over which a cell is blurred: the parallax within one is half a cell."""
+PARALLAX = 0.25
+"""Largest displacement of a slab's faces against its middle in any view, as a share of a cell."""
 
 FINE = 3
 """Cells of a layer between two nodes; a cell glows evenly."""
 
 SAMPLES = 4
-"""Points along each axis of a cell and of a slab's thickness at which a node's glow is averaged."""
+"""Points across a cell at which a node's glow is averaged."""
 
 PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
 
@@ -122,10 +122,11 @@ class AxisymmetricGrid:
     @cached_property
     def slab_depths_mm(self) -> Sequence[float]:
         """Depths of the slabs' middles, nearest last."""
-        camera = self.camera
-        angle = camera.views * camera.view_step_mm / (camera.focus_distance_mm + self.depth_mm)
-        wanted = self.step_mm / angle / SLABS_PER_BLUR
-        count = int(np.ceil(2 * self.radius_mm / wanted))
+        # The most oblique ray: from the edge of the aperture to the edge of the field or flame.
+        aperture = self.camera.views * self.camera.view_step_mm
+        farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
+        slope = (aperture / 2 + farthest) / (self.camera.focus_distance_mm + self.depth_mm)
+        count = max(1, int(np.ceil(self.radius_mm * slope / (PARALLAX * self.step_mm))))
         edges = np.linspace(self.radius_mm, -self.radius_mm, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
 
@@ -221,15 +222,35 @@ class AxisymmetricGrid:
     def _radius_weights(self, depth: float) -> np.ndarray:
         """Integrate each node's glow over a slab's thickness, averaged over its cells across.
 
+        The integral along depth is exact, however thick a slab is: between two nodes emission is
+        linear in the radius, and the integral of that is closed.
+
         Returns
         -------
         ndarray of float64, shape (cells, radii)
         """
-        across = self._cell_places_mm[:, None] + PARTS * self.step_mm / FINE
-        along = depth - self.depth_mm + PARTS * self.slab_mm
-        radius = np.hypot(across[:, :, None], along) / self.step_mm
-        weights = _linear_weights(radius.reshape(len(across), -1), len(self.radii_mm))
-        return weights.toarray() * self.slab_mm
+        across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
+        middle, half = (depth - self.depth_mm) / self.step_mm, self.slab_mm / 2 / self.step_mm
+        cones = _cones_to(middle + half, across, len(self.radii_mm))
+        cones -= _cones_to(middle - half, across, len(self.radii_mm))
+        # A node's glow is the second difference of three cones.
+        nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
+        return nodes.mean(axis=1) * self.step_mm
+
+
+def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
+    """Integrate cones max(0, k - r) along depth, from the axis' depth on, at places across.
+
+    Returns
+    -------
+    ndarray of float64, shape (places, nodes + 2)
+        For k of -1 to `nodes`; no cone is below 1.
+    """
+    x = np.abs(across)[:, None]
+    edge = np.arange(-1.0, nodes + 1)
+    end = np.minimum(abs(depth), np.sqrt(np.clip(np.square(edge.clip(0)) - x**2, 0, None)))
+    under = end * np.hypot(x, end) + x**2 * np.arcsinh(end / np.maximum(x, 1e-300))
+    return np.sign(depth) * (edge * end - under / 2)
 
 
 def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
