@@ -58,6 +58,8 @@ class AxisymmetricGrid:
     burner_mm : float, optional
         Height from the optical axis, upwards, below which nothing glows: a flame ends sharply at
         its burner, and a smooth section could not. Default: it may glow at every height.
+    depth_ratio : float, optional
+        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, it is round.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class AxisymmetricGrid:
     block: int = 1
     which: str = "all"
     burner_mm: float | None = None
+    depth_ratio: float = 1.0
 
     def __post_init__(self):
         if self.which not in WHICH_VIEWS:
@@ -81,16 +84,19 @@ class AxisymmetricGrid:
                 f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
                 f"{self.radius_mm} mm."
             )
+        if not 0.1 <= self.depth_ratio <= 10:
+            raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
         half_width = self.step_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
             raise InputError(
                 f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
                 f"{self.axis_mm} mm."
             )
-        if not 4 * self.step_mm <= self.radius_mm:
+        widest = min(2 * half_width, (self.camera.focus_distance_mm + self.depth_mm) / 2)
+        if not 4 * self.step_mm <= self.radius_mm <= widest:
             raise InputError(
-                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, got "
-                f"{self.radius_mm}."
+                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, and at most "
+                f"the field's width, {widest:.4g} mm, got {self.radius_mm}."
             )
         top = self._highest_mm
         if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.step_mm:
@@ -126,14 +132,15 @@ class AxisymmetricGrid:
         aperture = self.camera.views * self.camera.view_step_mm
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
         slope = (aperture / 2 + farthest) / (self.camera.focus_distance_mm + self.depth_mm)
-        count = max(1, int(np.ceil(self.radius_mm * slope / (PARALLAX * self.step_mm))))
-        edges = np.linspace(self.radius_mm, -self.radius_mm, count + 1)
+        reach = self.depth_ratio * self.radius_mm
+        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.step_mm))))
+        edges = np.linspace(reach, -reach, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
 
     @property
     def slab_mm(self) -> float:
         """Thickness of a slab."""
-        return 2 * self.radius_mm / len(self.slab_depths_mm)
+        return 2 * self.depth_ratio * self.radius_mm / len(self.slab_depths_mm)
 
     def empty_slab(self, depth_mm: float) -> Layer:
         """Give the cells of a slab, without light: from the burner, or below all views, upwards."""
@@ -230,12 +237,14 @@ class AxisymmetricGrid:
         ndarray of float64, shape (cells, radii)
         """
         across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
-        middle, half = (depth - self.depth_mm) / self.step_mm, self.slab_mm / 2 / self.step_mm
+        # In depth, as in a round flame.
+        unit = self.depth_ratio * self.step_mm
+        middle, half = (depth - self.depth_mm) / unit, self.slab_mm / 2 / unit
         cones = _cones_to(middle + half, across, len(self.radii_mm))
         cones -= _cones_to(middle - half, across, len(self.radii_mm))
         # A node's glow is the second difference of three cones.
         nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
-        return nodes.mean(axis=1) * self.step_mm
+        return nodes.mean(axis=1) * unit
 
 
 def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
