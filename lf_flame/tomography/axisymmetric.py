@@ -154,11 +154,14 @@ def reconstruct_axisymmetric(
     residual = views - fitted
     chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3)) / noise_variance(sd)
     by_place = sd * np.sqrt(uneven)
+    # The prior's scale is the noise where light is, as the strength was chosen for that.
+    light = max(float(np.sum(cells)), 1e-300)
+    lit_sd = sd * np.sqrt(float(np.sum(by_node * cells[0])) / light)
     draws, fewer = [], (*options[:3], ITERATIONS // 4)
     for _ in range(redraws):
         noise_alone = by_place * rng.standard_normal(views.shape)
         back = operator.rmatvec(noise_alone.ravel()).reshape(grid.shape)
-        draws.append(problem.draw(back, sd, fewer, cells, rng))
+        draws.append(problem.draw(back, lit_sd, fewer, cells, rng))
     rest = views - operator.matvec(best.ravel()).reshape(views.shape)
     depth_ratio = DepthRatio(operator, problem, cells[0], rest, by_place)
     departures = check_roundness(axis) + check_stated(axis, grid, views)

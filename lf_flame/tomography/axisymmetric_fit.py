@@ -199,7 +199,7 @@ class AxisymmetricFit:
         back : ndarray of float64, shape (heights, radii)
             Noise of the light field, backprojected.
         sd : float
-            Standard deviation of a pixel's noise.
+            Standard deviation of a pixel's noise, where the flame is.
         options : (strength, order, nonnegative, iterations)
             As `solve` takes them.
         start : ndarray, shape (1, heights, radii)

@@ -27,7 +27,7 @@ BANDS = 12
 """Largest number of bands of rows in which the axis is looked for."""
 
 LEAST_PIXELS = 8
-"""Smallest number of rows and columns of a view in which an axis can be found."""
+"""Smallest number of columns of a view in which an axis can be found."""
 
 LEAST_ERROR = 0.01
 """Smallest standard error of a band's middle, in pixels; pixels have a size."""
@@ -102,9 +102,9 @@ def find_axis(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
             f"of fewer, its depth must be stated."
         )
-    if min(views.shape[2:]) < LEAST_PIXELS:
+    if views.shape[3] < LEAST_PIXELS:
         raise InputError(
-            f"The axis is found in views of {LEAST_PIXELS} x {LEAST_PIXELS} pixels or more, got "
+            f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
             f"{views.shape[2]} x {views.shape[3]}."
         )
     columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column

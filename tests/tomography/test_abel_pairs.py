@@ -1,5 +1,8 @@
 """Round flames with closed Abel transforms, seen by rays of this test's own, without noise."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -150,3 +153,89 @@ def test_flame_with_jumps_is_found_beside_them(name, kind):
 @pytest.mark.parametrize("kind", ["f/4", "parallel"])
 def test_one_view_will_do(kind):
     assert errors(curve1, kind, "central")[1].max() < 5e-3
+
+
+# A flame seen by slanting rays through an aperture wide enough to see around it.
+LENS = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 44))
+
+
+def ray_traced(deep=1.0, lean=0.0, wander=0.0):
+    """A hollow flame by rays of its own; `deep` times as deep as wide, its axis bent or leaning."""
+    away, views = LENS.focus_distance_mm, LENS.views
+    image = 1 / (1 / LENS.main_lens_focal_mm - 1 / away)
+    aperture = image * LENS.lenslet_pitch_mm / LENS.lenslet_focal_mm
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * LENS.lenslet_pitch_mm for n in LENS.lenslets)
+    view = (np.arange(views) - (views - 1) / 2) * aperture / views
+    seen = np.zeros((views, views, *LENS.lenslets))
+    y, x = rows * away / image, columns * away / image
+    for depth in np.linspace(-4, 4, 121):
+        share = (AXIS_DEPTH + depth) / away
+        h = -(y + (y - view[:, None]) * share)[:, None, :, None]
+        across = (x + (x - view[:, None]) * share)[None, :, None, :] - 0.3
+        q = (across - wander * np.sin(2 * h)) ** 2 + ((depth - lean * h) / deep) ** 2
+        seen += 8 / 120 * np.exp(-((h / 1.0) ** 2)) * (1 + 3 * q) * np.exp(-q / 0.64)
+    noise = np.random.default_rng(0).standard_normal(seen.shape)
+    return LightField((seen + 0.01 * seen.max() * noise).astype(np.float32))
+
+
+AXIS_DEPTH = 2.0
+
+STATED = AxisymmetricGrid(LENS, 0.3, AXIS_DEPTH, 2.6)
+
+
+def test_round_flame_has_no_warning_and_its_depth_would_show():
+    found = reconstruct_axisymmetric(ray_traced(), STATED)
+    assert found.warnings == found.unseen == ()
+
+
+@pytest.mark.parametrize(
+    ("shape", "stated", "words"),
+    [
+        ({"deep": 1.5}, {}, r"deeper than wide: its extent in depth is about 1\.[45]"),
+        ({"deep": 0.6}, {}, r"flatter than wide: its extent in depth is about 0\.[67]"),
+        ({"lean": np.tan(np.radians(15))}, {}, r"leans by 1[3-6] degrees in depth"),
+        ({"lean": -np.tan(np.radians(15))}, {}, r"leans by -1[3-6] degrees in depth"),
+        ({"wander": 0.3}, {}, "is not straight"),
+        ({}, {"axis_mm": 0.4}, r"shows it at 0\.(29|30)"),
+        ({}, {"depth_mm": 4.0}, r"shows it at (1\.9|2\.0)"),
+        ({}, {"radius_mm": 1.5}, r"there is light out to 1\.[789]"),
+    ],
+)
+def test_departure_from_what_is_stated_is_said(shape, stated, words):
+    found = reconstruct_axisymmetric(ray_traced(**shape), replace(STATED, **stated))
+    assert re.search(words, " ".join(found.warnings))
+
+
+def test_single_view_says_what_it_cannot_see():
+    light_field = ray_traced(deep=1.5)
+    alone = LightField(light_field.views[2:3, 2:3])
+    found = reconstruct_axisymmetric(alone, replace(STATED, which="central"))
+    assert found.warnings == ()
+    assert "1.5 times as deep as wide" in found.unseen[0]
+    assert "leans by 15 degrees" in found.unseen[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["even", "photons"])
+@pytest.mark.parametrize("transform", [gauss, curve1, curve7], ids=["solid", "hollow", "broad"])
+def test_bars_of_95_per_cent_hold_the_truth(transform, kind):
+    """50 draws of noise, 3 % of the peak, by bright nodes."""
+    lens = replace(camera("f/4"), lenslets=(10, 120))
+    clean = photograph(transform, lens).views
+    grid = AxisymmetricGrid(lens, AXIS, DEPTH, 1.06 * RADIUS)
+    radii = np.clip(grid.radii_mm / RADIUS, 1e-9, None)
+    truth = np.where(radii < 1, transform(np.clip(radii, None, 1 - 1e-9))[0], 0)
+    bright = truth > 0.05 * truth.max()
+    held = []
+    for draw in range(50):
+        rng = np.random.default_rng(draw)
+        unit = (0.03**2 if kind == "photons" else 1.0) * clean.max()
+        noisy = rng.poisson(clean / unit) * unit if kind == "photons" else clean
+        noisy = noisy + (0.03 if kind == "even" else 3e-3) * clean.max() * rng.standard_normal(
+            clean.shape
+        )
+        found = reconstruct_axisymmetric(
+            LightField(noisy.astype(np.float32)), grid, redraws=10, rng=rng
+        )
+        held.append(np.abs(found.emission - truth) <= found.bar)
+    assert 0.93 < np.mean(np.array(held)[:, 3:-3, bright]) < 0.97
