@@ -1,6 +1,5 @@
 """The half section of a round flame: from all views, from one, and by PyAbel from either."""
 
-import importlib.util
 import textwrap
 import time
 from collections.abc import Callable, Iterator
@@ -105,10 +104,10 @@ def _halves(light_field: LightField, every: bool) -> np.ndarray:
 def _by_pyabel(
     light_field: LightField, pixel_mm: float, regularised: bool, every: bool
 ) -> Iterator[Section]:
-    if importlib.util.find_spec("abel") is None:
+    try:
+        from abel import dasch, daun
+    except ImportError:  # also where a folder of results is called abel
         return
-    import abel
-
     half = _halves(light_field, every)
     count = int(np.ceil(REACH_MM / pixel_mm))
     heights = ((len(half) - 1) / 2 - np.arange(len(half))) * pixel_mm
@@ -116,11 +115,11 @@ def _by_pyabel(
     options = {"dr": pixel_mm, "basis_dir": None, "verbose": False}
     if regularised:
         found = [
-            abel.daun.daun_transform(half, reg=("diff", strength), degree=1, **options)
+            daun.daun_transform(half, reg=("diff", strength), degree=1, **options)
             for strength in STRENGTHS
         ]
     else:
-        found = [abel.dasch.three_point_transform(half, **options)]
+        found = [dasch.three_point_transform(half, **options)]
     for one in found:
         yield heights, radii[:count], one[:, :count]
 

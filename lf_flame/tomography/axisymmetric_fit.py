@@ -14,10 +14,6 @@ from lf_flame.tomography.penalised_fit import Fit
 STEP = 10.0
 """Step of the splitting, where the Gram matrix's diagonal is scaled to 1."""
 
-DRAWN_STRENGTH = 0.85
-"""Strength of the penalty of draws, relative to the fit's: the one of least expected error is known
-to a factor only, and bars by a prior too narrow hold too little."""
-
 PROBES = 32
 """Random vectors by which traces are estimated (Hutchinson 1990): 1 % off for 1,000 freedoms."""
 
@@ -211,7 +207,6 @@ class AxisymmetricFit:
         ndarray of float64, shape (heights, radii)
         """
         strength, order, nonnegative, iterations = options
-        strength *= DRAWN_STRENGTH
         noise = back.ravel() * self.gram.unit
         noise += sd * self.gram.draw_penalty(strength, order, rng)
         drawn = self._linear + noise
