@@ -1,9 +1,9 @@
-"""The half section of a round flame: from all views, from one, and by PyAbel."""
+"""The half section of a round flame: from all views, from one, and by PyAbel from either."""
 
-import importlib.util
 import textwrap
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -90,52 +90,52 @@ def _by_central(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
     yield from _by_abel(light_field, "central")
 
 
-def _halves(light_field: LightField) -> np.ndarray:
-    """Average the middle view's halves, from the axis outwards, in pixels."""
+def _halves(light_field: LightField, every: bool) -> np.ndarray:
+    """Average the halves of the middle view or of the mean view, from the axis outwards."""
     v, u, t, s = light_field.views.shape
-    image = light_field.views[v // 2, u // 2].reshape(t // BLOCK, BLOCK, s // BLOCK, BLOCK)
+    image = light_field.photograph if every else light_field.views[v // 2, u // 2]
+    image = image.reshape(t // BLOCK, BLOCK, s // BLOCK, BLOCK)
     image = image.mean(axis=(1, 3), dtype=np.float64)
     axis = s // BLOCK // 2  # the column right of the optical axis
     right = image[:, axis:]
     return (right + image[:, axis::-1][:, : right.shape[1]]) / 2
 
 
-def _by_pyabel(light_field: LightField, pixel_mm: float, *regularised: bool) -> Iterator[Section]:
-    if importlib.util.find_spec("abel") is None:
+def _by_pyabel(
+    light_field: LightField, pixel_mm: float, regularised: bool, every: bool
+) -> Iterator[Section]:
+    try:
+        from abel import dasch, daun
+    except ImportError:  # also where a folder of results is called abel
         return
-    import abel
-
-    half = _halves(light_field)
+    half = _halves(light_field, every)
     count = int(np.ceil(REACH_MM / pixel_mm))
     heights = ((len(half) - 1) / 2 - np.arange(len(half))) * pixel_mm
     radii = np.arange(half.shape[1]) * pixel_mm
     options = {"dr": pixel_mm, "basis_dir": None, "verbose": False}
     if regularised:
         found = [
-            abel.daun.daun_transform(half, reg=("diff", strength), degree=1, **options)
+            daun.daun_transform(half, reg=("diff", strength), degree=1, **options)
             for strength in STRENGTHS
         ]
     else:
-        found = [abel.dasch.three_point_transform(half, **options)]
+        found = [dasch.three_point_transform(half, **options)]
     for one in found:
         yield heights, radii[:count], one[:, :count]
 
 
-def _by_three_points(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
-    """PyAbel's three-point transform of the middle view (Dasch 1992)."""
-    yield from _by_pyabel(light_field, pixel_mm)
-
-
-def _by_daun(light_field: LightField, pixel_mm: float) -> Iterator[Section]:
-    """PyAbel's transform with a penalty (Daun 2006) of the middle view."""
-    yield from _by_pyabel(light_field, pixel_mm, True)
+def _pyabel(regularised: bool, every: bool) -> Callable[[LightField, float], Iterator[Section]]:
+    """Choose PyAbel's transform, three points (Dasch 1992) or with a penalty (Daun 2006)."""
+    return partial(_by_pyabel, regularised=regularised, every=every)
 
 
 METHODS: dict[str, Callable[[LightField, float], Iterator[Section]]] = {
     ALL: _by_all,
     CENTRAL: _by_central,
-    "PyAbel, three points, the middle view": _by_three_points,
-    "PyAbel, Daun, best of seven penalties, the middle view": _by_daun,
+    "PyAbel, three points, the middle view": _pyabel(False, False),
+    "PyAbel, three points, the mean of all views": _pyabel(False, True),
+    "PyAbel, Daun, best of seven penalties, the middle view": _pyabel(True, False),
+    "PyAbel, Daun, best of seven penalties, the mean of all views": _pyabel(True, True),
 }
 
 

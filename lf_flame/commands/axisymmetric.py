@@ -11,18 +11,26 @@ import cloup
 from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
+from lf_flame.errors import InputError
 
 FLAME = cloup.option_group(
     "Where the flame is",
     cloup.option("--camera", type=FILE, required=True, help="TOML file, or a simulation.json."),
     cloup.option(
-        "--axis-mm", type=float, help="Of the axis, across, from the optical axis (default: found)."
+        "--axis-mm",
+        type=float,
+        help="Place of the axis across, from the optical axis (default: found).",
     ),
     cloup.option(
-        "--axis-depth", type=float, help="Of the axis, in mm from the focal plane (default: found)."
+        "--axis-depth",
+        type=float,
+        help="Depth of the axis, in mm from the focal plane (default: found; a single picture "
+        "needs it).",
     ),
     cloup.option(
-        "--radius", type=float, help="In mm; beyond it nothing glows (default: as the light shows)."
+        "--radius",
+        type=float,
+        help="Radius in mm beyond which nothing glows (default: as the light shows).",
     ),
     cloup.option(
         "--burner",
@@ -40,7 +48,7 @@ FITTING = cloup.option_group(
         show_default=True,
         help="Lenslets along each axis that make one pixel.",
     ),
-    cloup.option("--central", is_flag=True, help="Look at the middle view alone, as a camera's."),
+    cloup.option("--central", is_flag=True, help="Look at the central view alone."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
@@ -49,16 +57,16 @@ FITTING = cloup.option_group(
     cloup.option(
         "--strength",
         type=click.FloatRange(min=0),
-        help="Of the penalty on roughness (default: what the noise allows).",
+        help="Strength of the penalty on roughness (default: what the noise allows).",
     ),
     cloup.option(
         "--redraws",
         type=click.IntRange(min=0),
         default=20,
         show_default=True,
-        help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
+        help="Draws of noise and prior that are fitted, for the error bars; 0 for none.",
     ),
-    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Of those draws."),
+    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
 )
 
 
@@ -72,13 +80,23 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     """Find the emission of a flame that is round about an upright axis.
 
     Abel inversion from all views of a light field at once, with rays as the camera sees them and
-    without negative light. SOURCE is read as by `lf-flame refocus`; it must be grey, linear
-    in light, black at 0, divided by a white image. A flame that leans or is not round gets a
-    warning, and the round flame most like it. For any other flame: `lf-flame reconstruct`.
+    without negative light. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in
+    light, black at 0, divided by a white image. For any flame that is not round: `lf-flame
+    reconstruct`.
+
+    What is stated is compared with what the light field shows, and a warning says where the axis
+    leans, is not straight, or is elsewhere, where light is outside the radius, where the halves
+    differ, and where the flame is deeper than wide. The last and a lean in depth show by parallax
+    alone; a note says if noise, a small aperture or a single view would hide them.
+
+    One picture of an ordinary camera will do: a camera file of views = 1, whose lenslet pitch is
+    the pixels' and whose lenslet focal length is that times the f-number (image distance over
+    aperture), with --axis-depth.
 
     \b
       lf-flame abel flame.npz --camera camera.toml
       lf-flame abel raw.png --white white.png --camera camera.toml --burner -12.5 --radius 10
+      lf-flame abel photograph.png --camera one_view.toml --axis-depth 0
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
@@ -88,13 +106,21 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
-    from lf_flame.tomography.axisymmetric import check_roundness
 
     lens = read_camera(camera)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
-    light_field = reading.for_camera(source, lens).read(source)
-    axis = find_axis(light_field, lens)
+    reading = reading.for_camera(source, lens)
+    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not source.is_dir():
+        reading = Reading(views=1)  # any file is a picture then
+    light_field = reading.read(source)
+    alone = light_field.views.shape[1] < 3
+    if alone and axis_depth is None:
+        raise InputError(
+            f"{source} holds {light_field.views.shape[1]} view columns, which do not tell the "
+            f"axis' depth: state it, --axis-depth."
+        )
+    axis = find_axis(light_field, lens, axis_depth if alone else None)
     grid = AxisymmetricGrid(
         lens,
         axis.across_mm if axis_mm is None else axis_mm,
@@ -108,19 +134,18 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     with output_folder(out or Path("abel") / source.stem, RECORD) as folder:
         rng = np.random.default_rng(seed)
         found = reconstruct_axisymmetric(light_field, grid, rng=rng, **options)
-        warnings = [*check_roundness(axis), *found.warnings]
         write_flame(found, axis, folder)
         folder.facts |= {
             "source": recorded_path(source, folder.folder),
             "seed": seed,
             "redraws": options["redraws"],
-            "warnings": warnings,
-            "notes": notes,
+            "warnings": found.warnings,
+            "notes": [*notes, *found.unseen],
         }
-    for note in notes:
-        click.echo(f"Note: {note}", err=True)
-    for warning in warnings:
+    for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
+    for note in (*notes, *found.unseen):
+        click.echo(f"Note: {note}", err=True)
     click.echo(
         f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; noise "
         f"{found.noise:.3g} a pixel; radial.csv, axial.csv, section.tif, section.png and {RECORD} "

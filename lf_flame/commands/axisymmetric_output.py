@@ -25,24 +25,23 @@ def write_flame(found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolde
     """Write the half section as tables and pictures.
 
     ``radial.csv`` holds all heights and radii, ``axial.csv`` the axis; ``section.tif`` the half
-    section, heights by radii, and ``sigma.tif`` its standard deviation where light fields were
-    drawn anew.
+    section, heights by radii, and ``sigma.tif`` its standard deviation where there are draws.
     """
-    grid, sigma = found.grid, found.sigma
+    grid, sigma, bar = found.grid, found.sigma, found.bar
     _write_table(
         folder.path("radial.csv"),
-        ["height_mm", "radius_mm", "emission_per_mm", "standard_deviation"],
+        ["height_mm", "radius_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
         (
-            (height, radius, found.emission[i, j], "" if sigma is None else sigma[i, j])
+            (height, radius, found.emission[i, j], *_bar(found.emission, sigma, bar, i, j))
             for i, height in enumerate(grid.heights_mm)
             for j, radius in enumerate(grid.radii_mm)
         ),
     )
     _write_table(
         folder.path("axial.csv"),
-        ["height_mm", "emission_per_mm", "standard_deviation"],
+        ["height_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
         (
-            (height, found.emission[i, 0], "" if sigma is None else sigma[i, 0])
+            (height, found.emission[i, 0], *_bar(found.emission, sigma, bar, i, 0))
             for i, height in enumerate(grid.heights_mm)
         ),
     )
@@ -64,6 +63,14 @@ def write_flame(found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolde
         "noise": found.noise,
         "strength": found.strength,
     }
+
+
+def _bar(emission, sigma, bar, height: int, radius: int) -> tuple:
+    """Give a node's standard deviation, and the ends of its bar of 95 %, none below 0."""
+    if sigma is None:
+        return "", "", ""
+    value, half = emission[height, radius], bar[height, radius]
+    return sigma[height, radius], max(value - half, 0), value + half
 
 
 def _write_table(path: Path, names: Sequence[str], rows: Iterable[Sequence]) -> None:

@@ -114,8 +114,10 @@ FITTING = cloup.option_group(
         "--optical-thickness",
         metavar="T",
         help="Absorption by the flame itself, which must be known from elsewhere: a light field "
-        "does not tell it. A number is the total along the line of sight, spread evenly over the "
-        "planes; a TIFF holds that of each plane, by pixels. Default: light only adds.",
+        "does not tell it. A TIFF holds that of each plane, by pixels. A number is the total along "
+        "every line of sight of the field, as of an even smoke that fills it, spread evenly over "
+        "the planes: of a flame that does not fill the field it makes the edges too bright. "
+        "Default: light only adds.",
     ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
@@ -150,7 +152,8 @@ def reconstruct(
       lf-flame reconstruct simulated/flames/light_field.npz \\
           --camera simulated/flames/simulation.json --depth-mm 20 --depth-mm 10 --depth-mm 0
       lf-flame reconstruct raw.png --white white.png --camera camera.toml --depths -12 12 2
-      lf-flame reconstruct flame.npy --camera camera.toml --depths -12 12 2 --optical-thickness 0.3
+      lf-flame reconstruct flame.npy --camera camera.toml --depths -12 12 2 \\
+          --optical-thickness tau.tif
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 

@@ -8,6 +8,7 @@ the fit is penalised and without negative light.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -17,22 +18,27 @@ from lf_flame.tomography.axisymmetric_operator import AxisymmetricOperator
 from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_by_pixel, noise_variance
-from lf_flame.tomography.flame_axis import FlameAxis
+from lf_flame.tomography.flame_axis import find_axis
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.plane_fit import average_blocks
+from lf_flame.tomography.roundness import (
+    DepthRatio,
+    check_misfit,
+    check_roundness,
+    check_stated,
+    name_unseen,
+)
 from lf_flame.tomography.strength_search import StrengthSearch
 
 MODEL_ERROR = 1e-3
-"""Of the brightest pixel: noise below it does not limit a fit, so no weaker penalty is tried."""
+"""Share of the brightest pixel below which noise does not limit a fit: the grid does."""
 
 ITERATIONS = 200
-"""Of the splitting, for the solution; a quarter of them for each strength that is tried."""
+"""Iterations of the splitting for the solution; a quarter for each strength that is tried and for
+each draw."""
 
-MOST_LEAN_DEG = 1.0
-"""Lean of the axis above which a warning is due: at 25 mm of height it is half a millimetre."""
-
-MOST_LOPSIDED = 0.03
-"""Difference of the halves above which a flame is not round."""
+LEVEL = 0.95
+"""Confidence level of a bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +52,17 @@ class AxisymmetricFlame:
         Radiance per mm along the line of sight, in the light field's unit per mm; times 4 pi, power
         per volume where that is radiance.
     draws : ndarray of float32, shape (redraws, heights, radii)
-        The same from light fields of the found emission with noise drawn anew.
+        Emission that light field and penalty leave as possible, drawn at random.
     noise : float
         Standard deviation of a pixel's noise, stated or measured.
     strength : float
-        Of the penalty that was taken.
+        Strength of the penalty that was taken.
     chi_squared : ndarray of float64, shape (v, u)
         Mean squared residual of each view that was looked at, in units of the noise's variance.
     warnings : tuple of str
         Where data and model disagree.
+    unseen : tuple of str
+        Departures from a round, upright flame that this light field would not show.
     """
 
     grid: AxisymmetricGrid
@@ -64,11 +72,21 @@ class AxisymmetricFlame:
     strength: float
     chi_squared: np.ndarray
     warnings: tuple[str, ...]
+    unseen: tuple[str, ...] = ()
 
     @property
     def sigma(self) -> np.ndarray | None:
-        """Standard deviation of each node by noise, None without draws."""
+        """Standard deviation of each node by noise and penalty, None without draws."""
         return self.draws.std(axis=0, ddof=1) if len(self.draws) else None
+
+    @property
+    def bar(self) -> np.ndarray | None:
+        """Half of the width of each node's bar of `LEVEL`, None without draws."""
+        if self.sigma is None:
+            return None
+        # Few draws know their own scatter badly: Student's t.
+        times = special.stdtrit(len(self.draws) - 1, (1 + LEVEL) / 2)
+        return (times * self.sigma).astype(np.float32)
 
 
 def reconstruct_axisymmetric(
@@ -84,7 +102,8 @@ def reconstruct_axisymmetric(
     Parameters
     ----------
     light_field : LightField
-        Grey, of the grid's camera; black level subtracted, divided by a white image.
+        Grey, of the grid's camera; black level subtracted, divided by a white image. A grid that
+        looks at the central view takes that view alone, too.
     grid : AxisymmetricGrid
         With the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
     noise : float, optional
@@ -94,8 +113,8 @@ def reconstruct_axisymmetric(
         Of the penalty on third differences. Default: that of least expected error of the light
         field, see `StrengthSearch.find_by_risk`.
     redraws : int, optional
-        Light fields of the found emission that are drawn with new noise, as uneven as that found,
-        and fitted again: 0, or 2 and more.
+        Number of draws for the error bars: noise, as uneven as that found, is added to the light
+        field and to the prior, and all is fitted again (`AxisymmetricFit.draw`); 0, or 2 and more.
     rng : numpy.random.Generator, optional
         Of redraws, and of vectors that estimate degrees of freedom. Default: seed 0.
 
@@ -112,57 +131,69 @@ def reconstruct_axisymmetric(
     rng = np.random.default_rng(0) if rng is None else rng
     light_field, camera, left_out = counted_views(light_field, grid.camera)
     grid = replace(grid, camera=camera) if left_out else grid
-    views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
+    views = _looked_at(light_field, grid)
     check_range(views, noise)
+    depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
+    axis = find_axis(light_field, grid.camera, depth)
     operator, gram = AxisymmetricOperator(grid), BandedGram(grid)
-
-    def problem_of(seen: np.ndarray) -> AxisymmetricFit:
-        back = operator.rmatvec(seen.ravel().astype(float)).reshape(grid.shape)
-        squared = float(np.sum(np.square(seen, dtype=np.float64)))
-        return AxisymmetricFit(gram, back, squared, seen.size, rng)
-
-    problem = problem_of(views)
+    back = operator.rmatvec(views.ravel().astype(float)).reshape(grid.shape)
+    squared = float(np.sum(np.square(views, dtype=np.float64)))
+    problem = AxisymmetricFit(gram, back, squared, views.size, rng)
     measured = problem.measure_noise()
     sd = measured if noise is None else float(noise)
-    share = np.full(grid.shape, 1 / np.prod(grid.shape))
-    variance = noise_variance(max(sd, MODEL_ERROR * float(views.max())))
+    best = problem.unpenalised()
+    uneven = noise_by_pixel(operator, views, best)
+    # Bright nodes see more noise than a mean pixel holds, where light comes in portions.
+    seen = operator.rmatvec(np.broadcast_to(uneven, views.shape).ravel())
+    by_node = seen / np.maximum(operator.rmatvec(np.ones(views.size)), 1e-300)
+    by_node = by_node.reshape(grid.shape)
+    limited = max(sd, MODEL_ERROR * float(views.max()))
+    variance = noise_variance(limited) * float(by_node.mean())
+    share = by_node / by_node.sum()
     search = StrengthSearch(problem, variance, share, ROUGHNESS_ORDER, True, ITERATIONS // 4)
     chosen = search.find_by_risk() if strength is None else float(strength)
     options = (chosen, ROUGHNESS_ORDER, True, ITERATIONS)
     cells = problem.solve(*options, search.nearest(chosen)).cells
     fitted = operator.matvec(cells.ravel()).reshape(views.shape)
-    residual = np.square(views - fitted, dtype=np.float64)
-    chi_squared = residual.mean(axis=(2, 3)) / noise_variance(sd)
-    by_place = sd * np.sqrt(noise_by_pixel(operator, views, problem.unpenalised()))
-    draws = [
-        problem_of(fitted + by_place * rng.standard_normal(views.shape)).solve(*options, cells)
-        for _ in range(redraws)
-    ]
+    residual = views - fitted
+    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3)) / noise_variance(sd)
+    by_place = sd * np.sqrt(uneven)
+    # The prior's scale is the noise where light is, as the strength was chosen for that.
+    light = max(float(np.sum(cells)), 1e-300)
+    lit_sd = sd * np.sqrt(float(np.sum(by_node * cells[0])) / light)
+    draws, fewer = [], (*options[:3], ITERATIONS // 4)
+    for _ in range(redraws):
+        noise_alone = by_place * rng.standard_normal(views.shape)
+        back = operator.rmatvec(noise_alone.ravel()).reshape(grid.shape)
+        draws.append(problem.draw(back, lit_sd, fewer, cells, rng))
+    rest = views - operator.matvec(best.ravel()).reshape(views.shape)
+    depth_ratio = DepthRatio(operator, problem, cells[0], rest, by_place)
+    departures = check_roundness(axis) + check_stated(axis, grid, views)
+    # Another axis or radius looks like another depth, too.
+    departures = departures or depth_ratio.check()
     return AxisymmetricFlame(
         grid=grid,
         emission=cells[0].astype(np.float32),
-        draws=np.array([draw.cells[0] for draw in draws], np.float32).reshape(-1, *grid.shape),
+        draws=np.array(draws, np.float32).reshape(-1, *grid.shape),
         noise=sd,
         strength=chosen,
         chi_squared=chi_squared,
-        warnings=(*left_out, *check_data(views, chi_squared, sd, measured, noise is not None)),
+        warnings=(
+            *left_out,
+            *departures,
+            *check_misfit(residual, float(views.max())),
+            *check_data(views, chi_squared, sd, measured, noise is not None),
+        ),
+        unseen=name_unseen(axis, depth_ratio),
     )
 
 
-def check_roundness(axis: FlameAxis) -> tuple[str, ...]:
-    """Say in words why a flame is not round about an upright axis, as far as it shows."""
-    found = []
-    if abs(axis.lean_deg) > MOST_LEAN_DEG:
-        found.append(
-            f"The axis leans by {axis.lean_deg:.1f} degrees: the inversion takes it for upright, "
-            f"so rotate the picture, or look at fewer heights."
-        )
-    if axis.lopsided > MOST_LOPSIDED:
-        found.append(
-            f"The flame's halves differ by {axis.lopsided:.1%} of its light: it is not round, and "
-            f"what is found is the round flame most like it."
-        )
-    return tuple(found)
+def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
+    """Average the views that a grid looks at over its blocks."""
+    if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
+        alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
+        return average_blocks(light_field, alone, grid.block)
+    return grid.pick(average_blocks(light_field, grid.camera, grid.block))
 
 
 def _check_options(noise: float | None, strength: float | None, redraws: int) -> None:

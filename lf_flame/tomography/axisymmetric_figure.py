@@ -10,10 +10,7 @@ if TYPE_CHECKING:
     from lf_flame.tomography.axisymmetric import AxisymmetricFlame
 
 SHOWN_HEIGHTS = (0.25, 0.5, 0.75)
-"""Of the bright part of a flame: where radial profiles are drawn."""
-
-BAND = 1.96
-"""Standard deviations of a band that holds 95 % of normal errors."""
+"""Shares of the height of a flame's bright part at which radial profiles are drawn."""
 
 
 def bright_heights(found: "AxisymmetricFlame") -> list[int]:
@@ -44,7 +41,7 @@ def section_figure(found: "AxisymmetricFlame"):
     if found.sigma is None:
         axes[1].axis("off")
     else:
-        _draw_section(figure, axes[1], found, found.sigma, "standard deviation by noise")
+        _draw_section(figure, axes[1], found, found.sigma, "standard deviation")
     _draw_profiles(axes[2], found)
     picture = axes[3].imshow(found.chi_squared, cmap="viridis", vmin=0)
     axes[3].set_title("chi-squared of each view", fontsize=9)
@@ -74,15 +71,15 @@ def _draw_profiles(axis, found: "AxisymmetricFlame") -> None:
         axis.plot(
             grid.radii_mm, values, color=f"C{number}", label=f"{grid.heights_mm[row]:+.1f} mm high"
         )
-        if found.sigma is not None:
-            half = BAND * found.sigma[row]
+        if found.bar is not None:
+            half = found.bar[row]
             low = np.clip(values - half, 0, None)
             axis.fill_between(
                 grid.radii_mm, low, values + half, color=f"C{number}", alpha=0.3, linewidth=0
             )
     axis.set_xlabel("distance from the axis (mm)")
     axis.set_ylabel("radiance / mm")
-    axis.set_title("radial profiles, 95 % by noise", fontsize=9)
+    axis.set_title("radial profiles, bars of 95 %", fontsize=9)
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.3)
     if axis.lines:

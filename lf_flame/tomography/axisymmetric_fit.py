@@ -56,6 +56,12 @@ class BandedGram:
         bands[lower.row - lower.col, lower.col] = lower.data
         return _scale(strength * self.typical * bands, self.unit)
 
+    def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw a vector whose covariance is the penalty, scaled; float64, shape (nodes,)."""
+        differences = roughness_differences(self.grid.shape, order)
+        drawn = differences.T @ rng.standard_normal(differences.shape[0])
+        return np.sqrt(strength * self.typical) * drawn * self.unit
+
     def factor(self, add: float, strength: float = 0.0, order: int = 1) -> np.ndarray:
         """Factor the scaled matrix with penalty and a multiple of one, as `cho_solve_banded` takes.
 
@@ -78,14 +84,25 @@ def roughness_matrix(shape: tuple[int, int], order: int) -> sparse.csr_array:
     -------
     scipy.sparse.csr_array of float64, shape (nodes, nodes)
     """
+    differences = roughness_differences(shape, order)
+    return (differences.T @ differences).tocsr()
+
+
+def roughness_differences(shape: tuple[int, int], order: int) -> sparse.csr_array:
+    """Differences whose squares `roughness_matrix` sums, along height first, then along radius.
+
+    Returns
+    -------
+    scipy.sparse.csr_array of float64, shape (differences, nodes)
+    """
     heights, radii = shape
     along = np.diff(np.eye(heights), order, axis=0)
     mirrored = np.zeros((2 * radii - 1 + order, radii))
     place = np.arange(2 * radii - 1)
     mirrored[place, np.abs(place - (radii - 1))] = 1
     across = np.diff(mirrored, order, axis=0) / np.sqrt(2)  # each side of the axis counts half
-    down = sparse.kron(sparse.csr_array(along.T @ along), sparse.eye_array(radii))
-    return (down + sparse.kron(sparse.eye_array(heights), across.T @ across)).tocsr()
+    down = sparse.kron(sparse.csr_array(along), sparse.eye_array(radii))
+    return sparse.vstack([down, sparse.kron(sparse.eye_array(heights), across)], format="csr")
 
 
 def _scale(bands: np.ndarray, unit: np.ndarray) -> np.ndarray:
@@ -143,7 +160,7 @@ class AxisymmetricFit:
         self._linear = backprojection.ravel() * gram.unit
         self._probes = rng.choice([-1.0, 1.0], (len(gram.unit), PROBES))
         self._seen_probes = np.stack([gram.multiply(one) for one in self._probes.T], axis=1)
-        plain = gram.factor(RIDGE)
+        plain = self._factor = gram.factor(RIDGE)
         self._plain = linalg.cho_solve_banded((plain, True), self._linear)
         explained = self._plain @ (2 * self._linear - gram.multiply(self._plain))
         self._outside = max(squared - float(explained), 0.0)
@@ -157,6 +174,48 @@ class AxisymmetricFit:
     def unpenalised(self) -> np.ndarray:
         """Emission that explains as much of the light field as any half section can."""
         return (self._plain * self.gram.unit).reshape(self.gram.grid.shape)
+
+    def draw(
+        self,
+        back: np.ndarray,
+        sd: float,
+        options: tuple[float, int, bool, int],
+        start: np.ndarray,
+        rng: np.random.Generator,
+    ) -> np.ndarray:
+        """Draw emission that the light field and the penalty leave possible.
+
+        Noise is added to the light field and, as the penalty is a prior, to what its differences
+        are to be: without negative light such solutions are draws of the posterior, and their
+        scatter holds what the penalty may have done to the flame as well (Wahba, J. R. Stat. Soc.
+        B 45, 133, 1983; Bardsley and others, SIAM J. Sci. Comput. 36, A1895, 2014).
+
+        Parameters
+        ----------
+        back : ndarray of float64, shape (heights, radii)
+            Noise of the light field, backprojected.
+        sd : float
+            Standard deviation of a pixel's noise, where the flame is.
+        options : (strength, order, nonnegative, iterations)
+            As `solve` takes them.
+        start : ndarray, shape (1, heights, radii)
+            Emission from which to start.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray of float64, shape (heights, radii)
+        """
+        strength, order, nonnegative, iterations = options
+        noise = back.ravel() * self.gram.unit
+        noise += sd * self.gram.draw_penalty(strength, order, rng)
+        drawn = self._linear + noise
+        return self._solve(drawn, strength, order, nonnegative, iterations, start)[0]
+
+    def explain(self, back: np.ndarray) -> np.ndarray:
+        """Find the emission that explains as much as any of another backprojected light field."""
+        scaled = linalg.cho_solve_banded((self._factor, True), back.ravel() * self.gram.unit)
+        return (scaled * self.gram.unit).reshape(self.gram.grid.shape)
 
     def count_modes(self, strength: float, order: int) -> float:
         """Degrees of freedom of a linear fit: the trace from data to fitted data."""
@@ -191,16 +250,26 @@ class AxisymmetricFit:
         Fit
             Its cells of shape (1, heights, radii).
         """
+        cells = self._solve(self._linear, strength, order, nonnegative, iterations, start)
+        apart = cells.ravel() / self.gram.unit - self._plain
+        misfit = float(apart @ self.gram.multiply(apart))
+        return Fit(cells, misfit)
+
+    def _solve(
+        self,
+        linear: np.ndarray,
+        strength: float,
+        order: int,
+        nonnegative: bool,
+        iterations: int,
+        start: np.ndarray | None,
+    ) -> np.ndarray:
         gram = self.gram
         if nonnegative:
-            quadratic = _Quadratic(gram.factor(1 / STEP, strength, order), self._linear)
+            quadratic = _Quadratic(gram.factor(1 / STEP, strength, order), linear)
             first = np.zeros_like(gram.unit) if start is None else start.ravel() / gram.unit
             box = Box(0.0, np.inf)
             _, scaled = ADMM(quadratic, box, first, STEP, niter=iterations)
         else:
-            scaled = linalg.cho_solve_banded(
-                (gram.factor(RIDGE, strength, order), True), self._linear
-            )
-        apart = scaled - self._plain
-        misfit = float(apart @ gram.multiply(apart))
-        return Fit((scaled * gram.unit).reshape(1, *gram.grid.shape), misfit)
+            scaled = linalg.cho_solve_banded((gram.factor(RIDGE, strength, order), True), linear)
+        return (scaled * gram.unit).reshape(1, *gram.grid.shape)

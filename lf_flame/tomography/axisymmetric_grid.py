@@ -20,14 +20,14 @@ from lf_flame.scenes.scene import Layer
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import layer_bands
 
-SLABS_PER_BLUR = 2.0
-"""Slabs to the depth over which a cell is blurred: the parallax within one is half a cell."""
+PARALLAX = 0.25
+"""Largest displacement of a slab's faces against its middle in any view, as a share of a cell."""
 
 FINE = 3
 """Cells of a layer between two nodes; a cell glows evenly."""
 
 SAMPLES = 4
-"""Points along each axis of a cell and of a slab's thickness at which a node's glow is averaged."""
+"""Points across a cell at which a node's glow is averaged."""
 
 PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
 
@@ -58,6 +58,8 @@ class AxisymmetricGrid:
     burner_mm : float, optional
         Height from the optical axis, upwards, below which nothing glows: a flame ends sharply at
         its burner, and a smooth section could not. Default: it may glow at every height.
+    depth_ratio : float, optional
+        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, it is round.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class AxisymmetricGrid:
     block: int = 1
     which: str = "all"
     burner_mm: float | None = None
+    depth_ratio: float = 1.0
 
     def __post_init__(self):
         if self.which not in WHICH_VIEWS:
@@ -81,16 +84,19 @@ class AxisymmetricGrid:
                 f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
                 f"{self.radius_mm} mm."
             )
+        if not 0.1 <= self.depth_ratio <= 10:
+            raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
         half_width = self.step_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
             raise InputError(
                 f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
                 f"{self.axis_mm} mm."
             )
-        if not 4 * self.step_mm <= self.radius_mm:
+        widest = min(2 * half_width, (self.camera.focus_distance_mm + self.depth_mm) / 2)
+        if not 4 * self.step_mm <= self.radius_mm <= widest:
             raise InputError(
-                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, got "
-                f"{self.radius_mm}."
+                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, and at most "
+                f"the field's width, {widest:.4g} mm, got {self.radius_mm}."
             )
         top = self._highest_mm
         if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.step_mm:
@@ -122,17 +128,19 @@ class AxisymmetricGrid:
     @cached_property
     def slab_depths_mm(self) -> Sequence[float]:
         """Depths of the slabs' middles, nearest last."""
-        camera = self.camera
-        angle = camera.views * camera.view_step_mm / (camera.focus_distance_mm + self.depth_mm)
-        wanted = self.step_mm / angle / SLABS_PER_BLUR
-        count = int(np.ceil(2 * self.radius_mm / wanted))
-        edges = np.linspace(self.radius_mm, -self.radius_mm, count + 1)
+        # The most oblique ray: from the edge of the aperture to the edge of the field or flame.
+        aperture = self.camera.views * self.camera.view_step_mm
+        farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
+        slope = (aperture / 2 + farthest) / (self.camera.focus_distance_mm + self.depth_mm)
+        reach = self.depth_ratio * self.radius_mm
+        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.step_mm))))
+        edges = np.linspace(reach, -reach, count + 1)
         return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
 
     @property
     def slab_mm(self) -> float:
         """Thickness of a slab."""
-        return 2 * self.radius_mm / len(self.slab_depths_mm)
+        return 2 * self.depth_ratio * self.radius_mm / len(self.slab_depths_mm)
 
     def empty_slab(self, depth_mm: float) -> Layer:
         """Give the cells of a slab, without light: from the burner, or below all views, upwards."""
@@ -221,15 +229,37 @@ class AxisymmetricGrid:
     def _radius_weights(self, depth: float) -> np.ndarray:
         """Integrate each node's glow over a slab's thickness, averaged over its cells across.
 
+        The integral along depth is exact, however thick a slab is: between two nodes emission is
+        linear in the radius, and the integral of that is closed.
+
         Returns
         -------
         ndarray of float64, shape (cells, radii)
         """
-        across = self._cell_places_mm[:, None] + PARTS * self.step_mm / FINE
-        along = depth - self.depth_mm + PARTS * self.slab_mm
-        radius = np.hypot(across[:, :, None], along) / self.step_mm
-        weights = _linear_weights(radius.reshape(len(across), -1), len(self.radii_mm))
-        return weights.toarray() * self.slab_mm
+        across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
+        # In depth, as in a round flame.
+        unit = self.depth_ratio * self.step_mm
+        middle, half = (depth - self.depth_mm) / unit, self.slab_mm / 2 / unit
+        cones = _cones_to(middle + half, across, len(self.radii_mm))
+        cones -= _cones_to(middle - half, across, len(self.radii_mm))
+        # A node's glow is the second difference of three cones.
+        nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
+        return nodes.mean(axis=1) * unit
+
+
+def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
+    """Integrate cones max(0, k - r) along depth, from the axis' depth on, at places across.
+
+    Returns
+    -------
+    ndarray of float64, shape (places, nodes + 2)
+        For k of -1 to `nodes`; no cone is below 1.
+    """
+    x = np.abs(across)[:, None]
+    edge = np.arange(-1.0, nodes + 1)
+    end = np.minimum(abs(depth), np.sqrt(np.clip(np.square(edge.clip(0)) - x**2, 0, None)))
+    under = end * np.hypot(x, end) + x**2 * np.arcsinh(end / np.maximum(x, 1e-300))
+    return np.sign(depth) * (edge * end - under / 2)
 
 
 def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:

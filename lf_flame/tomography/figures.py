@@ -92,10 +92,16 @@ def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
     ):
         white = max(float(images[shown].max()), 1e-30)
         for axis, plane in zip(axes[line], shown, strict=True):
-            picture = axis.imshow(images[plane], cmap="inferno", vmin=0, vmax=white)
-            axis.set_title(f"{word}, {found.grid.depths_mm[plane]:+g} mm", fontsize=8)
-            axis.axis("off")
+            depth = found.grid.depths_mm[plane]
+            half = found.grid.cell_mm(depth) / 2
+            extent = (-columns * half, columns * half, -rows * half, rows * half)
+            picture = axis.imshow(images[plane], "inferno", vmin=0, vmax=white, extent=extent)
+            axis.set_title(f"{word}, {depth:+g} mm", fontsize=8)
+            axis.tick_params(labelsize=7)
+        axes[line][0].set_ylabel("height (mm)", fontsize=8)
         figure.colorbar(picture, ax=list(axes[line]), shrink=0.8, label="radiance")
+    for axis in axes[-1]:
+        axis.set_xlabel("across (mm)", fontsize=8)
     return figure
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner
+from PIL import Image
 
 from lf_flame import Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
@@ -111,6 +112,8 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     ("words", "said"),
     [
         (["--radius", -1], "at least four pixels"),
+        (["--radius", 1e20], "at most the field's width"),
+        (["--axis-depth", 1e20], "at least four pixels"),
         (["--axis-mm", 99], "must stand within the field"),
         (["--block", 7], "block must be"),
         (["--redraws", 1], "redraws must be"),
@@ -121,3 +124,28 @@ def test_bad_values_are_refused(source, tmp_path, words, said):
     result = run("abel", *source, *words, "--out", tmp_path / "out")
     assert said in str(result.exception or result.output)
     assert not (tmp_path / "out").exists()
+
+
+ONE_VIEW = CAMERA.replace("views = 5", "views = 1").replace("0.4", "2.0")
+
+
+def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path):
+    (tmp_path / "one.toml").write_text(ONE_VIEW)
+    picture = views[2, 2].clip(0) / views.max()
+    Image.fromarray(np.rint(picture * 65535).astype(np.uint16)).save(tmp_path / "one.png")
+    words = ["abel", tmp_path / "one.png", "--camera", tmp_path / "one.toml", "--redraws", 0]
+    words += ["--out", tmp_path / "out"]
+    assert "--axis-depth" in str(run(*words).exception)
+    where = ["--axis-depth", DEPTH, "--axis-mm", ACROSS, "--radius", 2.5]
+    result = run(*words, *where)
+    assert result.exit_code == 0, result.output
+    assert "would not show" in result.output
+    section = tifffile.imread(tmp_path / "out" / "section.tif") * views.max()
+    assert section.max() == pytest.approx(PEAK, rel=0.2)
+
+
+def test_light_field_of_one_pixel_is_refused(tmp_path):
+    (tmp_path / "camera.toml").write_text(CAMERA.replace("[48, 60]", "[1, 1]"))
+    np.save(tmp_path / "one.npy", np.ones((5, 5, 1, 1), np.float32))
+    result = run("abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml")
+    assert "8 columns of pixels or more, got views of 1 x 1" in str(result.exception)

@@ -1,0 +1,241 @@
+"""Round flames with closed Abel transforms, seen by rays of this test's own, without noise."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import LightField, PlenopticCamera
+from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
+
+RADIUS, AXIS, DEPTH = 8.0, 0.07, 0.5
+
+
+def root(edge, r):
+    return np.sqrt(np.clip(edge**2 - r**2, 0, None))
+
+
+def disc(edge, r):
+    return np.where(r < edge, 1.0, 0.0), 2 * root(edge, r)
+
+
+def ring(r):
+    (outer, seen), (inner, hidden) = disc(0.8, r), disc(0.4, r)
+    return outer - inner, seen - hidden
+
+
+def gauss(r):
+    return np.exp(-((r / 0.3) ** 2)), np.sqrt(np.pi) * 0.3 * np.exp(-((r / 0.3) ** 2))
+
+
+# Chan and Hieftje, Spectrochim. Acta B 61, 31 (2006), table 1, where it names their sources; for
+# radii above 0 and below 1.
+def curve1(r):
+    a, b = root(1, r), root(0.25, r)
+    near = (128 * a + b) / 108 + 2 / 27 * r**2 * (283 * b - 112 * a)
+    near += 8 / 9 * r**2 * 4 * (1 + r**2) * np.log((1 + a) / r)
+    near -= 8 / 9 * r**2 * (4 + 31 * r**2) * np.log((0.25 + b) / r)
+    far = 32 / 27 * (a - 7 * a * r**2 + 3 * r**2 * (1 + r**2) * np.log((1 + a) / r))
+    glow = 0.75 + 12 * r**2 - 32 * r**3, 16 / 27 * (1 + 6 * r - 15 * r**2 + 8 * r**3)
+    return np.where(r < 0.25, *glow), np.where(r < 0.25, near, far)
+
+
+def curve2(r):
+    a = root(1, r)
+    seen = a * (1 - 2.5 * r**2) + 1.5 * r**4 * np.log((1 + a) / r)
+    return 1 - 3 * r**2 + 2 * r**3, seen
+
+
+def curve3(r):
+    a, b = root(1, r), root(0.5, r)
+    seen = 4 / 3 * a * (1 + 2 * r**2)
+    near = -2 / 3 * b * (1 + 8 * r**2) - 4 * r**2 * np.log((1 + a) / (0.5 + b))
+    far = -4 * r**2 * np.log((1 + a) / r)
+    glow = np.where(r < 0.5, 1 - 2 * r**2, 2 * (1 - r) ** 2)
+    return glow, seen + np.where(r < 0.5, near, far)
+
+
+def curve4(r):
+    a, b = root(1, r), root(0.7, r)
+    seen = -14.811667 * a - 196.30083 * a * r**2 + 55.5525 * r**4 * np.log((1 + a) / r)
+    near = 22.68862 * b + 217.557 * b * r**2 - 59.49 * r**4 * np.log((0.7 + b) / r)
+    near += 155.56 * r**2 * np.log((1 + a) / (0.7 + b))
+    far = 155.56 * r**2 * np.log((1 + a) / r)
+    outer = -40.74 + 155.56 * r - 188.89 * r**2 + 74.07 * r**3
+    glow = np.where(r < 0.7, 0.1 + 5.51 * r**2 - 5.25 * r**3, outer)
+    return glow, seen + np.where(r < 0.7, near, far)
+
+
+def curve6(r):
+    fall = np.exp(1.21 - 1.21 / (1 - r**2))
+    return fall / (1 - r**2) ** 1.5, fall * np.sqrt(np.pi) / 1.1 / root(1, r)
+
+
+def curve7(r):
+    seen = 8 / 105 * root(1, r) * (19 + 34 * r**2 - 125 * r**4 + 72 * r**6)
+    return (1 + 10 * r**2 - 23 * r**4 + 12 * r**6) / 2, seen
+
+
+SMOOTH = (gauss, curve1, curve2, curve3, curve4, curve6, curve7)
+
+JUMPS = {
+    "step": (lambda r: disc(0.6, r), (0.6,)),
+    "ring": (ring, (0.4, 0.8)),
+    "curve5": (lambda r: disc(1.0, r), (1.0,)),
+}
+"""Pairs with the radii of their jumps, beside which no grid follows."""
+
+
+def camera(kind):
+    """A lens of 50 mm at f/4, 500 mm away, or so far away that its rays are parallel."""
+    distance = 500.0 if kind == "f/4" else 1e7
+    image = 1 / (1 / 50 - 1 / distance)
+    pitch = 21.0 / 120 * image / distance
+    return PlenopticCamera(50.0, distance, image * pitch / 12.5, pitch, 3, (6, 120))
+
+
+def photograph(transform, lens):
+    """Average a flame's closed transform over the rays of each pixel of an ideal plenoptic camera.
+
+    A ray from the conjugate of a place on a lenslet, through a place on the main lens, passes the
+    upright axis at some distance: along it the light is the transform there, longer as it climbs.
+    """
+    away, views = lens.focus_distance_mm, lens.views
+    image = 1 / (1 / lens.main_lens_focal_mm - 1 / away)
+    pitch, aperture = lens.lenslet_pitch_mm, image * lens.lenslet_pitch_mm / lens.lenslet_focal_mm
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * pitch for n in lens.lenslets)
+    places, weights = (x / 2 for x in np.polynomial.legendre.leggauss(4))
+    view = (np.arange(views) - (views - 1) / 2) * aperture / views
+    seen = np.zeros((views, views, *lens.lenslets))
+    for lenslet, share in zip(places * pitch, weights, strict=True):
+        for pupil, part in zip(places * aperture / views, weights, strict=True):
+            at = (columns + lenslet) * away / image
+            # A pixel collects angles, so its place on the main lens moves with that on the lenslet.
+            slope = (at - (view[:, None] + lenslet + pupil)) / away
+            stretched = np.hypot(1, slope)
+            far = np.abs(at + slope * DEPTH - AXIS) / stretched / RADIUS
+            line = np.where(far < 1, transform(np.clip(far, 1e-9, 1 - 1e-9))[1], 0) * RADIUS
+            climb = (-rows * away / image + view[:, None]) / away
+            length = (
+                np.hypot(stretched[None, :, None, :], climb[:, None, :, None]) / stretched[:, None]
+            )
+            seen += share * part * length * line[:, None]
+    return LightField(seen.astype(np.float32))
+
+
+def errors(transform, kind, which="all"):
+    """Radii, in the flame's, and the error there at middle heights, relative to the peak."""
+    lens = camera(kind)
+    grid = AxisymmetricGrid(lens, AXIS, DEPTH, 1.06 * RADIUS, which=which)
+    found = reconstruct_axisymmetric(photograph(transform, lens), grid)
+    radii = np.clip(grid.radii_mm / RADIUS, 1e-9, None)
+    truth = np.where(radii < 1, transform(np.clip(radii, None, 1 - 1e-9))[0], 0)
+    return radii, np.abs(found.emission[3:-3] - truth).max(axis=0) / truth.max()
+
+
+@pytest.mark.parametrize("kind", ["f/4", "parallel"])
+@pytest.mark.parametrize("transform", SMOOTH)
+def test_smooth_flame_is_found_within_half_a_per_cent(transform, kind):
+    assert errors(transform, kind)[1].max() < 5e-3
+
+
+@pytest.mark.parametrize("kind", ["f/4", "parallel"])
+@pytest.mark.parametrize("name", JUMPS)
+def test_flame_with_jumps_is_found_beside_them(name, kind):
+    transform, jumps = JUMPS[name]
+    radii, error = errors(transform, kind)
+    apart = np.abs(radii[:, None] - jumps).min(axis=1) > 0.15
+    assert error[apart].max() < 2e-2
+    assert error[0] < 5e-3
+
+
+@pytest.mark.parametrize("kind", ["f/4", "parallel"])
+def test_one_view_will_do(kind):
+    assert errors(curve1, kind, "central")[1].max() < 5e-3
+
+
+# A flame seen by slanting rays through an aperture wide enough to see around it.
+LENS = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 44))
+
+
+def ray_traced(deep=1.0, lean=0.0, wander=0.0):
+    """A hollow flame by rays of its own; `deep` times as deep as wide, its axis bent or leaning."""
+    away, views = LENS.focus_distance_mm, LENS.views
+    image = 1 / (1 / LENS.main_lens_focal_mm - 1 / away)
+    aperture = image * LENS.lenslet_pitch_mm / LENS.lenslet_focal_mm
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * LENS.lenslet_pitch_mm for n in LENS.lenslets)
+    view = (np.arange(views) - (views - 1) / 2) * aperture / views
+    seen = np.zeros((views, views, *LENS.lenslets))
+    y, x = rows * away / image, columns * away / image
+    for depth in np.linspace(-4, 4, 121):
+        share = (AXIS_DEPTH + depth) / away
+        h = -(y + (y - view[:, None]) * share)[:, None, :, None]
+        across = (x + (x - view[:, None]) * share)[None, :, None, :] - 0.3
+        q = (across - wander * np.sin(2 * h)) ** 2 + ((depth - lean * h) / deep) ** 2
+        seen += 8 / 120 * np.exp(-((h / 1.0) ** 2)) * (1 + 3 * q) * np.exp(-q / 0.64)
+    noise = np.random.default_rng(0).standard_normal(seen.shape)
+    return LightField((seen + 0.01 * seen.max() * noise).astype(np.float32))
+
+
+AXIS_DEPTH = 2.0
+
+STATED = AxisymmetricGrid(LENS, 0.3, AXIS_DEPTH, 2.6)
+
+
+def test_round_flame_has_no_warning_and_its_depth_would_show():
+    found = reconstruct_axisymmetric(ray_traced(), STATED)
+    assert found.warnings == found.unseen == ()
+
+
+@pytest.mark.parametrize(
+    ("shape", "stated", "words"),
+    [
+        ({"deep": 1.5}, {}, r"deeper than wide: its extent in depth is about 1\.[45]"),
+        ({"deep": 0.6}, {}, r"flatter than wide: its extent in depth is about 0\.[67]"),
+        ({"lean": np.tan(np.radians(15))}, {}, r"leans by 1[3-6] degrees in depth"),
+        ({"lean": -np.tan(np.radians(15))}, {}, r"leans by -1[3-6] degrees in depth"),
+        ({"wander": 0.3}, {}, "is not straight"),
+        ({}, {"axis_mm": 0.4}, r"shows it at 0\.(29|30)"),
+        ({}, {"depth_mm": 4.0}, r"shows it at (1\.9|2\.0)"),
+        ({}, {"radius_mm": 1.5}, r"there is light out to 1\.[789]"),
+    ],
+)
+def test_departure_from_what_is_stated_is_said(shape, stated, words):
+    found = reconstruct_axisymmetric(ray_traced(**shape), replace(STATED, **stated))
+    assert re.search(words, " ".join(found.warnings))
+
+
+def test_single_view_says_what_it_cannot_see():
+    light_field = ray_traced(deep=1.5)
+    alone = LightField(light_field.views[2:3, 2:3])
+    found = reconstruct_axisymmetric(alone, replace(STATED, which="central"))
+    assert found.warnings == ()
+    assert "1.5 times as deep as wide" in found.unseen[0]
+    assert "leans by 15 degrees" in found.unseen[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["even", "photons"])
+@pytest.mark.parametrize("transform", [gauss, curve1, curve7], ids=["solid", "hollow", "broad"])
+def test_bars_of_95_per_cent_hold_the_truth(transform, kind):
+    """50 draws of noise, 3 % of the peak, by bright nodes."""
+    lens = replace(camera("f/4"), lenslets=(10, 120))
+    clean = photograph(transform, lens).views
+    grid = AxisymmetricGrid(lens, AXIS, DEPTH, 1.06 * RADIUS)
+    radii = np.clip(grid.radii_mm / RADIUS, 1e-9, None)
+    truth = np.where(radii < 1, transform(np.clip(radii, None, 1 - 1e-9))[0], 0)
+    bright = truth > 0.05 * truth.max()
+    held = []
+    for draw in range(50):
+        rng = np.random.default_rng(draw)
+        unit = (0.03**2 if kind == "photons" else 1.0) * clean.max()
+        noisy = rng.poisson(clean / unit) * unit if kind == "photons" else clean
+        noisy = noisy + (0.03 if kind == "even" else 3e-3) * clean.max() * rng.standard_normal(
+            clean.shape
+        )
+        found = reconstruct_axisymmetric(
+            LightField(noisy.astype(np.float32)), grid, redraws=10, rng=rng
+        )
+        held.append(np.abs(found.emission - truth) <= found.bar)
+    assert 0.93 < np.mean(np.array(held)[:, 3:-3, bright]) < 0.97
