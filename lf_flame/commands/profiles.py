@@ -58,9 +58,9 @@ def profiles(folder, out, **strips) -> None:
     with output_folder(out or Path("profiles") / folder.resolve().name, RECORD) as written:
         write_profiles(found, emission.depths_mm, written)
         written.facts |= {"source": str(folder), "redraws": len(emission.draws), **strips}
-    if not len(emission.draws):
+    if not len(emission.draws) or emission.correction is None:
+        missing = "correction" if len(emission.draws) else "draws"
         click.echo(
-            "Warning: the folder holds no draws, so the profiles have no bands.",
-            err=True,
+            f"Warning: the folder holds no {missing}, so the profiles have no bands.", err=True
         )
     click.echo(f"axial.csv, radial.csv, profiles.png and {RECORD} are in {written.folder}")

@@ -5,15 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.config import load_record
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame.commands.tomography_output import CORRECTION, DRAWS, EmissionRecord, read_stack
-from lf_flame.commands.tomography_output import RECORD as EMISSION_RECORD
-from lf_flame.errors import InputError
+from lf_flame.commands.emission_folder import CORRECTION, DRAWS, EmissionFolder
 from lf_flame.tomography.figures import profiles_figure
 from lf_flame.tomography.profiles import Profile, axial, radial
 
@@ -48,30 +44,13 @@ def read_emission(folder: Path) -> Emission:
     InputError
         If the folder is no such, or a file of it is damaged.
     """
-    record = load_record(EmissionRecord, folder / EMISSION_RECORD)
-    planes = read_stack(folder / "emission.tif", len(record.depths_mm))
-    path = folder / DRAWS
+    found = EmissionFolder(folder)
+    planes = found.emission()
     draws = np.empty((0, *planes.shape), np.float32)
-    if path.is_file():
-        try:
-            draws = tifffile.imread(path)
-        except (tifffile.TiffFileError, ValueError) as error:
-            raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
-        if draws.size % planes.size or draws.dtype.kind != "f":
-            raise InputError(
-                f"{path} must hold planes as emission.tif does, {planes.shape}, of float32, got "
-                f"{draws.shape} of {draws.dtype}."
-            )
-    path, correction = folder / CORRECTION, None
-    if path.is_file():
-        correction = read_stack(path, len(planes))
-        if correction.shape != planes.shape:
-            raise InputError(
-                f"{path} must hold planes as emission.tif does, {planes.shape}, got "
-                f"{correction.shape}."
-            )
-    drawn = draws.reshape(-1, *planes.shape)
-    return Emission(planes, drawn, correction, record.depths_mm, list(record.cell_mm))
+    if found.holds(DRAWS):
+        draws = found.read_like(DRAWS, planes, most=None)
+    correction = found.read_like(CORRECTION, planes)[0] if found.holds(CORRECTION) else None
+    return Emission(planes, draws, correction, found.depths_mm, found.cell_mm)
 
 
 @dataclass(frozen=True)

@@ -154,8 +154,8 @@ def reconstruct(
     import numpy as np
 
     from lf_flame._common.output_folders import output_folder
+    from lf_flame.commands.emission_folder import RECORD
     from lf_flame.commands.tomography_output import (
-        RECORD,
         read_thickness,
         thickness_facts,
         write_reconstruction,
@@ -224,11 +224,8 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
       lf-flame temperature green red --wavelengths 550 650
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
-    from lf_flame.commands.tomography_output import (
-        TEMPERATURE_RECORD,
-        read_emissions,
-        write_temperature,
-    )
+    from lf_flame.commands.emission_folder import read_emissions
+    from lf_flame.commands.tomography_output import TEMPERATURE_RECORD, write_temperature
     from lf_flame.tomography.pyrometry import two_colour_temperature
 
     emissions, sigmas, depths = read_emissions(first, second)

@@ -1,7 +1,6 @@
 """Emission by depth as the files that a user looks at."""
 
 import csv
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +10,11 @@ from tabulate import tabulate
 
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
-from lf_flame._common.config import load_record, to_json
+from lf_flame._common.config import to_json
 from lf_flame._common.input_files import readable
 from lf_flame._common.output_folders import OutputFolder
 from lf_flame._common.pixels import TIFF_ERRORS, TIFF_SUFFIXES, read_series
+from lf_flame.commands.emission_folder import CORRECTION, DRAWS, EMISSION, SIGMA
 from lf_flame.errors import InputError
 from lf_flame.formats import write_focal_stack
 from lf_flame.lightfield import LightField
@@ -32,18 +32,7 @@ from lf_flame.tomography.resolution import angular_width, depth_blur, depth_mode
 if TYPE_CHECKING:
     from lf_flame.tomography.reconstruction import Reconstruction
 
-RECORD = "reconstruct.json"
 TEMPERATURE_RECORD = "temperature.json"
-DRAWS = "draws.tif"
-CORRECTION = "correction.tif"
-
-
-@dataclass(frozen=True)
-class EmissionRecord:
-    """What the record of a reconstruction says of its planes."""
-
-    depths_mm: list[float]
-    cell_mm: list[float]
 
 
 def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
@@ -79,12 +68,10 @@ def write_reconstruction(
     ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of each view,
     L-curve).
     """
-    write_focal_stack(found.emission, found.grid.slopes, folder.path("emission.tif"))
+    write_focal_stack(found.emission, found.grid.slopes, folder.path(EMISSION))
     tifffile.imwrite(folder.path(CORRECTION), found.correction)
     if found.sigma is not None:
-        write_focal_stack(
-            found.sigma.astype(np.float32), found.grid.slopes, folder.path("sigma.tif")
-        )
+        write_focal_stack(found.sigma.astype(np.float32), found.grid.slopes, folder.path(SIGMA))
         tifffile.imwrite(folder.path(DRAWS), found.draws)
     light, error = light_by_depth(found)
     _write_depths(folder.path("depth.csv"), found, light, error)
@@ -171,58 +158,6 @@ def thickness_facts(given: str | None, thickness: float | np.ndarray | None) -> 
         return {"optical_thickness": None}
     greatest = float(np.max(np.sum(thickness, axis=0))) if np.ndim(thickness) else thickness
     return {"optical_thickness": given, "greatest_optical_thickness": greatest}
-
-
-Pair = tuple[np.ndarray, np.ndarray]
-
-
-def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
-    """Read two folders of `write_reconstruction`.
-
-    Returns
-    -------
-    emissions, sigmas : (ndarray, ndarray), each of shape (planes, rows, columns)
-    depths_mm : list of float
-
-    Raises
-    ------
-    InputError
-        If a folder is no such, has no error bars, or their planes differ.
-    """
-    records = [load_record(EmissionRecord, folder / RECORD) for folder in (first, second)]
-    if records[0] != records[1]:
-        raise InputError(
-            f"{first} and {second} must hold the same planes of one camera: their depths are "
-            f"{records[0].depths_mm} and {records[1].depths_mm} mm."
-        )
-    depths = records[0].depths_mm
-    emissions, sigmas = (
-        (read_stack(first / name, len(depths)), read_stack(second / name, len(depths)))
-        for name in ("emission.tif", "sigma.tif")
-    )
-    return emissions, sigmas, depths
-
-
-def read_stack(path: Path, planes: int) -> np.ndarray:
-    """Read a TIFF of so many planes of floats, shape (planes, rows, columns).
-
-    Raises
-    ------
-    InputError
-        If there is none, or it holds something else.
-    """
-    if not path.is_file():
-        raise InputError(f"There is no {path}; call lf-flame reconstruct with --redraws 20.")
-    try:
-        stack = np.atleast_3d(tifffile.imread(path))
-    except (tifffile.TiffFileError, ValueError) as error:
-        raise InputError(f"{path} cannot be read as a TIFF: {error}") from None
-    stack = stack.reshape(-1, *stack.shape[-2:])
-    if len(stack) != planes or stack.dtype.kind != "f":
-        raise InputError(
-            f"{path} must hold {planes} planes of float32, got {len(stack)} of {stack.dtype}."
-        )
-    return stack
 
 
 def write_temperature(found: Temperatures, depths: list[float], folder: OutputFolder) -> None:

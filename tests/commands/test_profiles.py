@@ -1,6 +1,7 @@
 """lf-flame profiles."""
 
 import csv
+import hashlib
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 
+from lf_flame import InputError
 from lf_flame.commands.cli import commands
 
 
@@ -25,9 +27,15 @@ def folder(tmp_path):
     tifffile.imwrite(path / "emission.tif", planes)
     tifffile.imwrite(path / "draws.tif", planes + steps[:, None, None, None])
     tifffile.imwrite(path / "correction.tif", np.full_like(planes, -2))
-    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5]}
-    (path / "reconstruct.json").write_text(json.dumps(record))
+    sign(path)
     return path
+
+
+def sign(path, **changes):
+    """Write the record as reconstruct does, for the files as they are now."""
+    files = {one.name: hashlib.sha256(one.read_bytes()).hexdigest() for one in path.glob("*.tif")}
+    record = {"depths_mm": [4.0, -2.0], "cell_mm": [1.0, 0.5], "files": files, **changes}
+    (path / "reconstruct.json").write_text(json.dumps(record))
 
 
 def rows_of(path):
@@ -58,6 +66,7 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
 
 def test_without_draws_there_are_no_errors(folder, tmp_path):
     (folder / "draws.tif").unlink()
+    sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert result.exit_code == 0
     assert "no bands" in result.output
@@ -67,23 +76,113 @@ def test_without_draws_there_are_no_errors(folder, tmp_path):
 def test_without_a_correction_there_are_no_bands(folder, tmp_path):
     """As of a folder that an older version has left."""
     (folder / "correction.tif").unlink()
-    assert run("profiles", folder, "--out", tmp_path / "out").exit_code == 0
+    missing = run("profiles", folder, "--out", tmp_path / "out")
+    assert "correction.tif cannot be read: there is no such file" in str(missing.exception)
+    sign(folder)
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert "holds no correction, so the profiles have no bands" in result.output
     rows = rows_of(tmp_path / "out" / "axial.csv")
     assert {row["low_95"] for row in rows} == {""}
     assert "" not in {row["standard_deviation"] for row in rows}
 
 
+def flip(path):
+    content = bytearray(path.read_bytes())
+    content[-7] ^= 1
+    path.write_bytes(content)
+
+
+FILES = ("emission.tif", "draws.tif", "correction.tif")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_flipped_bit_is_found(folder, tmp_path, name):
+    flip(folder / name)
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert f"{name} is not the file that reconstruct.json was written for" in str(result.exception)
+    assert not (tmp_path / "out").exists()
+
+
+PLANES = np.ones((2, 6, 8), np.float32)
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (PLANES[:, :3], "must hold planes as emission.tif does"),
+        (PLANES[:1], "must hold 2 planes of float32"),
+        (PLANES[0, 0], "must hold 2 planes of float32"),
+        (PLANES.astype(np.float64), "must hold 2 planes of float32"),
+        (PLANES * np.float32(np.nan), "must hold finite numbers"),
+        (b"no picture", "cannot be read"),
+        (b"II*\0\x08\0\0\0" + 300 * b"\xff", "cannot be read"),
+    ],
+)
+def test_files_that_a_record_vouches_for_are_checked_all_the_same(
+    folder, tmp_path, name, content, says
+):
+    if isinstance(content, bytes):
+        (folder / name).write_bytes(content)
+    else:
+        tifffile.imwrite(folder / name, content)
+    sign(folder)
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert isinstance(result.exception, InputError)
+    assert says in str(result.exception)
+
+
+def test_a_bomb_is_refused_before_it_is_inflated(folder, tmp_path, monkeypatch):
+    bomb = np.zeros((2, 4000, 4000), np.float32)
+    tifffile.imwrite(folder / "draws.tif", bomb, compression="zlib")
+    assert (folder / "draws.tif").stat().st_size < 1e6
+    sign(folder)
+    monkeypatch.setenv("LF_FLAME_MEMORY_GB", "0.1")
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert "draws.tif would need 0.256 GB" in str(result.exception)
+
+
+OME = """<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"
+ UUID="urn:uuid:a"><Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="float"
+ SizeX="8" SizeY="6" SizeZ="2" SizeC="1" SizeT="1"><Channel ID="Channel:0" SamplesPerPixel="1"/>
+ <TiffData IFD="0" FirstZ="0" PlaneCount="2"><UUID FileName="secret.tif">urn:uuid:b</UUID>
+ </TiffData></Pixels></Image></OME>"""
+
+
+def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
+    """As an OME-TIFF may, whose planes then are those of another file: here 9, not 1."""
+    for name, level, urn in (("emission.tif", 1, "a"), ("secret.tif", 9, "b")):
+        said = OME.replace('UUID="urn:uuid:a"', f'UUID="urn:uuid:{urn}"')
+        options = {"description": said, "metadata": None, "compression": "zlib"}
+        tifffile.imwrite(folder / name, level * PLANES, **options)
+    assert tifffile.imread(folder / "emission.tif").max() == 9  # the library's own way
+    sign(folder)
+    assert run("profiles", folder, "--out", tmp_path / "out").exit_code == 0
+    rows = rows_of(tmp_path / "out" / "axial.csv")
+    assert {float(row["emission"]) for row in rows} == {1.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"cell_mm": [1.0]}, "must hold a number for each plane"),
+        ({"depths_mm": [], "cell_mm": []}, "must hold a number for each plane"),
+        ({"cell_mm": [1.0, 0.0]}, "cell_mm must be above 0"),
+        ({"files": ["emission.tif"]}, "has no hashes of its files"),
+        ({"files": {}}, "names no emission.tif"),
+    ],
+)
+def test_a_record_that_does_not_fit_is_refused(folder, tmp_path, changes, says):
+    sign(folder, **changes)
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert isinstance(result.exception, InputError)
+    assert says in str(result.exception)
+
+
 def test_what_cannot_be_used_is_refused(folder, tmp_path):
     out = tmp_path / "out"
     assert "must lie within" in str(run("profiles", folder, "--across", 9, "--out", out).exception)
-    correction = tifffile.imread(folder / "correction.tif")
-    tifffile.imwrite(folder / "correction.tif", correction[:, :3])
-    assert "must hold planes" in str(run("profiles", folder, "--out", out).exception)
-    tifffile.imwrite(folder / "correction.tif", correction)
-    tifffile.imwrite(folder / "draws.tif", np.zeros((3, 5), np.float32))
-    assert "must hold planes" in str(run("profiles", folder, "--out", out).exception)
-    (folder / "draws.tif").write_bytes(b"no picture")
-    assert "cannot be read" in str(run("profiles", folder, "--out", out).exception)
     (folder / "reconstruct.json").unlink()
     assert run("profiles", folder, "--out", out).exit_code
     assert not out.exists()
