@@ -9,8 +9,8 @@ from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 
-NOISE_BLOCK = 5
-"""Pixels along each axis over which the noise of a place is averaged."""
+NOISE_BLOCK = 9
+"""Pixels along each axis over which the noise of a place is averaged, beyond what its light says."""
 
 
 def draw_noise(
@@ -21,7 +21,7 @@ def draw_noise(
     Parameters
     ----------
     operator : ProjectionOperator
-    sd : ndarray, shape (t, s)
+    sd : ndarray, shape (v, u, t, s)
         Standard deviation of each pixel.
     rng : numpy.random.Generator
 
@@ -65,7 +65,11 @@ def redraw(
 def noise_by_pixel(
     operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray
 ) -> np.ndarray:
-    """Measure the noise by place: bright pixels have more of it, as light comes in portions.
+    """Measure the noise of each pixel: by its light, for photons are counted, and by its place.
+
+    The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
+    EMVA standard 1288). What is left, such as a division by a white image, varies slowly over
+    the field.
 
     Parameters
     ----------
@@ -76,14 +80,36 @@ def noise_by_pixel(
 
     Returns
     -------
-    ndarray of float64, shape (t, s)
-        Variance relative to its mean over the pixels.
+    ndarray of float32, shape (v, u, t, s)
+        Variance relative to its mean.
     """
-    rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
-    power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
+    seen = operator.matvec(cells.ravel()).reshape(views.shape)
+    power = np.square(views - seen, dtype=np.float32)
+    if not power.any():
+        return np.ones_like(power)
+    light = np.clip(seen, 0, None)
+    by_light = _photon_transfer(power, light)
+    place, wanted = (
+        ndimage.uniform_filter(
+            one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest"
+        )
+        for one in (power, by_light)
+    )
     # A running sum may end just below 0 where there is no noise.
-    smooth = np.clip(ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest"), 0, None)
-    return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
+    least = 1e-6 * float(wanted.max())
+    by_light *= (np.clip(place, 0, None) / np.maximum(wanted, least)).astype(np.float32)
+    return by_light / by_light.mean(dtype=np.float64)
+
+
+def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Fit squared noise by a constant and a share of the light, neither below 0; float32."""
+    mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
+    bright = light - np.float32(mean_light)
+    spread = float(np.mean(np.square(bright, dtype=np.float64)))
+    slope = float(np.mean(bright * power, dtype=np.float64)) / spread if spread else 0.0
+    steepest = mean_power / mean_light if mean_light else 0.0
+    slope = min(max(slope, 0.0), steepest)
+    return (mean_power + slope * (light - mean_light)).astype(np.float32)
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:

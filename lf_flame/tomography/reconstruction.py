@@ -1,7 +1,7 @@
 """Emission by depth from one light field: what is found, its error bars, and warnings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -214,14 +214,15 @@ def reconstruct(
     chi_squared /= noise_variance(found.noise)
     # All as it leaves towards the camera: noise is no other for what single views see absorbed.
     smooth = SmoothStack(grid)
-    correction = np.zeros_like(found.cells)
-    if smooth_penalty and nonnegative and corrected:
-        correction = fit.correct(found, smooth)
+    twice = smooth_penalty and nonnegative and corrected
+    correction = fit.correct(found, smooth) if twice else np.zeros_like(found.cells)
     cells, again = found.cells + correction, []
     if rng is not None and redraws:
         for one in redraw(operator, gram, smooth(cells), found.pixel_noise, redraws, rng):
-            drawn = fit.again(one, found, max(1, iterations // 2)) + correction
-            again.append(grid.crop(drawn) / leaves)
+            drawn = replace(found, cells=fit.again(one, found, max(1, iterations // 2)))
+            # The correction of each draw is its own: that of the light field has noise, too.
+            own = fit.correct(drawn, smooth) if twice else 0
+            again.append(grid.crop(drawn.cells + own) / leaves)
     emission = np.ascontiguousarray(grid.crop(cells) / leaves)
     return Reconstruction(
         grid=grid,
