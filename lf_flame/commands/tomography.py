@@ -117,6 +117,12 @@ FITTING = cloup.option_group(
         "does not tell it. A number is the total along the line of sight, spread evenly over the "
         "planes; a TIFF holds that of each plane, by pixels. Default: light only adds.",
     ),
+    cloup.option(
+        "--background",
+        type=click.Choice(["fit"]),
+        help="fit: take off an even background of unknown level, by the pixels that no emission "
+        "reaches. Default: there is none.",
+    ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
         "--redraws",

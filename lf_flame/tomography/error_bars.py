@@ -10,7 +10,7 @@ from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 
 NOISE_BLOCK = 9
-"""Pixels along each axis over which the noise of a place is averaged, beyond what its light says."""
+"""Pixels along each axis over which noise beyond what the light explains is averaged."""
 
 
 def draw_noise(
@@ -39,6 +39,7 @@ def redraw(
     gram: FrequencyGram,
     stack: np.ndarray,
     sd: np.ndarray,
+    level_error: float,
     count: int,
     rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
@@ -51,15 +52,22 @@ def redraw(
         Filtered focal stack of the emission.
     sd, rng
         As `draw_noise` takes them.
+    level_error : float
+        Standard deviation of an even background that was taken off; 0 without.
     count : int
 
     Yields
     ------
     RangeFit
-        To be solved; it knows no misfit.
+        Problem ready to be solved; its misfit is undefined.
     """
+    even = np.ones(int(np.prod(operator.dimsd)), np.float32) if level_error else None
     for _ in range(count):
-        yield RangeFit(gram, stack + draw_noise(operator, sd, rng), 0.0, 0)
+        drawn = stack + draw_noise(operator, sd, rng)
+        if even is not None:
+            off = np.float32(level_error * rng.standard_normal())
+            drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
+        yield RangeFit(gram, drawn, 0.0, 0)
 
 
 def noise_by_pixel(
@@ -90,9 +98,7 @@ def noise_by_pixel(
     light = np.clip(seen, 0, None)
     by_light = _photon_transfer(power, light)
     place, wanted = (
-        ndimage.uniform_filter(
-            one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest"
-        )
+        ndimage.uniform_filter(one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest")
         for one in (power, by_light)
     )
     # A running sum may end just below 0 where there is no noise.
@@ -109,7 +115,8 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
     slope = float(np.mean(bright * power, dtype=np.float64)) / spread if spread else 0.0
     steepest = mean_power / mean_light if mean_light else 0.0
     slope = min(max(slope, 0.0), steepest)
-    return (mean_power + slope * (light - mean_light)).astype(np.float32)
+    line = mean_power + np.float32(slope) * (light - np.float32(mean_light))
+    return np.maximum(line, np.float32(1e-6 * mean_power))
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
