@@ -1,4 +1,4 @@
-"""How often bands of 95 % of a profile hold the truth."""
+"""How often bars of 95 % hold the truth: of cells, of profiles and of temperatures."""
 
 import os
 import time
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy import special
 
 from experiments.tomography.phantoms import (
     EXACT,
@@ -14,18 +15,26 @@ from experiments.tomography.phantoms import (
     paper_flames,
     shrunk,
     truth_on,
+    volume_flame,
 )
 from experiments.tomography.tasks import DEPTHS_MM, OURS, Row
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, Scene, render
 from lf_flame._common.threads import one_thread
 from lf_flame._common.workers import worker_pool
-from lf_flame.tomography import FrustumGrid, reconstruct
-from lf_flame.tomography.profiles import Profile, axial, radial
+from lf_flame.optics.sensor import Sensor, expose
+from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
+from lf_flame.tomography.profiles import axial, radial
+from lf_flame.tomography.pyrometry import emission_ratio
+from lf_flame.tomography.reconstruction import planes_between
+
+DRAWS = 50
+"""Number of draws of the noise, for each scene and kind of noise."""
 
 REDRAWS = 20
 """Of each reconstruction, as many as `lf-flame reconstruct` makes."""
 
-NOISE_SHARE = 0.01
+TIMES = float(special.stdtrit(REDRAWS - 1, 0.975))
+"""Standard deviations, estimated from so many redraws, that a bar of 95 % reaches (Student's t)."""
 
 STRIP_MM = 0.3
 """Width of the strip that a profile is averaged over: some two cells."""
@@ -33,25 +42,47 @@ STRIP_MM = 0.3
 BRIGHT = 0.05
 """Share of a plane's peak from which a place counts."""
 
+KELVIN, WAVELENGTHS_NM = 1800.0, (550.0, 650.0)
+"""Even temperature of the flames, seen in two colours."""
+
 PROFILES = {"axial": axial, "radial": radial}
+
+
+def gaussian(clean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Add noise of 1 % of the peak."""
+    noise = rng.standard_normal(clean.shape, dtype=np.float32)
+    return clean + np.float32(0.01 * clean.max()) * noise
+
+
+def photons(clean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Count photo-electrons, 100 in the brightest pixel."""
+    return expose(clean, Sensor(exposure_e=100 / float(clean.max())), {"shot_noise"}, rng)
+
+
+NOISE = {"1 %": gaussian, "100 electrons": photons}
 
 
 @dataclass(frozen=True)
 class Held:
-    """What came of one profile.
+    """What came of one draw of the noise, in two colours.
 
     Attributes
     ----------
-    band, noise : float
-        Share of the places whose truth lies within the band, and within 1.96 standard deviations
-        of noise alone.
+    cells, profiles, noise, temperatures : float
+        Share of the cells, of the profiles' places by their bands and by noise alone, and of the
+        temperatures, whose truth lies within the bar.
     error : float
-        Root-mean-square error relative to the profile's truth.
+        Root-mean-square error of a profile relative to its truth, the mean over the profiles.
+    seconds : float
+        Time of a reconstruction.
     """
 
-    band: float
+    cells: float
+    profiles: float
     noise: float
+    temperatures: float
     error: float
+    seconds: float
 
 
 def _small(scene: Scene) -> tuple[Scene, PlenopticCamera]:
@@ -71,75 +102,102 @@ def _side_by_side() -> Scene:
     )
 
 
-SCENES: dict[str, tuple[int, Callable[[], Scene]]] = {
-    "profiles, four flames side by side": (200, _side_by_side),
-    "profiles, four flames behind each other": (
-        40,
-        lambda: overlapping_flames(DEPTHS_MM, cell_mm=0.4),
+@dataclass(frozen=True)
+class Flames:
+    """Flames whose bars are judged; `depths_mm` are the planes' (None: the layers')."""
+
+    make: Callable[[], Scene]
+    depths_mm: tuple[float, ...] | None = None
+
+
+SCENES = {
+    "bars, four flames side by side": Flames(_side_by_side),
+    "bars, four flames behind each other": Flames(
+        lambda: overlapping_flames(DEPTHS_MM, cell_mm=0.4)
+    ),
+    "bars, a flame thick in depth": Flames(
+        lambda: volume_flame(25.0, 4.0, slab_mm=0.5, reach_mm=12.0),
+        tuple(planes_between(-3, 3, 0.5)),
     ),
 }
-"""Draws of the noise, and what makes the scene."""
 
 
 def profile_bands(rng: np.random.Generator) -> Iterator[Row]:
-    """Take profiles of flames in draw after draw of the noise."""
+    """Judge the bars of flames in draw after draw of two kinds of noise."""
     with worker_pool(os.cpu_count() or 1) as pool:
-        for task, (draws, make) in SCENES.items():
-            scene, camera = _small(make())
-            grid = FrustumGrid(camera, scene.depths_mm)
+        for task, flames in SCENES.items():
+            scene, camera = _small(flames.make())
+            grid = FrustumGrid(camera, flames.depths_mm or scene.depths_mm)
             truth = truth_on(grid, scene)
             clean = render(scene, camera, tolerance=EXACT).views
-            of_draw = partial(_draw, clean, grid, truth)
-            found = list(pool.map(of_draw, rng.spawn(draws)))
-            yield from _rows(task, [one for held, _ in found for one in held], found)
+            for noise, add in NOISE.items():
+                of_draw = partial(_draw, clean, grid, truth, add)
+                yield from _rows(task, noise, list(pool.map(of_draw, rng.spawn(DRAWS))))
 
 
-def _rows(task: str, held: list[Held], found: list[tuple[list[Held], float]]) -> Iterator[Row]:
-    noise, wanted = f"{NOISE_SHARE:.0%}, {len(found)} draws", "side by side" in task
-    seconds = float(np.mean([took for _, took in found]))
+MEASURES = {
+    "cells": "truth within the bar of 95 % of a cell",
+    "profiles": "truth within the band of 95 %",
+    "noise": "truth within the profile's bar of noise alone",
+    "temperatures": "truth within the bar of 95 % of a temperature",
+}
+
+
+def _rows(task: str, noise: str, held: list[Held]) -> Iterator[Row]:
+    what = f"{noise}, {len(held)} draws"
+    seconds = float(np.mean([one.seconds for one in held]))
+    wanted = 0.02 if "side by side" in task and noise == "1 %" else None
     error = float(np.mean([one.error for one in held]))
-    yield Row(task, noise, OURS, "profile's error", error, 0.02 if wanted else None, seconds)
-    for measure, shares in (
-        ("truth within the band of 95 %", [one.band for one in held]),
-        ("truth within 1.96 sigma of noise", [one.noise for one in held]),
-    ):
-        yield Row(task, noise, OURS, measure, float(np.mean(shares)), None, seconds)
+    yield Row(task, what, OURS, "profile's error", error, wanted, seconds)
+    for name, measure in MEASURES.items():
+        share = float(np.nanmean([getattr(one, name) for one in held]))
+        yield Row(task, what, OURS, measure, share, None, seconds)
 
 
 def _draw(
-    clean: np.ndarray, grid: FrustumGrid, truth: np.ndarray, rng: np.random.Generator
-) -> tuple[list[Held], float]:
-    """Take the profiles in one draw, on one thread, for others run beside it; and the seconds."""
-    noise = rng.standard_normal(clean.shape, dtype=np.float32)
-    noisy = LightField(clean + np.float32(NOISE_SHARE * clean.max()) * noise)
+    clean: np.ndarray,
+    grid: FrustumGrid,
+    truth: np.ndarray,
+    add: Callable[[np.ndarray, np.random.Generator], np.ndarray],
+    rng: np.random.Generator,
+) -> Held:
+    """Judge one draw, on one thread, for others run beside it."""
     begin = time.perf_counter()
     with one_thread():
-        held = list(_profiles(noisy, grid, truth, rng))
-    return held, time.perf_counter() - begin
+        # The second colour is a draw of its own, of the same light: its ratio is known.
+        found, other = (
+            reconstruct(LightField(add(clean, rng)), grid, redraws=REDRAWS, rng=rng)
+            for _ in range(2)
+        )
+    seconds = (time.perf_counter() - begin) / 2
+    bright = truth > BRIGHT * truth.max(axis=(1, 2), keepdims=True)
+    cells = np.abs(found.emission - truth) <= TIMES * found.sigma
+    ratio = float(emission_ratio(KELVIN, WAVELENGTHS_NM))
+    soot = two_colour_temperature(
+        ratio * found.emission, other.emission, WAVELENGTHS_NM, (ratio * found.sigma, other.sigma)
+    )
+    known = bright & np.isfinite(soot.kelvin)
+    warm = np.abs(soot.kelvin - KELVIN) <= TIMES * soot.sigma
+    temperatures = float(warm[known].mean()) if known.any() else float("nan")
+    bands, noises, errors = np.mean(list(_profiles(found, grid, truth)), axis=0)
+    return Held(float(cells[bright].mean()), bands, noises, temperatures, errors, seconds)
 
 
-def _profiles(
-    light_field: LightField, grid: FrustumGrid, truth: np.ndarray, rng: np.random.Generator
-) -> Iterator[Held]:
-    found = reconstruct(light_field, grid, redraws=REDRAWS, rng=rng)
+def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[float, float, float]]:
+    """Share of places within the band and within noise alone, and the error, of each profile."""
     for plane, wanted in enumerate(truth):
         cell = grid.cell_mm(grid.depths_mm[plane])
         draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
         for name, take in PROFILES.items():
             middle = _middle(wanted, cell, name)
-            profile = take(
-                found.emission[plane], draws, cell, middle, STRIP_MM, found.correction[plane]
-            )
+            profile = take(found.emission[plane], draws, cell, middle, STRIP_MM)
             true = take(wanted, nothing, cell, middle, STRIP_MM).values
-            yield _compare(profile, true, BRIGHT * float(wanted.max()))
-
-
-def _compare(profile: Profile, true: np.ndarray, least: float) -> Held:
-    off, bright = np.abs(profile.values - true), true > least
-    band = np.mean(off[bright] <= profile.band[bright])
-    noise = np.mean(off[bright] <= 1.96 * profile.sigma[bright])
-    error = np.linalg.norm(profile.values - true) / np.linalg.norm(true)
-    return Held(float(band), float(noise), float(error))
+            off, lit = np.abs(profile.values - true), true > BRIGHT * float(wanted.max())
+            yield (
+                float(np.mean(off[lit] <= profile.band[lit])),
+                float(np.mean(off[lit] <= TIMES * profile.sigma[lit])),
+                float(np.linalg.norm(off) / np.linalg.norm(true)),
+            )
 
 
 def _middle(image: np.ndarray, cell: float, name: str) -> float:

@@ -38,8 +38,8 @@ def profiles(folder, out, **strips) -> None:
     the right and upwards; without any, the strips run through the middle of each plane's light.
     axial.csv and radial.csv hold a row for each place of each plane, profiles.png shows them.
     Standard deviations need the folder's draws (`--redraws` of reconstruct) and are those of noise
-    alone. Bands also hold the reconstruction's correction; what a light field cannot tell in depth
-    is in neither. Of a round flame, `lf-flame abel` gives profiles along the radius.
+    alone. Bands also hold the bias that the draws show; what a light field cannot tell in depth is
+    in neither. Of a round flame, `lf-flame abel` gives profiles along the radius.
 
     \b
       lf-flame profiles reconstructed/flames
@@ -61,11 +61,8 @@ def profiles(folder, out, **strips) -> None:
         write_profiles(found, emission.depths_mm, written)
         written.facts |= {"source": recorded_path(folder, written.folder)}
         written.facts |= {"redraws": len(emission.draws), **strips}
-    if not len(emission.draws) or emission.correction is None:
-        missing = "correction" if len(emission.draws) else "draws"
-        click.echo(
-            f"Warning: the folder holds no {missing}, so the profiles have no bands.", err=True
-        )
+    if not len(emission.draws):
+        click.echo("Warning: the folder holds no draws, so the profiles have no bands.", err=True)
     click.echo(
         f"axial.csv, radial.csv, profiles.png and {RECORD} are in {printable(written.folder)}"
     )

@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.output_folders import OutputFolder
-from lf_flame.commands.emission_folder import CORRECTION, DRAWS, EmissionFolder
+from lf_flame.commands.emission_folder import DRAWS, EmissionFolder
 from lf_flame.tomography.figures import profiles_figure
 from lf_flame.tomography.profiles import Profile, axial, radial
 
@@ -24,14 +24,12 @@ class Emission:
     ----------
     planes : ndarray of float32, shape (planes, rows, columns)
     draws : ndarray of float32, shape (redraws, planes, rows, columns)
-    correction : ndarray of float32, shape of planes, or None
     depths_mm, cell_mm : list of float
         Of each plane.
     """
 
     planes: np.ndarray
     draws: np.ndarray
-    correction: np.ndarray | None
     depths_mm: list[float]
     cell_mm: list[float]
 
@@ -49,8 +47,7 @@ def read_emission(folder: Path) -> Emission:
     draws = np.empty((0, *planes.shape), np.float32)
     if found.holds(DRAWS):
         draws = found.read_like(DRAWS, planes, most=None)
-    correction = found.read_like(CORRECTION, planes)[0] if found.holds(CORRECTION) else None
-    return Emission(planes, draws, correction, found.depths_mm, found.cell_mm)
+    return Emission(planes, draws, found.depths_mm, found.cell_mm)
 
 
 @dataclass(frozen=True)
@@ -65,13 +62,11 @@ class Strips:
 
 def take_profiles(emission: Emission, strips: Strips) -> dict[str, list[Profile]]:
     """Take profiles up and across every plane: lists "axial" and "radial"."""
-    added = emission.correction
     found: dict[str, list[Profile]] = {"axial": [], "radial": []}
     for k, plane in enumerate(emission.planes):
         one = plane, emission.draws[:, k], emission.cell_mm[k]
-        correction = None if added is None else added[k]
-        found["axial"].append(axial(*one, strips.across, strips.width, correction))
-        found["radial"].append(radial(*one, strips.height, strips.thickness, correction))
+        found["axial"].append(axial(*one, strips.across, strips.width))
+        found["radial"].append(radial(*one, strips.height, strips.thickness))
     return found
 
 

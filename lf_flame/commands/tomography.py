@@ -119,6 +119,12 @@ FITTING = cloup.option_group(
         "the planes: of a flame that does not fill the field it makes the edges too bright. "
         "Default: light only adds.",
     ),
+    cloup.option(
+        "--background",
+        type=click.Choice(["fit"]),
+        help="fit: take off an even background of unknown level, by the pixels that no emission "
+        "reaches. Default: there is none.",
+    ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
         "--redraws",

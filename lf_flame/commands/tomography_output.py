@@ -81,6 +81,8 @@ def write_reconstruction(
         "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
         "unit": "radiance that each plane adds along the line of sight, as of the light field",
         "noise": found.noise,
+        "background": found.background,
+        "background_sigma": found.background_sigma,
         "strength": found.strength,
         "tried": [to_json(tried) for tried in found.tried],
         "sigma_of_linear_fit": found.sigma_linear.tolist(),

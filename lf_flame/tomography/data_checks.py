@@ -3,18 +3,38 @@
 import numpy as np
 
 from lf_flame.errors import InputError
+from lf_flame.tomography.background import measure_edge
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.resolution import depth_blur, finest_period
 
 VIEW_EXCESS = 1.3
-"""Chi-squared of a view, relative to the median view, that is no accident."""
+"""Chi-squared of a view, relative to the median view, that is no accident; and of the median
+view."""
+
+ALONE = 2.0
+"""How many times farther above the median view the worst view stands than the third worst, where
+it is that view which is wrong, and not the model."""
 
 MODEL_ERROR = 2e-3
 """Residual relative to the peak that comes of taking the glow of a cell as even."""
+
+STRUCTURE = 0.1
+"""Correlation of neighbouring pixels' residuals above which they are no noise, whose is about 0."""
 
 SATURATED = 4
 """Pixels at exactly the brightest value from which it is a ceiling."""
 
 LARGEST = 1e15
 """Largest value of a light field: the fit sums squares of squares of pixels in float64."""
+
+BRIGHT = 5.0
+"""Standard errors by which the brightest pixel, averaged over the views, exceeds darkness."""
+
+NEGATIVE = 6.0
+"""Standard deviations of noise below 0 beyond which light is negative."""
+
+DARK_CORNERS = 0.9
+"""Light of the corner views, relative to the median view's, below which a stop darkens them."""
 
 
 def check_range(views: np.ndarray, noise: float | None) -> None:
@@ -44,7 +64,13 @@ def check_range(views: np.ndarray, noise: float | None) -> None:
 
 
 def check_data(
-    views: np.ndarray, chi_squared: np.ndarray, noise: float, measured: float, stated: bool
+    views: np.ndarray,
+    chi_squared: np.ndarray,
+    noise: float,
+    measured: float,
+    stated: bool,
+    *,
+    residual: np.ndarray | None = None,
 ) -> tuple[str, ...]:
     """Compare residuals and edges with the noise.
 
@@ -52,16 +78,26 @@ def check_data(
     ----------
     views : ndarray, shape (v, u, t, s)
     chi_squared : ndarray, shape (v, u)
+        Mean squared residual of each view, in units of the noise's variance.
     noise, measured : float
-        That was used, and that no emission on the grid explains.
+        Standard deviation of a pixel's noise that was used, and of what no emission on the grid
+        explains.
     stated : bool
         Whether the user gave the noise.
+    residual : ndarray, shape of `views`, optional
+        What the emission does not explain. Default: unknown, and not judged.
 
     Returns
     -------
     tuple of str
         One sentence for each disagreement.
     """
+    if not _has_light(views, noise):
+        return (
+            f"The light field holds no light above its noise (its brightest pixel, averaged over "
+            f"the views, is {float(views.mean(axis=(0, 1)).max()):.3g}): there is nothing to find; "
+            f"check the exposure, and what was subtracted.",
+        )
     found = []
     if stated and measured > 1.1 * noise:
         found.append(
@@ -69,14 +105,10 @@ def check_data(
             f"what no emission at these depths explains: depths, alignment, gains or a background "
             f"may be wrong."
         )
-    worst = np.unravel_index(np.argmax(chi_squared), chi_squared.shape)
-    middle = float(np.median(chi_squared))
-    residual = float(np.sqrt(chi_squared[worst])) * noise
-    if residual > MODEL_ERROR * views.max() and chi_squared[worst] > VIEW_EXCESS * middle:
-        found.append(
-            f"View {worst[0]}, {worst[1]} is explained {chi_squared[worst] / middle:.3g} times "
-            f"worse than the median view: its gain, or the alignment, may be off."
-        )
+    alone = _odd_view(views, chi_squared, noise)
+    found += alone
+    if not alone or np.median(chi_squared) > VIEW_EXCESS:
+        found += _unexplained(views, chi_squared, noise, residual)
     found += _check_edges(views, noise)
     peak = views.max()
     ceiling = int(np.count_nonzero(views == peak))
@@ -88,22 +120,116 @@ def check_data(
     return tuple(found)
 
 
+def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
+    """Say where planes are nearer to each other than anything is resolved in depth."""
+    steps = np.abs(np.diff(grid.depths_mm))
+    period = finest_period(grid.camera, grid.block)
+    blur, smooth = depth_blur(grid.camera, period), depth_blur(grid.camera, 10 * period)
+    if not steps.size or steps.min() >= blur:
+        return ()
+    return (
+        f"Planes are {steps.min():.3g} mm apart, and the finest detail that pixels hold, of "
+        f"{period:.2g} mm, is blurred over {blur:.2g} mm in depth, detail of {10 * period:.2g} mm "
+        f"over {smooth:.2g} mm (lf-flame resolution): neighbouring planes are not told apart, and "
+        f"the penalty shares their light.",
+    )
+
+
+def _has_light(views: np.ndarray, noise: float) -> bool:
+    error = noise / np.sqrt(np.prod(views.shape[:2]))
+    return float(views.mean(axis=(0, 1), dtype=np.float64).max()) > BRIGHT * error
+
+
+def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[str]:
+    """Name the worst view where it, or it and one other, is wrong, and the rest is not."""
+    worst = np.unravel_index(np.argmax(chi_squared), chi_squared.shape)
+    middle, highest = float(np.median(chi_squared)), float(chi_squared[worst])
+    third = float(np.sort(chi_squared, axis=None)[-3:][0])
+    residual = np.sqrt(highest) * noise
+    if (
+        residual > MODEL_ERROR * views.max()
+        and highest > VIEW_EXCESS * middle
+        and highest - middle > ALONE * (third - middle)
+    ):
+        return [
+            f"View {worst[0]}, {worst[1]} is explained {highest / middle:.3g} times "
+            f"worse than the median view: its gain, or the alignment, may be off."
+        ]
+    return []
+
+
+def _unexplained(
+    views: np.ndarray, chi_squared: np.ndarray, noise: float, residual: np.ndarray | None
+) -> list[str]:
+    """Say that the emission does not explain the views, and what that can come of."""
+    if residual is None:
+        return []
+    peak, size = float(views.max()), float(np.sqrt(np.mean(np.square(residual, dtype=np.float64))))
+    likeness, middle = _likeness(residual), float(np.median(chi_squared))
+    structured = likeness > STRUCTURE and np.sqrt(likeness) * size > MODEL_ERROR * peak
+    far_above = middle > VIEW_EXCESS and size > MODEL_ERROR * peak
+    if not structured and not far_above:
+        return []
+    return [
+        f"No emission at these depths explains the views: the residual is {size / peak:.1%} of the "
+        f"peak, chi-squared of the median view is {middle:.3g}, and {max(likeness, 0):.0%} of the "
+        f"residual is structure, which noise does not have. The emission is wrong by more than its "
+        f"error bars say. Most likely first: {'; '.join(_causes(views, noise))}."
+    ]
+
+
+def _likeness(residual: np.ndarray) -> float:
+    """Correlation of the residuals of neighbouring pixels, the mean along rows and columns."""
+    power = float(np.mean(np.square(residual, dtype=np.float64)))
+    if not power:
+        return 0.0
+    beside = (
+        np.mean(residual[..., 1:, :] * residual[..., :-1, :], dtype=np.float64),
+        np.mean(residual[..., 1:] * residual[..., :-1], dtype=np.float64),
+    )
+    return float(np.nan_to_num(beside).mean()) / power
+
+
+def _causes(views: np.ndarray, noise: float) -> list[str]:
+    """List what makes views that no emission explains, most likely first."""
+    found = [
+        "depths that are wrong or do not hold all of the scene",
+        "another camera than the one stated, or views that are not aligned",
+        "light that is hidden or absorbed on its way",
+        "a round stop, which darkens the corner views (keep the inner views)",
+        "negative light, where too much was subtracted",
+    ]
+    first = []
+    if views.min() < -NEGATIVE * noise:
+        first.append(found.pop(4))
+    light = views.mean(axis=(2, 3), dtype=np.float64)
+    corners = light[np.ix_([0, -1], [0, -1])]
+    if corners.max() < DARK_CORNERS * np.median(light):
+        first.append(found.pop(3))
+    return first + found
+
+
 def _check_edges(views: np.ndarray, noise: float) -> list[str]:
     """Light on the field's edges: a background, or emission that is cut."""
-    frame = np.ones(views.shape[2:], bool)
-    frame[1:-1, 1:-1] = False
-    # The mean over views keeps what noise does not.
-    edge = views.mean(axis=(0, 1), dtype=np.float64)[frame]
-    error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
-    background = float(np.median(edge))
-    if abs(background) > 5 * error:
+    edge = measure_edge(views)
+    if edge.is_background and edge.clipped:
         return [
-            f"The field's edge is at {background:.3g} where nothing glows: subtract the dark "
-            f"frame, or the background becomes emission."
+            f"Blacks are cut off at 0: many pixels of the field's edge are exactly 0 and none is "
+            f"below, which leaves a background of {edge.level:.3g} and adds about "
+            f"{edge.adds:.0%} of light. Record with a black level above the noise, and "
+            f"subtract it in numbers that may be negative."
         ]
-    if edge.max() > 8 * error and edge.max() > 0.01 * views.max():
+    if edge.is_background:
         return [
-            f"Light reaches the field's edge ({edge.max():.3g}): emission there is cut, and wrong "
-            f"within {views.shape[0] // 2} views' parallax of it."
+            f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g} where nothing glows, "
+            f"which {'adds' if edge.level > 0 else 'takes away'} about {abs(edge.adds):.0%} of "
+            f"light: subtract the dark frame, or fit the background (--background fit), or it "
+            f"becomes emission."
+        ]
+    error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
+    if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():
+        return [
+            f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and "
+            f"wrong within {views.shape[0] // 2} views' parallax of it."
         ]
     return []

@@ -9,8 +9,8 @@ from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 
-NOISE_BLOCK = 5
-"""Pixels along each axis over which the noise of a place is averaged."""
+NOISE_BLOCK = 9
+"""Pixels along each axis over which noise beyond what the light explains is averaged."""
 
 MOST_REDRAWS = 10_000
 """Draws beyond which a number is a mistake: error bars are then known to 0.7 %."""
@@ -24,7 +24,7 @@ def draw_noise(
     Parameters
     ----------
     operator : ProjectionOperator
-    sd : ndarray, shape (t, s)
+    sd : ndarray, shape (v, u, t, s)
         Standard deviation of each pixel.
     rng : numpy.random.Generator
 
@@ -42,6 +42,7 @@ def redraw(
     gram: FrequencyGram,
     stack: np.ndarray,
     sd: np.ndarray,
+    level_error: float,
     count: int,
     rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
@@ -54,21 +55,32 @@ def redraw(
         Filtered focal stack of the emission.
     sd, rng
         As `draw_noise` takes them.
+    level_error : float
+        Standard deviation of an even background that was taken off; 0 without.
     count : int
 
     Yields
     ------
     RangeFit
-        To be solved; it knows no misfit.
+        Problem ready to be solved; its misfit is undefined.
     """
+    even = np.ones(int(np.prod(operator.dimsd)), np.float32) if level_error else None
     for _ in range(count):
-        yield RangeFit(gram, stack + draw_noise(operator, sd, rng), 0.0, 0)
+        drawn = stack + draw_noise(operator, sd, rng)
+        if even is not None:
+            off = np.float32(level_error * rng.standard_normal())
+            drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
+        yield RangeFit(gram, drawn, 0.0, 0)
 
 
 def noise_by_pixel(
     operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray
 ) -> np.ndarray:
-    """Measure the noise by place: bright pixels have more of it, as light comes in portions.
+    """Measure the noise of each pixel: by its light, for photons are counted, and by its place.
+
+    The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
+    EMVA standard 1288). What is left, such as a division by a white image, varies slowly over
+    the field.
 
     Parameters
     ----------
@@ -79,14 +91,35 @@ def noise_by_pixel(
 
     Returns
     -------
-    ndarray of float64, shape (t, s)
-        Variance relative to its mean over the pixels.
+    ndarray of float32, shape (v, u, t, s)
+        Variance relative to its mean.
     """
-    rest = views - operator.matvec(cells.ravel()).reshape(views.shape)
-    power = np.mean(np.square(rest, dtype=np.float64), axis=(0, 1))
+    seen = operator.matvec(cells.ravel()).reshape(views.shape)
+    power = np.square(views - seen, dtype=np.float32)
+    if not power.any():
+        return np.ones_like(power)
+    light = np.clip(seen, 0, None)
+    by_light = _photon_transfer(power, light)
+    place, wanted = (
+        ndimage.uniform_filter(one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest")
+        for one in (power, by_light)
+    )
     # A running sum may end just below 0 where there is no noise.
-    smooth = np.clip(ndimage.uniform_filter(power, NOISE_BLOCK, mode="nearest"), 0, None)
-    return smooth / smooth.mean() if smooth.any() else np.ones_like(smooth)
+    least = 1e-6 * float(wanted.max())
+    by_light *= (np.clip(place, 0, None) / np.maximum(wanted, least)).astype(np.float32)
+    return by_light / by_light.mean(dtype=np.float64)
+
+
+def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Fit squared noise by a constant and a share of the light, neither below 0; float32."""
+    mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
+    bright = light - np.float32(mean_light)
+    spread = float(np.mean(np.square(bright, dtype=np.float64)))
+    slope = float(np.mean(bright * power, dtype=np.float64)) / spread if spread else 0.0
+    steepest = mean_power / mean_light if mean_light else 0.0
+    slope = min(max(slope, 0.0), steepest)
+    line = mean_power + np.float32(slope) * (light - np.float32(mean_light))
+    return np.maximum(line, np.float32(1e-6 * mean_power))
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:

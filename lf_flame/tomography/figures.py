@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics.camera import PlenopticCamera
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 8
 """Planes that a picture shows side by side."""
+
+MOST_NUMBERED = 9
+"""Views along an axis up to which each one's chi-squared is printed."""
 
 
 def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: Sequence[float]):
@@ -129,16 +133,15 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     top.set_ylim(bottom=0)
     top.grid(alpha=0.3)
     middle = (depths.min() + depths.max()) / 2
-    for number, period in enumerate((10.0, 3.0, 1.0)):
-        blur = depth_blur(found.grid.camera, period)
-        bottom.barh(number, blur, left=middle - blur / 2, color="C7", height=0.5)
-        words = f"{period:g} mm detail: {blur:.1f} mm"
-        bottom.annotate(words, (middle + blur / 2, number), xytext=(4, -3),
-                        textcoords="offset points", fontsize=8)  # fmt: skip
-    bottom.set_yticks([])
-    bottom.set_ylabel("blur", fontsize=9)
+    periods = (10.0, 3.0, 1.0)
+    blurs = [depth_blur(found.grid.camera, period) for period in periods]
+    bottom.barh(range(len(blurs)), blurs, left=middle - np.divide(blurs, 2), color="C7", height=0.5)
+    # As ticks, for which the layout makes room: a bar's end may be anywhere.
+    words = [f"{period:g} mm: {blur:.1f} mm" for period, blur in zip(periods, blurs, strict=True)]
+    bottom.set_yticks(range(len(words)), words, fontsize=8)
+    bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
     bottom.set_xlabel("depth from the focal plane (mm)")
-    bottom.margins(x=0.3)
+    bottom.margins(x=0.05)
     return figure
 
 
@@ -154,11 +157,7 @@ def trust_figure(found: "Reconstruction"):
     matplotlib.figure.Figure
     """
     figure, (left, right) = subplots(1, 2, figsize=(10, 4), layout="constrained")
-    picture = left.imshow(found.chi_squared, cmap="viridis", vmin=0)
-    left.set_title("chi-squared of each view", fontsize=10)
-    left.set_xlabel("u")
-    left.set_ylabel("v")
-    figure.colorbar(picture, ax=left)
+    _draw_chi_squared(figure, left, found.chi_squared)
     if found.tried:
         strengths = [tried.strength for tried in found.tried]
         misfits = [max(tried.misfit, 1e-3) for tried in found.tried]
@@ -171,6 +170,23 @@ def trust_figure(found: "Reconstruction"):
     right.set_ylabel("squared residual, relative to noise")
     right.grid(alpha=0.3)
     return figure
+
+
+def _draw_chi_squared(figure, axis, chi_squared: np.ndarray) -> None:
+    """Draw chi-squared by view on a scale of factors about 1, white where noise alone is left."""
+    shown = np.clip(chi_squared, 1e-3, 1e6)
+    most = max(2.0, float(np.exp(np.abs(np.log(shown)).max())))
+    picture = axis.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
+    if max(shown.shape) <= MOST_NUMBERED:
+        for (v, u), value in np.ndenumerate(chi_squared):
+            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6)
+    axis.set_title("chi-squared of each view (1: noise alone is left)", fontsize=10)
+    axis.set_xlabel("u")
+    axis.set_ylabel("v")
+    bar = figure.colorbar(picture, ax=axis)
+    ticks = [1 / most, most**-0.5, 1.0, most**0.5, most]
+    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks], minor=False)
+    bar.minorticks_off()
 
 
 def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):

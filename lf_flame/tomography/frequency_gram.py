@@ -16,6 +16,7 @@ from scipy import fft
 from lf_flame._common.memory import check_memory
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import plane_bands
+from lf_flame.tomography.resolution import depth_blur, finest_period
 
 ROUGHNESS_ORDER = 3
 """The penalty is on third differences: quadratic in the third derivatives of the emission. It
@@ -23,10 +24,11 @@ leaves flames of millimetres nearly untouched, where one on first or second ones
 plane to plane long before it is of use against noise."""
 
 
-DEPTH_WEIGHT = 1e-4
-"""Of a penalty on third differences along depth, relative to the square of the number of views.
-Where many planes sample a volume the light field hardly tells their light apart, and without it
-one has too much and the next too little."""
+DEPTH_WEIGHT, DEPTH_LENGTH = 1e-4, 0.5
+"""Weight of a penalty on third differences along depth, relative to the square of the number of
+views, of planes that are as far apart as this share of the finest depth blur. The light field
+hardly tells the light of many planes apart, and without a penalty one has too much and the next too
+little."""
 
 COPIES = 15
 """Arrays of the matrices' size that a reconstruction holds at once: fewer planes, or larger blocks,
@@ -105,7 +107,7 @@ class FrequencyGram:
         vectors : ndarray, shape (fy, fx, planes, planes)
             Eigenvectors, in columns.
         """
-        along = DEPTH_WEIGHT * self.scale * depth_roughness(self.grid)
+        along = self.scale * depth_roughness(self.grid)
         values, vectors = np.linalg.eigh(self.matrices + along)
         return np.clip(values, 0, None), vectors
 
@@ -181,17 +183,23 @@ def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
 
 
 def depth_roughness(grid: FrustumGrid) -> np.ndarray:
-    """Square third differences along depth, of many evenly spaced planes; else zeros.
+    """Penalty along depth, of many evenly spaced planes; else zeros.
+
+    It is the integral of the squared third derivative of the emission per mm, so that it does not
+    depend on how finely planes sample a volume: with planes of light x at a distance d, that is
+    ``sum (D3 x)^2 / d^7``.
 
     Returns
     -------
     ndarray of float64, shape (planes, planes)
+        Relative to `FrequencyGram.scale`.
     """
     count, steps = len(grid.depths_mm), np.diff(grid.depths_mm)
     if count <= FEW_PLANES or np.ptp(steps) > 1e-6 * abs(steps[0]):
         return np.zeros((count, count))
+    length = DEPTH_LENGTH * depth_blur(grid.camera, finest_period(grid.camera, grid.block))
     differences = np.diff(np.eye(count), 3, axis=0)
-    return differences.T @ differences
+    return DEPTH_WEIGHT * (length / abs(steps[0])) ** 7 * (differences.T @ differences)
 
 
 def _axis_gram(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:

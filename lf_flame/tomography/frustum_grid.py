@@ -18,7 +18,6 @@ FEW_PLANES = 8
 """Planes up to which each is taken to stand for itself, as sheets do, and none for a volume."""
 
 NOT_MODELLED = (
-    "aperture_diameter_mm",
     "rim_diameter_mm",
     "chromatic_shift",
     "lenslet_rotation_rad",
@@ -66,6 +65,8 @@ class FrustumGrid:
                 f"block must be 1 or more lenslets and divide the {lenslets[0]} x {lenslets[1]} "
                 f"lenslets, got {self.block}."
             )
+        if self.camera.aperture_diameter_mm is not None:
+            raise InputError(_round_aperture(self.camera))
         for name in NOT_MODELLED:
             if getattr(self.camera, name):
                 raise InputError(
@@ -142,6 +143,28 @@ class FrustumGrid:
         down = _shares(layer.cell_edges_mm(0), self.edges_mm(plane, 0))
         across = _shares(layer.cell_edges_mm(1), self.edges_mm(plane, 1))
         return down @ layer.texture @ across.T
+
+
+def _round_aperture(camera: PlenopticCamera) -> str:
+    """Say why a round aperture is refused, and which views it leaves whole."""
+    diameter, views = camera.aperture_diameter_mm, camera.views
+    found = (
+        f"Emission by depth needs views whose part of the lens is a whole square, and a round "
+        f"aperture of {diameter:g} mm (aperture_diameter_mm) cuts or darkens the outer ones: "
+    )
+    # The largest square of views about the middle that lies inside the circle.
+    inner = int(diameter / (np.sqrt(2) * camera.view_step_mm) + 1e-9)
+    inner = min(inner, views)
+    inner -= (views - inner) % 2
+    if inner < 2:
+        return f"{found}it leaves fewer than 2 x 2 views whole."
+    first = (views - inner) // 2
+    inside = f"{first}:{first + inner}"
+    return (
+        f"{found}keep the inner {inner} x {inner} of {views} x {views} views, "
+        f"light_field.views[{inside}, {inside}], and state a camera of views = {inner}, "
+        f"pixel_pitch_mm = {camera.pixel_mm:.6g} and no aperture_diameter_mm."
+    )
 
 
 def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:

@@ -49,8 +49,8 @@ class Explanation:
         Those that may glow; None if all may.
     noise, measured : float
         Standard deviation of a pixel that was taken, and that was measured.
-    uneven : ndarray of float64, shape (t, s)
-        Variance of a pixel relative to the mean.
+    uneven : ndarray of float32, shape (v, u, t, s)
+        Variance of each pixel's noise relative to its mean.
     strength : float
     tried : tuple of TriedStrength
     """
@@ -65,8 +65,8 @@ class Explanation:
 
     @property
     def pixel_noise(self) -> np.ndarray:
-        """Standard deviation of each pixel's noise, float64, shape (t, s)."""
-        return self.noise * np.sqrt(self.uneven)
+        """Standard deviation of each pixel's noise, float32, shape (v, u, t, s)."""
+        return np.float32(self.noise) * np.sqrt(self.uneven)
 
 
 class PlaneFit:
@@ -112,7 +112,8 @@ class PlaneFit:
     def _fit_smooth(self, problem: RangeFit, draft: Explanation) -> Explanation:
         """Choose the strength, fit, find out which cells are dark, and fit again."""
         options = self.options
-        around = np.pad(draft.uneven, self.gram.grid.reach, mode="edge")
+        by_place = draft.uneven.mean(axis=(0, 1), dtype=np.float64)
+        around = np.pad(by_place, self.gram.grid.reach, mode="edge")
         share, variance = around / around.sum(), noise_variance(draft.noise)
         few = min(options.iterations, max(20, options.iterations // 8))
         search = StrengthSearch(problem, variance, share, options.order, options.nonnegative, few)

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.absorption import Absorption, spread_thickness
+from lf_flame.tomography.absorption import spread_thickness
+from lf_flame.tomography.background import Level
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.counted_views import counted_views
-from lf_flame.tomography.data_checks import check_data, check_range
+from lf_flame.tomography.data_checks import check_data, check_range, check_spacing
 from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_variance, redraw, standard_errors
+from lf_flame.tomography.explainer import Explainer
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.plane_fit import (
@@ -30,6 +32,9 @@ from lf_flame.tomography.strength_search import TriedStrength
 ITERATIONS = 160
 """Of the splitting, for the solution. For each strength that is tried an eighth of them, from the
 last one's."""
+
+FIT = "fit"
+"""Value of `background` by which it is fitted."""
 
 UNSETTLED = (
     "The correction for absorption has not settled: emission and optical thickness do not go "
@@ -66,6 +71,8 @@ class Reconstruction:
         Mean squared residual of each view, in units of the noise's variance.
     warnings : tuple of str
         Where data and model disagree.
+    background, background_sigma : float
+        Even background that was fitted and taken off, and its standard deviation; 0 without.
     """
 
     grid: FrustumGrid
@@ -78,6 +85,8 @@ class Reconstruction:
     tried: tuple[TriedStrength, ...]
     chi_squared: np.ndarray
     warnings: tuple[str, ...]
+    background: float = 0.0
+    background_sigma: float = 0.0
 
     @cached_property
     def sigma(self) -> np.ndarray | None:
@@ -135,6 +144,8 @@ def reconstruct(
     rng: np.random.Generator | None = None,
     optical_thickness: ArrayLike | None = None,
     penalty: str = ROUGHNESS,
+    *,
+    background: str | None = None,
 ) -> Reconstruction:
     """Find the emission of the planes of a grid that explains a light field.
 
@@ -182,6 +193,10 @@ def reconstruct(
         "variation" is for emission with sharp edges: total variation, whose strength is in standard
         deviations of a cell's filtered noise, 2 where none is said. There `order`, `nonnegative`,
         `dark_cells`, `corrected` and `whole_curve` are not asked.
+    background : {"fit"}, optional
+        "fit" takes an even background of unknown level off: the mean of the pixels that no
+        emission reaches, so some of the field must be dark. Its error is in the error bars.
+        Default: there is none.
 
     Returns
     -------
@@ -203,31 +218,33 @@ def reconstruct(
     light_field, camera, left_out = counted_views(light_field, grid.camera)
     grid = replace(grid, camera=camera) if left_out else grid
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
+    if background not in (None, FIT):
+        raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     views = average_blocks(light_field, grid.camera, grid.block)
     check_range(views, noise)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
     fit = PlaneFit(operator, gram, options)
-    if thickness is None or not thickness.any():
-        found, settled = fit.explain(views), True
-        seen = operator.matvec(found.cells.ravel()).reshape(views.shape)
-        leaves = np.ones((grid.shape[0], 1, 1), np.float32)
-    else:
-        absorption = Absorption(operator, grid, thickness)
-        found, settled = absorption.settle(views, fit.explain)
-        seen, leaves = absorption.seen(found.cells), grid.crop(absorption.transmission)
-    chi_squared = np.square(views - seen, dtype=np.float64).mean(axis=(2, 3))
+    explain = Explainer(fit, grid, thickness)
+    level = explain.level(views) if background == FIT else Level(0.0, 0.0)
+    views = views - np.float32(level.mean) if level.mean else views
+    found, settled = explain(views)
+    seen, leaves = explain.seen(found.cells), explain.leaves
+    residual = views - seen
+    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared /= noise_variance(found.noise)
     # All as it leaves towards the camera: noise is no other for what single views see absorbed.
     smooth = SmoothStack(grid)
-    correction = np.zeros_like(found.cells)
-    if smooth_penalty and nonnegative and corrected:
-        correction = fit.correct(found, smooth)
+    twice = smooth_penalty and nonnegative and corrected
+    correction = fit.correct(found, smooth) if twice else np.zeros_like(found.cells)
     cells, again = found.cells + correction, []
     if rng is not None and redraws:
-        drawn_anew = redraw(operator, gram, smooth(cells), found.pixel_noise, redraws, rng)
+        drawn_from = smooth(cells), found.pixel_noise, level.error
+        drawn_anew = redraw(operator, gram, *drawn_from, redraws, rng)
         for one in progress.steps(drawn_anew, "error bars", redraws, "draw"):
-            drawn = fit.again(one, found, max(1, iterations // 2)) + correction
-            again.append(grid.crop(drawn) / leaves)
+            drawn = replace(found, cells=fit.again(one, found, max(1, iterations // 2)))
+            # The correction of each draw is its own: that of the light field has noise, too.
+            own = fit.correct(drawn, smooth) if twice else 0
+            again.append(grid.crop(drawn.cells + own) / leaves)
     emission = np.ascontiguousarray(grid.crop(cells) / leaves)
     return Reconstruction(
         grid=grid,
@@ -242,9 +259,19 @@ def reconstruct(
         chi_squared=chi_squared,
         warnings=(
             *left_out,
-            *check_data(views, chi_squared, found.noise, found.measured, noise is not None),
+            *check_data(
+                views,
+                chi_squared,
+                found.noise,
+                found.measured,
+                noise is not None,
+                residual=residual,
+            ),
+            *check_spacing(grid),
             *(() if settled else (UNSETTLED,)),
         ),
+        background=level.mean,
+        background_sigma=level.error,
     )
 
 

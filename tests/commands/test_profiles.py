@@ -25,8 +25,7 @@ def folder(tmp_path):
     planes = np.arange(96, dtype=np.float32).reshape(2, 6, 8)
     steps = np.array([-1, 1, -1, 1], np.float32)
     tifffile.imwrite(path / "emission.tif", planes)
-    tifffile.imwrite(path / "draws.tif", planes + steps[:, None, None, None])
-    tifffile.imwrite(path / "correction.tif", np.full_like(planes, -2))
+    tifffile.imwrite(path / "draws.tif", planes + 2 + steps[:, None, None, None])
     sign(path)
     return path
 
@@ -53,8 +52,8 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
     # The fifth column of the second plane, from the lowest row up.
     assert [float(row["emission"]) for row in near] == [92, 84, 76, 68, 60, 52]
     assert float(near[0]["standard_deviation"]) == pytest.approx(np.sqrt(4 / 3))
-    # Student's t of four draws at 97.5 %, 3.182; noise and correction in quadrature.
-    half = 3.182446 * np.hypot(np.sqrt(4 / 3), 2)
+    # Student's t of four draws at 97.5 %, 3.182; noise and one and a half times their bias.
+    half = 3.182446 * np.hypot(np.sqrt(4 / 3), 1.5 * 2)
     for row, emission in zip(near, (92, 84, 76, 68, 60, 52), strict=True):
         assert float(row["low_95"]) == pytest.approx(emission - half)
         assert float(row["high_95"]) == pytest.approx(emission + half)
@@ -66,25 +65,14 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
 
 def test_without_draws_there_are_no_errors(folder, tmp_path):
     (folder / "draws.tif").unlink()
+    missing = run("profiles", folder, "--out", tmp_path / "out")
+    assert "draws.tif cannot be read: there is no such file" in str(missing.exception)
     sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
     assert result.exit_code == 0
     assert "no bands" in result.output
-    assert {row["standard_deviation"] for row in rows_of(tmp_path / "out" / "axial.csv")} == {""}
-
-
-def test_without_a_correction_there_are_no_bands(folder, tmp_path):
-    """As of a folder that an older version has left."""
-    (folder / "correction.tif").unlink()
-    missing = run("profiles", folder, "--out", tmp_path / "out")
-    assert "correction.tif cannot be read: there is no such file" in str(missing.exception)
-    sign(folder)
-    result = run("profiles", folder, "--out", tmp_path / "out")
-    assert result.exit_code == 0
-    assert "holds no correction, so the profiles have no bands" in result.output
     rows = rows_of(tmp_path / "out" / "axial.csv")
-    assert {row["low_95"] for row in rows} == {""}
-    assert "" not in {row["standard_deviation"] for row in rows}
+    assert {row["standard_deviation"] for row in rows} == {row["low_95"] for row in rows} == {""}
 
 
 def flip(path):
@@ -93,7 +81,7 @@ def flip(path):
     path.write_bytes(content)
 
 
-FILES = ("emission.tif", "draws.tif", "correction.tif")
+FILES = ("emission.tif", "draws.tif")
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -158,9 +146,10 @@ def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
         tifffile.imwrite(folder / name, level * PLANES, **options)
     assert tifffile.imread(folder / "emission.tif").max() == 9  # the library's own way
     sign(folder)
-    assert run("profiles", folder, "--out", tmp_path / "out").exit_code == 0
-    rows = rows_of(tmp_path / "out" / "axial.csv")
-    assert {float(row["emission"]) for row in rows} == {1.0}
+    result = run("profiles", folder, "--out", tmp_path / "out")
+    assert isinstance(result.exception, InputError)
+    assert "emission.tif" in str(result.exception)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,13 @@
 """Warnings come where something is wrong, and only there."""
 
+import re
+
 import numpy as np
 import pytest
+from own_rays import Lens, Sheet, record
 
-from lf_flame.tomography.data_checks import check_data
+from lf_flame.tomography import FrustumGrid
+from lf_flame.tomography.data_checks import check_data, check_spacing
 
 
 def quiet_views():
@@ -19,7 +23,6 @@ EVEN = np.ones((5, 5))
 
 def test_nothing_is_said_where_nothing_is_wrong():
     assert check_data(quiet_views(), EVEN, 0.01, 0.01, stated=True) == ()
-    assert check_data(np.zeros((5, 5, 8, 8), np.float32), EVEN, 0.0, 0.0, stated=False) == ()
 
 
 def test_noise_is_questioned_only_where_it_was_stated():
@@ -28,25 +31,89 @@ def test_noise_is_questioned_only_where_it_was_stated():
     assert "2 times the stated noise" in said
 
 
+@pytest.mark.parametrize("level", [0.0, 0.3])
+def test_a_light_field_without_light_gets_a_remark(level):
+    noise = np.random.default_rng(1).standard_normal((5, 5, 8, 8)).astype(np.float32)
+    (said,) = check_data(np.float32(level) * noise, EVEN, level, level, stated=False)
+    assert "holds no light above its noise" in said
+
+
 def test_a_view_is_odd_beside_the_others_and_not_by_itself():
-    chi_squared = 4 * EVEN
-    assert check_data(quiet_views(), chi_squared, 0.01, 0.01, stated=False) == ()
     chi_squared = EVEN.copy()
     chi_squared[3, 1] = 2.0
     (said,) = check_data(quiet_views(), chi_squared, 0.01, 0.01, stated=False)
     assert "View 3, 1 is explained 2 times worse" in said
     # Below the model's own error it is no news.
     assert check_data(quiet_views(), chi_squared, 0.001, 0.001, stated=False) == ()
+    # Where the four corners are as bad, it is not that view.
+    chi_squared[[0, 0, -1, -1], [0, -1, 0, -1]] = 1.9, 1.95, 2.0, 1.9
+    assert check_data(quiet_views(), chi_squared, 0.01, 0.01, stated=False) == ()
 
 
-@pytest.mark.parametrize(("background", "warned"), [(0.0, False), (0.006, False), (0.02, True)])
-def test_a_background_is_seen_from_some_errors_of_the_mean_on(background, warned):
-    """25 views of noise 0.01 leave an error of 0.002 there; five of those are a background."""
-    views = quiet_views() + np.float32(background)
-    said = check_data(views, EVEN, 0.01, 0.01, stated=False)
-    assert bool(said) == warned
-    if warned:
-        assert "subtract the dark frame" in said[0]
+def test_structure_in_the_residual_is_told_from_noise():
+    views, rng = quiet_views(), np.random.default_rng(2)
+    noise = 0.01 * rng.standard_normal(views.shape)
+    uneven = noise * (1 + 5 * (views > 0.3))
+    for residual in (noise, uneven):
+        assert check_data(views, EVEN, 0.01, 0.01, False, residual=residual) == ()
+    waves = 0.01 * np.sin(np.arange(25) / 3)
+    (said,) = check_data(views, 1.5 * EVEN, 0.01, 0.01, False, residual=noise + waves)
+    assert "No emission at these depths explains the views" in said
+    assert "chi-squared of the median view is 1.5" in said
+    assert "Most likely first: depths that are wrong" in said
+
+
+def test_the_likely_cause_is_named_first():
+    residual = 0.05 * np.ones((5, 5, 21, 25))
+    dark = np.ones((5, 5, 1, 1), np.float32)
+    dark[[0, 0, -1, -1], [0, -1, 0, -1]] = 0.5
+    (said,) = check_data(quiet_views() * dark, 9 * EVEN, 0.01, 0.01, False, residual=residual)
+    assert "first: a round stop" in said
+    below = quiet_views()
+    below[..., 8:13, 3:6] -= np.float32(0.3)
+    (said,) = check_data(below, 9 * EVEN, 0.01, 0.01, False, residual=residual)
+    assert "first: negative light" in said
+
+
+LENS = Lens(views=5, lenslets=(40, 48))
+FLAME = record(LENS, [Sheet(2.0, (0.1, -0.4), (0.8, 0.5)), Sheet(-3.0, (0.0, 0.5), (0.7, 0.4))])
+
+
+@pytest.mark.parametrize(("background", "sd"), [(0.01, 0.02), (0.02, 0.05), (-0.01, 0.02)])
+@pytest.mark.parametrize("photons", [False, True])
+def test_a_background_far_below_the_noise_of_a_pixel_is_seen(background, sd, photons):
+    rng = np.random.default_rng(3)
+    noise = rng.standard_normal(FLAME.shape) * np.sqrt(FLAME + 0.1 if photons else 1.0)
+    for level, warned in ((0.0, False), (background, True)):
+        views = (FLAME + level + sd * noise).astype(np.float32)
+        said = check_data(views, EVEN, sd, sd, stated=False)
+        assert bool(said) == warned
+    assert "subtract the dark frame" in said[0]
+    adds = abs(background) / np.abs(FLAME.mean() + 0 * background)
+    told = float(re.search(r"about (\d+)%", said[0])[1]) / 100
+    assert told == pytest.approx(adds, rel=0.1)
+
+
+def test_blacks_that_were_cut_off_are_recognised():
+    rng = np.random.default_rng(4)
+    for pedestal in (-0.5, 0.0, 0.5):
+        noisy = FLAME + 0.02 * (rng.standard_normal(FLAME.shape) + pedestal)
+        (said,) = check_data(np.clip(noisy, 0, None), EVEN, 0.02, 0.02, stated=False)
+        assert "Blacks are cut off at 0" in said
+    # Photons that are counted are 0 as often, and no noise is lost.
+    counts = rng.poisson(0.7 + 70 * FLAME) / 70
+    (said,) = check_data(counts, EVEN, 0.1, 0.1, stated=False)
+    assert "subtract the dark frame" in said
+    assert check_data(rng.poisson(100 * FLAME) / 100, EVEN, 0.01, 0.01, stated=False) == ()
+
+
+def test_planes_nearer_than_the_blur_are_said(camera):
+    """Two cells of 0.1315 mm over 0.2387 rad are 1.10 mm."""
+    (said,) = check_spacing(FrustumGrid(camera, np.linspace(-3, 3, 7)))
+    assert "Planes are 1 mm apart" in said
+    assert "of 0.26 mm, is blurred over 1.1 mm in depth" in said
+    assert check_spacing(FrustumGrid(camera, [-4.0, -2.8, 2.0])) == ()
+    assert check_spacing(FrustumGrid(camera, [0.0])) == ()
 
 
 def test_a_ceiling_is_told_from_a_peak():

@@ -7,7 +7,7 @@ import pytest
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.frequency_gram import COPIES, DEPTH_WEIGHT, depth_roughness
+from lf_flame.tomography.frequency_gram import COPIES, depth_roughness
 
 DEPTHS = [18.0, 4.0, 0.0, -9.0]
 
@@ -102,11 +102,22 @@ def test_decomposition_composes_what_it_took_apart(camera):
     gram = FrequencyGram(grid)
     rough = depth_roughness(grid)
     values, _ = gram.decomposition
-    wanted = gram.matrices + DEPTH_WEIGHT * gram.scale * rough
+    wanted = gram.matrices + gram.scale * rough
     assert gram.compose(values) == pytest.approx(wanted, abs=1e-9 * gram.scale)
     assert rough @ np.arange(9.0) ** 2 == pytest.approx(0, abs=1e-9)
-    assert rough @ np.arange(9.0) ** 3 != pytest.approx(0, abs=1)
+    assert rough @ np.arange(9.0) ** 3 != pytest.approx(0, abs=1e-9)
     assert np.sum(gram.gains) == pytest.approx(np.trace(gram.matrices, axis1=2, axis2=3).sum())
+
+
+def test_the_penalty_along_depth_counts_millimetres(camera):
+    """The integral of (6 c)^2 over depth, of an emission of c z^3 per mm, however it is cut."""
+    integrals = []
+    for count in (17, 33, 65):
+        depths, step = np.linspace(-8, 8, count, retstep=True)
+        light = step * depths**3
+        form = light @ depth_roughness(FrustumGrid(camera, depths)) @ light
+        integrals.append(form / (step * (count - 3)))
+    assert integrals == pytest.approx([integrals[0]] * 3, rel=1e-6)
 
 
 @pytest.mark.parametrize("depths", [[0.0], DEPTHS, [0, 1, 2, 3, 4, 5, 6, 7, 9]])

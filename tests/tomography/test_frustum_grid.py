@@ -1,12 +1,14 @@
 """The grid's geometry, against similar triangles and areas by hand."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_rays import Lens, Sheet, cells, record
 
-from lf_flame import PAPER_CAMERA, InputError, Layer
-from lf_flame.tomography import FrustumGrid
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, PlenopticCamera
+from lf_flame.tomography import FrustumGrid, reconstruct
 
 
 def test_cells_grow_with_distance_from_the_main_lens():
@@ -76,6 +78,7 @@ def test_bad_grids_are_refused(camera, depths, block, says):
     "change",
     [
         {"aperture_diameter_mm": 70.0},
+        {"rim_diameter_mm": 70.0},
         {"chromatic_shift": 0.01},
         {"lenslet_rotation_rad": 1e-3},
         {"lenslet_pitch_error": 1e-3},
@@ -85,6 +88,29 @@ def test_bad_grids_are_refused(camera, depths, block, says):
 def test_cameras_whose_views_are_no_shifted_sums_are_refused(camera, change):
     with pytest.raises(InputError, match=next(iter(change))):
         FrustumGrid(replace(camera, **change), [0.0])
+
+
+@pytest.mark.parametrize(("views", "inner"), [(11, 7), (10, 6)])
+def test_a_round_aperture_is_refused_and_what_to_do_is_right(views, inner):
+    """Inner views, as the message says: the light field is that of rays drawn in the test."""
+    lens = Lens(views=views, lenslets=(48, 60))
+    # A round stop as wide as the square one: 7 / 11 and 6 / 10 are below 1 / sqrt(2).
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views, (48, 60))
+    stopped = replace(camera, aperture_diameter_mm=camera.aperture_mm)
+    with pytest.raises(InputError) as refused:
+        FrustumGrid(stopped, [0.0])
+    found = re.search(
+        r"views\[(\d+):(\d+), .* views = (\d+), pixel_pitch_mm = (\S+)", str(refused.value)
+    )
+    first, last, count = (int(found[k]) for k in (1, 2, 3))
+    assert (last - first, count) == (inner, inner)
+    sheets = [Sheet(3.0, (0.2, -1.2), (1.2, 0.5)), Sheet(-4.0, (0.2, 1.2), (1.0, 0.4))]
+    part = record(lens, sheets)[first:last, first:last]
+    whole = replace(camera, views=count, pixel_pitch_mm=float(found[4]))
+    grid = FrustumGrid(whole, [3.0, -4.0])
+    emission = reconstruct(LightField(part), grid).emission
+    truth = np.array([cells(lens, sheet) for sheet in sheets])
+    assert np.linalg.norm(emission - truth) < 0.01 * np.linalg.norm(truth)
 
 
 def test_one_plane_in_focus_is_a_grid(camera):

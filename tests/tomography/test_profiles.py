@@ -87,9 +87,7 @@ def test_bands_hold_the_truth_as_often_as_they_say(camera):
             truth, cell = grid.crop(grid.average(layer, k)), grid.cell_mm(grid.depths_mm[k])
             strip = (0.4, 0.4)
             wanted = profiles.radial(truth, no_draws(truth), cell, *strip).values
-            one = profiles.radial(
-                found.emission[k], found.draws[:, k], cell, *strip, found.correction[k]
-            )
+            one = profiles.radial(found.emission[k], found.draws[:, k], cell, *strip)
             off, bright = np.abs(one.values - wanted), wanted > 0.05 * truth.max()
             held["band"].append(off[bright] <= one.band[bright])
             held["noise"].append(off[bright] <= 1.96 * one.sigma[bright])

@@ -1,0 +1,85 @@
+"""What explains a light field: emission, light that is absorbed, and an even background."""
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.tomography.absorption import Absorption
+from lf_flame.tomography.background import Level, fit_background, measure_edge
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.plane_fit import Explanation, PlaneFit
+
+BACKGROUND_FITS = 4
+"""Fits at most, of a background and of emission in turn; two are usual."""
+
+FAINT = 0.0, 0.001, 0.01
+"""Shares of the brightest cell up to which a cell is taken for dark where a background is fitted,
+tried one after the other until some pixels are dark."""
+
+LEAST_DARK = 0.02
+"""Share of the pixels that must be dark for a background to be fitted."""
+
+
+class Explainer:
+    """Explains light fields by the planes of a grid, with or without absorption.
+
+    Parameters
+    ----------
+    fit : PlaneFit
+    grid : FrustumGrid
+    thickness : ndarray of float64, shape (planes, rows, columns), or None
+        Optical thickness of the grid's cells.
+
+    Attributes
+    ----------
+    leaves : ndarray of float32, shape (planes, 1, 1) or (planes, rows, columns)
+        Share of each pixel's light that leaves towards the camera.
+    """
+
+    def __init__(self, fit: PlaneFit, grid: FrustumGrid, thickness: np.ndarray | None):
+        self._fit = fit
+        self._absorption = None
+        self.leaves = np.ones((grid.shape[0], 1, 1), np.float32)
+        if thickness is not None and thickness.any():
+            self._absorption = Absorption(fit.operator, grid, thickness)
+            self.leaves = grid.crop(self._absorption.transmission)
+
+    def __call__(self, views: np.ndarray) -> tuple[Explanation, bool]:
+        """Fit; also whether the correction for absorption has settled."""
+        if self._absorption is None:
+            return self._fit.explain(views), True
+        return self._absorption.settle(views, self._fit.explain)
+
+    def seen(self, cells: np.ndarray) -> np.ndarray:
+        """Give the light field of what leaves each cell, shape (v, u, t, s)."""
+        if self._absorption is not None:
+            return self._absorption.seen(cells)
+        return self._fit.operator.matvec(cells.ravel()).reshape(self._fit.operator.dimsd)
+
+    def level(self, views: np.ndarray) -> Level:
+        """Find an even background: first by the field's edge, then where no emission reaches.
+
+        Raises
+        ------
+        InputError
+            If emission reaches nearly all of the field.
+        """
+        edge = measure_edge(views)
+        level = Level(edge.level, edge.error)
+        for _ in range(BACKGROUND_FITS):
+            rest = views - np.float32(level.mean)
+            more = fit_background(rest, self._dark(self._fit.explain(rest).cells))
+            level = Level(level.mean + more.mean, more.error)
+            if abs(more.mean) <= more.error:
+                break
+        return level
+
+    def _dark(self, cells: np.ndarray) -> np.ndarray:
+        """Find the pixels that no emission reaches, or else none that is not faint."""
+        for share in FAINT:
+            lit = self.seen((cells > share * cells.max()).astype(np.float32)) > 0
+            if lit.mean() <= 1 - LEAST_DARK:
+                return ~lit
+        raise InputError(
+            f"background='fit' needs a part of the field that no emission reaches, and "
+            f"{lit.mean():.1%} of the pixels are lit."
+        )

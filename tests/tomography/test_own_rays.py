@@ -1,0 +1,135 @@
+"""Emission of light fields by rays that the tests draw: what is found, and what is said."""
+
+import numpy as np
+import pytest
+from own_rays import Lens, Sheet, cells, record, slabs
+from scipy.special import erf
+
+from lf_flame import InputError, LightField, PlenopticCamera
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.pyrometry import two_colour_temperature
+
+LENS = Lens(lenslets=(40, 48))
+CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (40, 48))
+FLAMES = [Sheet(3.0, (0.1, -1.0), (0.9, 0.45)), Sheet(-4.0, (0.0, 1.0), (0.8, 0.4))]
+GRID = FrustumGrid(CAMERA, [3.0, -4.0])
+CLEAN = record(LENS, FLAMES)
+TRUTH = np.array([cells(LENS, flame) for flame in FLAMES])
+
+
+def gaussian(views, sd, seed=0):
+    noise = np.random.default_rng(seed).standard_normal(views.shape)
+    return LightField(views + sd * views.max() * noise)
+
+
+def photons(views, electrons, seed=0):
+    rng = np.random.default_rng(seed)
+    return LightField(rng.poisson(views * electrons / views.max()) * views.max() / electrons)
+
+
+def test_known_planes_are_found():
+    found = reconstruct(gaussian(CLEAN, 0.005), GRID)
+    assert np.linalg.norm(found.emission - TRUTH) < 0.006 * np.linalg.norm(TRUTH)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize(("background", "sd"), [(0.01, 0.02), (0.02, 0.05), (-0.01, 0.02)])
+def test_a_background_is_fitted(background, sd):
+    lit = gaussian(CLEAN + background, sd)
+    plain = reconstruct(lit, GRID)
+    assert abs(plain.emission.sum() / TRUTH.sum() - 1) > 0.05
+    found = reconstruct(lit, GRID, background="fit")
+    assert found.background == pytest.approx(background, abs=1e-3)
+    assert found.emission.sum() == pytest.approx(TRUTH.sum(), rel=0.02)
+    assert found.warnings == ()
+
+
+def test_a_background_needs_darkness_and_a_name():
+    with pytest.raises(InputError, match="'fit'"):
+        reconstruct(gaussian(CLEAN, 0.02), GRID, background="even")
+    wide = [Sheet(3.0, (0.0, 0.0), (40.0, 40.0)), Sheet(-4.0, (0.0, 0.0), (40.0, 40.0))]
+    with pytest.raises(InputError, match="part of the field that no emission reaches"):
+        reconstruct(gaussian(record(LENS, wide), 0.001), GRID, background="fit")
+
+
+def hidden(views):
+    """Views before which, at -8 mm, the lower part of the field is hidden."""
+    rows = (np.arange(40) - 19.5) * LENS.cell
+    at = (np.arange(7) - 3)[:, None] * LENS.step
+    seen = rows + (rows - at) * -8.0 / LENS.focus < 0.3
+    return views * seen[:, None, :, None]
+
+
+def stopped(views):
+    steps = np.hypot(*np.mgrid[-3:4, -3:4])[..., None, None]
+    return views * np.clip(3.9 - steps, 0, 1)
+
+
+WRONG = {
+    "depths": (lambda views: views, FrustumGrid(CAMERA, [9.0, 6.0]), "depths that are wrong"),
+    "hidden": (hidden, GRID, "depths that are wrong"),
+    "stop": (stopped, GRID, "a round stop"),
+    "negative": (lambda views: views - 2 * record(LENS, FLAMES[:1]), GRID, "negative light"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_no_emission_explains_is_said_and_not_blamed_on_a_view(what):
+    change, grid, first = WRONG[what]
+    said = " ".join(reconstruct(gaussian(change(CLEAN), 0.005), grid).warnings)
+    assert "No emission at these depths explains the views" in said
+    assert f"Most likely first: {first}" in said
+    assert "median view: its gain" not in said
+
+
+def test_one_dim_view_is_still_named():
+    views = CLEAN.copy()
+    views[1, 5] *= 0.8
+    said = " ".join(reconstruct(gaussian(views, 0.005), GRID).warnings)
+    assert "View 1, 5" in said
+
+
+@pytest.mark.slow
+def test_planes_twice_as_fine_make_it_no_worse():
+    """Of a flame that is as thick as it is wide; each plane holds the light of its slab."""
+    lens, wide = Lens(lenslets=(32, 32)), 1.0
+    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (32, 32))
+    noisy = gaussian(record(lens, slabs(Sheet(0.0, (0.0, 0.0), (1.0, 0.8)), wide, 0.05)), 0.01)
+    errors = []
+    for step in (1.0, 0.5):
+        depths = np.arange(-4, 4 + step / 2, step)
+        ends = erf((depths[:, None] + [-step / 2, step / 2]) / wide) / 2
+        slab = np.diff(ends)[:, 0]
+        sheets = zip(depths, slab, strict=True)
+        truth = np.array([cells(lens, Sheet(z, (0, 0), (1.0, 0.8), light)) for z, light in sheets])
+        found = reconstruct(noisy, FrustumGrid(camera, depths))
+        assert any("neighbouring planes are not told apart" in one for one in found.warnings)
+        assert found.emission.max() < 1.1 * truth.max()
+        errors.append(np.linalg.norm(found.emission - truth) / np.linalg.norm(truth))
+    assert max(errors) < 0.2
+    assert errors[1] < 1.2 * errors[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("record_noise", [gaussian, photons])
+def test_error_bars_hold_the_truth(record_noise):
+    """Bars of 95 %, of emission and of the temperature of two draws of one flame in two colours."""
+    level = 0.02 if record_noise is gaussian else 100
+    lit = 0.1 * TRUTH.max(axis=(1, 2), keepdims=True) < TRUTH
+    held, found = [], []
+    for seed in range(4):
+        noisy = record_noise(CLEAN, level, seed)
+        found.append(reconstruct(noisy, GRID, redraws=20, rng=np.random.default_rng(seed)))
+        off = np.abs(found[-1].emission - TRUTH)
+        held.append((off <= 2.09 * found[-1].sigma)[lit])  # Student's t of 20 draws
+    assert 0.9 < np.mean(held) < 0.985
+    colours, kelvin, held = (550.0, 650.0), 1800.0, []
+    planck = [nm**-6.0 / np.expm1(14.387768775e6 / (nm * kelvin)) for nm in colours]
+    ratio = np.float32(planck[0] / planck[1])
+    for green, red in zip(found, [*found[1:], found[0]], strict=True):
+        soot = two_colour_temperature(
+            ratio * green.emission, red.emission, colours, (ratio * green.sigma, red.sigma)
+        )
+        known = lit & np.isfinite(soot.kelvin)
+        held.append((np.abs(soot.kelvin - kelvin) <= 2.09 * soot.sigma)[known])
+    assert 0.9 < np.mean(np.concatenate(held)) < 0.985
