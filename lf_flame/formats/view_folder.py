@@ -178,7 +178,8 @@ def _check_memory(files: list[Path], folder: Path) -> None:
     if shape[2] in (2, 4):
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
-    reading = FLOAT * values * len(files) + decoding * _readers(files)
+    # A byte for each value says whether it is finite.
+    reading = (FLOAT + 1) * values * len(files) + decoding * _readers(files)
     check_memory(max(reading, order_memory(shape) + decoding), folder)
 
 

@@ -1,5 +1,6 @@
 """Image files are decoded, and nothing else happens."""
 
+import os
 import stat
 
 import numpy as np
@@ -78,3 +79,144 @@ def test_channels_come_last_however_they_are_stored(tmp_path, rng, planar):
     stored = levels if planar == "contig" else np.moveaxis(levels, -1, 0)
     tifffile.imwrite(tmp_path / "a.tif", stored, photometric="rgb", planarconfig=planar)
     np.testing.assert_array_equal(read_pixels(tmp_path / "a.tif"), levels)
+
+
+@pytest.mark.parametrize("highest", [100, 1023, 4095, 65535])
+@pytest.mark.parametrize("kind", ["P2", "P3", "P5", "P6"])
+def test_netpbm_keeps_all_levels(tmp_path, rng, highest, kind):
+    shape = (5, 7, 3) if kind in ("P3", "P6") else (5, 7)
+    levels = rng.integers(0, highest + 1, shape)
+    head = f"{kind} # made here\n7 5\n{highest}\n".encode()
+    if kind in ("P2", "P3"):
+        data = b"# more 9\n" + b" ".join(str(n).encode() for n in levels.ravel())
+    else:
+        data = levels.astype(">u2" if highest > 255 else "u1").tobytes()
+    (tmp_path / "a.ppm").write_bytes(head + data)
+    np.testing.assert_allclose(read_image(tmp_path / "a.ppm"), levels / highest, atol=4e-8, rtol=0)
+    (tmp_path / "a.ppm").write_bytes(head + data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"a\.ppm cannot be read: it is damaged"):
+        read_image(tmp_path / "a.ppm")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_that_counts_from_white_is_turned(tmp_path, rng, dtype):
+    top = np.iinfo(dtype).max
+    levels = rng.integers(0, top, (9, 7), dtype, endpoint=True)
+    tifffile.imwrite(tmp_path / "a.tif", levels, photometric="miniswhite")
+    found = np.rint(top * read_image(tmp_path / "a.tif").astype(float))
+    np.testing.assert_array_equal(found, top - levels.astype(float))
+
+
+@pytest.mark.parametrize("compression", ["tiff_lzw", "group3", "group4", "packbits", "jpeg"])
+def test_packed_tiff_is_read(tmp_path, rng, compression):
+    levels = np.repeat(rng.integers(0, 2, (16, 2)) * 255, 8, axis=1).astype(np.uint8)
+    image = Image.fromarray(levels)
+    image = image.convert("1") if compression.startswith("group") else image
+    image.save(tmp_path / "a.tif", compression=compression)
+    np.testing.assert_allclose(read_image(tmp_path / "a.tif"), levels / 255, atol=0.03)
+
+
+def lzw(data):
+    """Pack without packing: each byte as a code of 9 bits, and a new table before it is full."""
+    codes = [c for k in range(0, len(data), 200) for c in (256, *data[k : k + 200])] + [257]
+    bits = "".join(f"{code:09b}" for code in codes)
+    bits += "0" * (-len(bits) % 8)
+    return int(bits, 2).to_bytes(len(bits) // 8)
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_deep_colours_in_lzw_keep_all_bits(tmp_path, rng, order):
+    levels = rng.integers(0, 2**16, (9, 8, 3)).astype(np.uint16)
+    packed = lzw(levels.astype(f"{order}u2").tobytes())
+    tifffile.imwrite(
+        tmp_path / "a.tif", iter([packed]), shape=levels.shape, dtype="u2", byteorder=order,
+        compression="adobe_deflate", photometric="rgb", rowsperstrip=9,
+    )  # fmt: skip
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+b") as file:
+        file.pages[0].tags["Compression"].overwrite(5)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), levels / np.float32(65535))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", "lzw.tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_turned_as_they_are_to_be_seen(tmp_path, rng, orientation, suffix):
+    """By the words of TIFF 6.0: where the first row and the first column are to be seen."""
+    levels = rng.integers(0, 256, (5, 7)).astype(np.uint8)
+    rows, columns = [
+        ("top", "left"), ("top", "right"), ("bottom", "right"), ("bottom", "left"),
+        ("left", "top"), ("right", "top"), ("right", "bottom"), ("left", "bottom"),
+    ][orientation - 1]  # fmt: skip
+    seen = levels if rows in ("top", "bottom") else levels.T
+    seen = seen[::-1] if "bottom" in (rows, columns) else seen
+    seen = seen[:, ::-1] if "right" in (rows, columns) else seen
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".tif":
+        tifffile.imwrite(path, levels, extratags=[(274, "H", 1, orientation, True)])
+    else:
+        exif = Image.Exif()
+        exif[274] = orientation
+        packed = {"compression": "tiff_lzw"} if "lzw" in suffix else {}
+        Image.fromarray(levels).save(path, exif=exif, **packed)
+    np.testing.assert_array_equal(read_pixels(path), seen)
+
+
+@pytest.mark.parametrize(
+    ("photometric", "samples", "extra"),
+    [("separated", 4, None), ("minisblack", 4, None), ("minisblack", 2, None),
+     ("rgb", 4, ["unspecified"]), ("rgb", 4, ["assocalpha"])],
+)  # fmt: skip
+def test_samples_that_are_no_plain_light_are_refused(tmp_path, photometric, samples, extra):
+    tifffile.imwrite(
+        tmp_path / "a.tif", np.ones((9, 8, samples), np.uint8), photometric=photometric,
+        planarconfig="contig", extrasamples=extra,
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"a\.tif (holds no light but|has . samples to a pixel)"):
+        read_image(tmp_path / "a.tif")
+
+
+def test_inks_are_refused(tmp_path):
+    Image.new("CMYK", (8, 8)).save(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match="holds no light but CMYK"):
+        read_image(tmp_path / "a.jpg")
+
+
+def test_a_layer_is_no_complex_picture(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", np.ones((4, 5), complex))
+    (tmp_path / "a.toml").write_text(
+        '[[layers]]\nimage = "a.tif"\ndepth_mm = 1.0\nsize_mm = [1.0, 1.0]\n'
+    )
+    with pytest.raises(InputError, match="or floats, got complex128"):
+        read_scene(tmp_path / "a.toml")
+
+
+def test_the_checksums_of_a_png_are_checked(tmp_path, rng):
+    Image.fromarray(rng.integers(0, 256, (9, 7)).astype(np.uint8)).save(tmp_path / "a.png")
+    whole = bytearray((tmp_path / "a.png").read_bytes())
+    start = whole.find(b"IDAT")
+    whole[start + 4 + int.from_bytes(whole[start - 4 : start])] ^= 1
+    (tmp_path / "a.png").write_bytes(whole)
+    with pytest.raises(InputError, match=r"a\.png cannot be read: it is damaged"):
+        read_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("other", ["../secret.tif", "../pipe.tif"])
+@pytest.mark.parametrize("read", [read_image, read_light_field, read_pixels])
+def test_files_that_a_picture_names_are_not_opened(tmp_path, other, read):
+    tifffile.imwrite(tmp_path / "secret.tif", np.full((4, 5), 200, np.uint8))
+    os.mkfifo(tmp_path / "pipe.tif")
+    (tmp_path / "in").mkdir()
+    data = "".join(
+        f'<TiffData IFD="0" FirstZ="{k}" PlaneCount="1"><UUID FileName="{name}">urn:{k}</UUID>'
+        f"</TiffData>"
+        for k, name in enumerate(("a.ome.tif", other))
+    )
+    told = (
+        '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+        '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint8" SizeX="5" SizeY="4" SizeZ="2" '
+        f'SizeC="1" SizeT="1"><Channel ID="Channel:0:0" SamplesPerPixel="1"/>{data}</Pixels>'
+        "</Image></OME>"
+    )
+    path = tmp_path / "in" / "a.ome.tif"
+    tifffile.imwrite(path, np.zeros((4, 5), np.uint8), description=told, metadata=None)
+    with pytest.raises(InputError, match="names other files"):
+        read(path)
