@@ -77,7 +77,8 @@ def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
         raise InputError(
             f"{first} and {second} must have the same axis, radius, burner and cells; call "
             f"lf-flame abel for the second colour with the first one's numbers, "
-            f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r} --radius {told.radius_mm!r}{burner}."
+            f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r} "
+            f"--radius {told.radius_mm!r}{burner}."
         )
     pairs = []
     for name in (SECTION, SIGMA):

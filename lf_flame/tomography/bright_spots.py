@@ -85,7 +85,7 @@ def larger_flame(image: np.ndarray, spot: np.ndarray) -> Peak | None:
     Peak or None
         None where the spot is no spark but the flame itself.
     """
-    area = np.count_nonzero(spot)
+    area = int(np.count_nonzero(spot))
     if area > SPARK_PIXELS or SPARK_RATIO * area > image.size:
         return None
     place, reached = joined_pixels(image, SPARK_RATIO * area)
