@@ -53,7 +53,8 @@ def _end(name: str, error: Exception) -> NoReturn:
         _fail(name, f"{OPTIONAL[error.name]} (there is no module {error.name}).", 2)
     if isinstance(error, OSError):
         place = f" ({error.filename})" if error.filename else ""
-        _fail(name, f"{error.strerror or error}{place}. Nothing that was there before is lost.", 2)
+        reason = error.strerror or " ".join(map(str, error.args)) or "It cannot be written or read"
+        _fail(name, f"{reason}{place}. Nothing that was there before is lost.", 2)
     raise error
 
 
