@@ -84,7 +84,9 @@ def semblance(
         interval_of_region.append(which)
     down, across = interval_of_region
     some = slopes_in_memory(*axes)
-    passes = [SemblanceSums(slopes[k : k + some], *axes, counts) for k in range(0, len(slopes), some)]
+    passes = [
+        SemblanceSums(slopes[k : k + some], *axes, counts) for k in range(0, len(slopes), some)
+    ]
     rows: Iterable = ((sums, v) for sums in passes for v in range(len(views)))
     if progress is not None:
         rows = progress(rows, 0, len(passes) * len(views))

@@ -147,9 +147,7 @@ class SemblanceSums:
         How much each view counts, 1 in the mean.
     """
 
-    def __init__(
-        self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis, counts: np.ndarray
-    ):
+    def __init__(self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis, counts: np.ndarray):
         self.slopes, self.down, self.across, self.counts = slopes, down, across, counts
         self.mean_energy = 0.0
         """Mean squared gradient of the views."""

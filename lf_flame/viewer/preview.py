@@ -120,9 +120,7 @@ def _thinned(coded: CodedViews) -> CodedViews:
     kept = [_every_second(len(at)) for at in coded.positions]
     positions = tuple(at[some] for at, some in zip(coded.positions, kept, strict=True))
     some = np.ix_(*kept)
-    return replace(
-        coded, codes=coded.codes[some], positions=positions, weights=coded.weights[some]
-    )
+    return replace(coded, codes=coded.codes[some], positions=positions, weights=coded.weights[some])
 
 
 def _every_second(count: int) -> list[int]:
