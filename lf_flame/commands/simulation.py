@@ -10,14 +10,16 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame.commands.options import FILE, FOLDER, SEED
+from lf_flame._common.printable import printable
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
 from lf_flame.errors import InputError
 
 
 @cloup.command()
 @click.argument("config", type=FILE, required=False)
 @click.option("--depth-mm", "depths", multiple=True, type=float, help="Depth; may be repeated.")
-def camera(config: Path | None, depths: tuple[float, ...]) -> None:
+@click.option("--figure", type=PATH, help="PNG of the set-up: planes, lenses, sensor and rays.")
+def camera(config: Path | None, depths: tuple[float, ...], figure: Path | None) -> None:
     """Print what follows from a camera: image distance, aperture, field, slopes.
 
     CONFIG is any TOML file with a [camera] table; without it, the paper's camera.
@@ -27,7 +29,16 @@ def camera(config: Path | None, depths: tuple[float, ...]) -> None:
     from lf_flame.scenes.scene_files import read_camera
 
     chosen = read_camera(config) if config else PAPER_CAMERA
-    click.echo(camera_report(chosen, depths or (20.0, 10.0, 0.0, -10.0)))
+    shown = depths or (20.0, 10.0, 0.0, -10.0)
+    click.echo(camera_report(chosen, shown))
+    if figure:
+        from lf_flame._common import figures
+        from lf_flame.commands.camera_figure import camera_figure
+
+        if figure.suffix.lower() != ".png":
+            raise InputError(f"--figure must end in .png, got {figure}.")
+        figures.save(camera_figure(chosen, shown), figure)
+        click.echo(f"\n{printable(figure)} is written")
 
 
 def _effect_options(command):
