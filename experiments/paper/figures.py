@@ -3,18 +3,46 @@
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from scipy.ndimage import uniform_filter
 
 from lf_flame._common.figures import subplots
+from lf_flame.lightfield import LightField
 from lf_flame.refocus.figures import draw_searches, shown_slope
 
+LENSLETS_ENLARGED = 12
+"""Lenslets along each side of the part of the raw image that is shown enlarged."""
 
-def result_figure(light_field_image, targets, predictions, depths_mm, title: str):
+
+def enlarged_part(views: np.ndarray) -> tuple[int, int]:
+    """Find the lenslets whose micro-images change most both ways: the corner (t, s) of the part.
+
+    Parameters
+    ----------
+    views : ndarray, shape (v, u, t, s)
+    """
+    down, across = (views.mean(axis=axis).std(axis=0) for axis in (1, 0))
+    uneven = uniform_filter(down * across, LENSLETS_ENLARGED, mode="constant")
+    places = zip(np.unravel_index(uneven.argmax(), uneven.shape), uneven.shape, strict=True)
+    t, s = (
+        int(np.clip(k - LENSLETS_ENLARGED // 2, 0, max(n - LENSLETS_ENLARGED, 0)))
+        for k, n in places
+    )
+    return t, s
+
+
+def result_figure(
+    light_field: LightField, light_field_image, targets, predictions, depths_mm, title: str
+):
     """Figures 7 and 8 of the paper: input, ground truth, prediction, and the error they leave out.
 
     Parameters
     ----------
+    light_field : LightField
+        Shown as the raw lenslet image, with a part enlarged in which micro-images are seen.
     light_field_image : ndarray, shape (h, w) or (h, w, 3), values in [0, 1]
+        What the network is shown of it.
     targets, predictions : ndarray, shape (planes, h, w), values in [0, 1]
     depths_mm : sequence of float
     title : str
@@ -30,10 +58,9 @@ def result_figure(light_field_image, targets, predictions, depths_mm, title: str
     for axis in axes.flat:
         axis.set_xticks([])
         axis.set_yticks([])
-    axes[0, 0].imshow(light_field_image, cmap="gray", vmin=0, vmax=1)
-    axes[0, 0].set_title("(a) light-field image,\nas the network sees it", fontsize=10)
-    for axis in axes[1:, 0]:
-        axis.axis("off")
+    _draw_raw(axes[0, 0], axes[1, 0], light_field)
+    axes[2, 0].imshow(light_field_image, cmap="gray", vmin=0, vmax=1)
+    axes[2, 0].set_title("what the network sees", fontsize=10)
     for k, depth in enumerate(depths_mm):
         axes[0, k + 1].set_title(f"{depth:g} mm", fontsize=10)
         axes[0, k + 1].imshow(targets[k], cmap="gray", vmin=0, vmax=1)
@@ -45,6 +72,21 @@ def result_figure(light_field_image, targets, predictions, depths_mm, title: str
     figure.colorbar(error, ax=axes[2, 1:], fraction=0.05, aspect=12)
     figure.suptitle(title, fontsize=11)
     return figure
+
+
+def _draw_raw(whole, enlarged, light_field: LightField) -> None:
+    """Draw a raw lenslet image, and enlarged its part in which micro-images change most."""
+    raw, n = light_field.to_raw(), light_field.views.shape[0]
+    whole.imshow(raw, cmap="gray", vmin=0, vmax=1, interpolation_stage="data")
+    whole.set_title("(a) raw light-field image", fontsize=10)
+    t, s = (n * k for k in enlarged_part(light_field.views))
+    side = n * LENSLETS_ENLARGED
+    whole.add_patch(Rectangle((s - 0.5, t - 0.5), side, side, fill=False, color="C1", lw=1.2))
+    part = raw[t : t + side, s : s + side]
+    enlarged.imshow(part, cmap="gray", vmin=0, vmax=max(float(part.max()), 1e-6))
+    enlarged.set_title(f"{LENSLETS_ENLARGED} x {LENSLETS_ENLARGED} of its lenslets", fontsize=10)
+    for spine in enlarged.spines.values():
+        spine.set(color="C1", linewidth=1.2)
 
 
 def sharpness_figure(panels):

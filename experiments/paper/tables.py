@@ -19,6 +19,7 @@ from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.input_files import read_text
 from lf_flame._common.metrics import FOREGROUND, WINDOWS
+from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
@@ -219,7 +220,9 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
     record["scenes_sha256"] = dataset.scenes_sha256
     targets = dataset.targets[indices]
     scores = compare_with_paper(score(targets, predictions), paper)
+    light_field, _ = render_sample(dataset.config, int(indices[0]), dataset.attrs.get("rays"))
     picture = result_figure(
+        light_field,
         dataset.inputs[indices[0]].squeeze(),
         targets[0],
         predictions[0],

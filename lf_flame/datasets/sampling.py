@@ -167,10 +167,12 @@ def draw_sample(config: DatasetConfig, index: int) -> tuple[Scene, dict]:
     return config.draw(np.random.default_rng([config.seed, index]))
 
 
-def render_sample(config: DatasetConfig, index: int) -> tuple[LightField, dict]:
+def render_sample(
+    config: DatasetConfig, index: int, rays: int | None = None
+) -> tuple[LightField, dict]:
     """Draw and render the light field of one sample; returns it with the scene's parameters."""
     scene, parameters = draw_sample(config, index)
-    return render_drawn(scene, config, config.plan_of(scene), index), parameters
+    return render_drawn(scene, config, config.plan_of(scene), index, rays), parameters
 
 
 def render_drawn(

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from skimage.metrics import structural_similarity
 
+from experiments.paper.figures import LENSLETS_ENLARGED, enlarged_part
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import (
     COLUMNS,
@@ -188,3 +189,15 @@ def test_a_missing_run_shows_as_missing(tmp_path):
 def test_a_model_of_other_planes_is_not_put_beside_the_paper():
     with pytest.raises(InputError, match="The paper has 4 planes, the model has 2"):
         compare_with_paper(pd.DataFrame({"ssim": [1, 1]}), read_paper_values(PAPER, "table1"))
+
+
+def test_micro_images_are_enlarged_where_they_change_both_ways():
+    """Not along an edge, where they change one way alone."""
+    views = np.zeros((3, 3, 40, 50), np.float32)
+    views[1:, :, :20, 25:] = 1  # changes along v, on a quarter of the image
+    views[:, 1:, 15:, 30:] = 1  # changes along u; both do where these overlap
+    t, s = enlarged_part(views)
+    middle = LENSLETS_ENLARGED // 2
+    assert 10 <= t + middle <= 25
+    assert 30 <= s + middle <= 49
+    assert enlarged_part(np.zeros((3, 3, 4, 5), np.float32)) == (0, 0)
