@@ -4,13 +4,14 @@
 NumPy arrays that one compiled pass updates (`lf_flame.learning.array_training`). `DeviceTrainer` is
 for accelerators, on Keras's JAX backend: features, parameters and the loop over the batches stay on
 the device for a whole epoch. Both use Keras's own layers and give, within rounding, the losses of
-`keras.Model.train_on_batch` with `keras.optimizers.Adam`.
+`KerasTrainer`, which compiles the decoder with `keras.optimizers.Adam` and calls its `fit`.
 """
 
 from abc import ABC, abstractmethod
 
 import keras
 import numpy as np
+from keras import ops
 
 from lf_flame.errors import InputError
 from lf_flame.learning.array_training import (
@@ -23,10 +24,14 @@ from lf_flame.learning.array_training import (
 EVALUATION_BATCH = 32
 
 
+TRAINERS = ("fast", "keras")
+"""Kinds of training: by the form that is fastest on the backend, or by Keras's own `fit`."""
+
+
 def make_trainer(
-    decoder: keras.Model, learning_rate, batch_size: int, arrays: dict
-) -> "ArrayTrainer | DeviceTrainer":
-    """Choose the trainer for Keras's backend.
+    decoder: keras.Model, learning_rate, batch_size: int, arrays: dict, kind: str = "fast"
+) -> "ArrayTrainer | DeviceTrainer | KerasTrainer":
+    """Choose the trainer for Keras's backend, or Keras's own.
 
     Parameters
     ----------
@@ -37,16 +42,19 @@ def make_trainer(
     arrays : dict
         ``name: (features, targets)``, at least "train"; float32, shapes (n, h', w', channels) and
         (n, planes, h, w, 1).
+    kind : {"fast", "keras"}, optional
 
     Returns
     -------
-    ArrayTrainer or DeviceTrainer
+    ArrayTrainer, DeviceTrainer or KerasTrainer
 
     Raises
     ------
     InputError
-        If the backend is another than TensorFlow or JAX.
+        If the backend is another than TensorFlow or JAX, and the kind is "fast".
     """
+    if kind == "keras":
+        return KerasTrainer(decoder, learning_rate, batch_size, arrays)
     kinds: dict[str, type[ArrayTrainer | DeviceTrainer]]
     kinds = {"tensorflow": ArrayTrainer, "jax": DeviceTrainer}
     backend = keras.backend.backend()
@@ -205,5 +213,51 @@ class DeviceTrainer(_Trainer):
         self._state = [[jax.device_put(next(values)) for _ in group] for group in self._state]
 
 
+class KerasTrainer(_Trainer):
+    """Trains by `keras.Model.fit`, on any backend; see `make_trainer`.
+
+    Several times slower than the others on processor cores, and what they are held against.
+    """
+
+    def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
+        super().__init__(decoder, batch_size, arrays)
+        decoder.compile(keras.optimizers.Adam(learning_rate), "mse", jit_compile=False)
+        decoder.optimizer.build(decoder.trainable_variables)
+
+    def train_in_order(self, order: np.ndarray) -> float:
+        """Train on the samples in this order, once each; mean loss while doing so."""
+        features, targets = (x[order] for x in self.arrays["train"])
+        options = {"batch_size": self.batch_size, "shuffle": False, "verbose": 0}
+        return float(self.model.fit(features, targets, **options).history["loss"][0])
+
+    def evaluate(self, part: str) -> float:
+        """Loss over all samples of a part, in inference."""
+        options = {"batch_size": EVALUATION_BATCH, "verbose": 0}
+        return float(self.model.evaluate(*self.arrays[part], **options))
+
+    @property
+    def weights(self) -> list[np.ndarray]:
+        """Copies of all values of the decoder, in the order of `decoder_variables`."""
+        return [_copied(x) for x in decoder_variables(self.model)]
+
+    @property
+    def state(self) -> list[np.ndarray]:
+        """Everything that the next epoch depends on; set it to go on from there."""
+        return [_copied(x) for x in self._variables]
+
+    @state.setter
+    def state(self, values) -> None:
+        for variable, value in zip(self._variables, values, strict=True):
+            variable.assign(value)
+
+    @property
+    def _variables(self) -> list[keras.Variable]:
+        return [*decoder_variables(self.model), *self.model.optimizer.variables]
+
+
 def _batches(order: np.ndarray, size: int):
     return (order[first : first + size] for first in range(0, len(order), size))
+
+
+def _copied(variable: keras.Variable) -> np.ndarray:
+    return np.array(ops.convert_to_numpy(variable))

@@ -61,6 +61,25 @@ def test_training_is_that_of_keras(samples, batch_size, options):
     np.testing.assert_allclose(*stacks, atol=1e-4)
 
 
+@pytest.mark.slow
+def test_keras_s_own_training_has_the_losses_of_the_fast_form(samples):
+    """Over epochs in one order, with dropout and normalisation; and it goes on from its state."""
+    fast, plain, later = (
+        make_trainer(decoder(), 1e-3, 2, samples, kind) for kind in ("fast", "keras", "keras")
+    )
+    order = np.random.default_rng(0).permutation(9)
+    expected = [fast.train_in_order(order) for _ in range(3)]
+    losses = [plain.train_in_order(order)]
+    later.state = plain.state
+    losses += [plain.train_in_order(order) for _ in range(2)]
+    np.testing.assert_allclose(losses, expected, rtol=1e-5)
+    assert losses[2] < losses[1] < losses[0]
+    assert plain.evaluate("validation") == pytest.approx(fast.evaluate("validation"), rel=1e-4)
+    for one, other in zip(plain.weights, fast.weights, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-4)
+    assert [later.train_in_order(order) for _ in range(2)] == pytest.approx(losses[1:], rel=1e-6)
+
+
 def test_an_epoch_is_its_batches(samples):
     """The mean loss weighs samples alike, in a last batch that is smaller too."""
     whole, parts = (make_trainer(decoder(), 1e-3, 4, samples) for _ in range(2))
