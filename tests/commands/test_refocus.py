@@ -179,6 +179,8 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         (["--slope", 1, "--aperture", -1], "width above 0"),
         (["--order", "up,down"], "order"),
         (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
+        (["--slope", 1, "--gain", 1e308], "gain must be from 1e-06 to 1e[+]06, got 1e[+]308"),
+        (["--slope", 1, "--gamma", "nan"], "gamma must be from 0.01 to 100, got nan"),
     ],
 )
 def test_mistakes_are_one_sentence(folder, tmp_path, args, message):
