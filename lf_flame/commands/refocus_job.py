@@ -28,7 +28,7 @@ class RefocusJob:
     camera : PlenopticCamera, optional
         Gives the depths, in mm, of slopes in file names, figures and the record.
     gain, gamma : float
-        Of the pictures to look at, see `preview`; both above 0.
+        Of the pictures to look at, see `preview`; from 1e-6 to 1e6, and from 0.01 to 100.
     """
 
     light_field: LightField
@@ -39,9 +39,9 @@ class RefocusJob:
     gamma: float = 1.0
 
     def __post_init__(self):
-        for name in ("gain", "gamma"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"{name} must be finite and above 0, got {getattr(self, name):g}.")
+        for name, low, high in (("gain", 1e-6, 1e6), ("gamma", 0.01, 100)):
+            if not low <= (got := getattr(self, name)) <= high:
+                raise InputError(f"{name} must be from {low:g} to {high:g}, got {got:g}.")
 
     @cached_property
     def white(self) -> float:

@@ -56,10 +56,20 @@ def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float)
     camera : PlenopticCamera
     period_mm : float or ndarray
     thickness_mm : float
-        Extent along depth within which light is sought, 0 or above.
+        Extent along depth within which light is sought, half of it before the focal plane: from 0
+        to less than twice the focus distance.
+
+    Raises
+    ------
+    InputError
+        If a period is not above 0, or the extent reaches the lens.
     """
-    if not thickness_mm >= 0:
-        raise InputError(f"thickness_mm must be 0 or above, got {thickness_mm}.")
+    limit = 2 * camera.focus_distance_mm
+    if not 0 <= thickness_mm < limit:
+        raise InputError(
+            f"thickness_mm must be from 0 to less than {limit:g}, twice the focus distance, where "
+            f"it reaches the lens, got {thickness_mm:g}."
+        )
     return 1 + thickness_mm / depth_blur(camera, period_mm)
 
 

@@ -147,7 +147,7 @@ def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path)
         source = tmp_path / target
     found = read_light_field(source, views=5)
     np.testing.assert_array_equal(found.views, light_field.views)
-    with pytest.raises(InputError, match=r"folder, .png, .tif or .npy, got .*light.xyz"):
+    with pytest.raises(InputError, match=r"folder, .png, .tif, .npy or .npz, got .*light.xyz"):
         run(folder, tmp_path / "light.xyz", command="convert")
 
 
@@ -179,6 +179,8 @@ def test_bright_and_dim_light_fields_are_shown(light_field, tmp_path):
         (["--slope", 1, "--aperture", -1], "width above 0"),
         (["--order", "up,down"], "order"),
         (["--map", 1, 1], "lower slope first, got 1.0 and 1.0"),
+        (["--slope", 1, "--gain", 1e308], "gain must be from 1e-06 to 1e[+]06, got 1e[+]308"),
+        (["--slope", 1, "--gamma", "nan"], "gamma must be from 0.01 to 100, got nan"),
     ],
 )
 def test_mistakes_are_one_sentence(folder, tmp_path, args, message):

@@ -58,6 +58,7 @@ def test_periods_must_be_above_zero(period):
         depth_blur(PAPER_CAMERA, period)
 
 
-def test_a_thickness_must_not_be_negative():
-    with pytest.raises(InputError, match="thickness_mm"):
-        depth_modes(PAPER_CAMERA, 1.0, -1.0)
+@pytest.mark.parametrize("thickness", [-1.0, float("nan"), 652.0, 1e308])
+def test_a_thickness_stays_before_the_lens(thickness):
+    with pytest.raises(InputError, match="from 0 to less than 652, twice the focus distance"):
+        depth_modes(PAPER_CAMERA, 1.0, thickness)
