@@ -47,6 +47,9 @@ LEAST_SIDE = 0.125
 LEVEL_TURNS = 2
 """Times that the levels of uneven views are found, each time by the slopes found last."""
 
+LEAST_READ = 1000
+"""Pixels in the rows that are read, below which chance makes levels and they are left as they are."""
+
 LEAST_KNOWN = 0.05
 """Share of the pixels whose slopes are known, below which levels are left as they are."""
 
@@ -116,7 +119,8 @@ class ComparedViews:
         self.even = True
         height = views.shape[2]
         self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
-        for _ in range(LEVEL_TURNS):
+        read = self._rows.size * views.shape[3]
+        for _ in range(LEVEL_TURNS if read >= LEAST_READ else 0):
             best = self._best()[1]
             if not self.find_levels(best, np.ones(best.shape, bool)):
                 break
