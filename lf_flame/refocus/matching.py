@@ -44,8 +44,9 @@ FLOOR = 1e-3
 LEAST_SIDE = 0.125
 """Share of what all views beside the middle count, below which a half or a quarter is not asked."""
 
-LEVEL_TURNS = 2
-"""Times that the levels of uneven views are found, each time by the slopes found last."""
+LEVEL_TURNS, SETTLED = 6, 1e-3
+"""Times at most that the levels of uneven views are found, each time by the slopes found last, and
+change of a level that is called none: slopes that unevenness spoilt become better with it."""
 
 LEAST_READ = 1000
 """Pixels in the rows that are read, below which chance makes levels and they are left as they are."""
@@ -131,7 +132,7 @@ class ComparedViews:
         Returns
         -------
         bool
-            Whether they have changed.
+            Whether they have changed by more than `SETTLED`.
         """
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
@@ -140,7 +141,7 @@ class ComparedViews:
         before, even = self._levels, even_levels(self.views.shape[:2])
         self._levels = find_levels(self.views, slope, self._rows, self._weights, known)
         self.even = bool(np.array_equal(self._levels, even))
-        return not np.array_equal(self._levels, before)
+        return bool(np.abs(self._levels - before).max() > SETTLED)
 
     def costs(self, window: float) -> np.ndarray:
         """Tell how badly the views match around each pixel at each slope.
