@@ -44,8 +44,12 @@ FLOOR = 1e-3
 LEAST_SIDE = 0.125
 """Share of what all views beside the middle count, below which a half or a quarter is not asked."""
 
-LEVEL_TURNS = 2
-"""Times that the levels of uneven views are found, each time by the slopes found last."""
+LEVEL_TURNS, SETTLED = 6, 1e-3
+"""Times at most that the levels of uneven views are found, each time by the slopes found last, and
+change of a level that is called none: slopes that unevenness spoilt become better with it."""
+
+LEAST_READ = 1000
+"""Pixels in the rows that are read, below which chance makes levels and they are left as they are."""
 
 LEAST_KNOWN = 0.05
 """Share of the pixels whose slopes are known, below which levels are left as they are."""
@@ -116,7 +120,8 @@ class ComparedViews:
         self.even = True
         height = views.shape[2]
         self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
-        for _ in range(LEVEL_TURNS):
+        read = self._rows.size * views.shape[3]
+        for _ in range(LEVEL_TURNS if read >= LEAST_READ else 0):
             best = self._best()[1]
             if not self.find_levels(best, np.ones(best.shape, bool)):
                 break
@@ -127,7 +132,7 @@ class ComparedViews:
         Returns
         -------
         bool
-            Whether they have changed.
+            Whether they have changed by more than `SETTLED`.
         """
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
@@ -136,7 +141,7 @@ class ComparedViews:
         before, even = self._levels, even_levels(self.views.shape[:2])
         self._levels = find_levels(self.views, slope, self._rows, self._weights, known)
         self.even = bool(np.array_equal(self._levels, even))
-        return not np.array_equal(self._levels, before)
+        return bool(np.abs(self._levels - before).max() > SETTLED)
 
     def costs(self, window: float) -> np.ndarray:
         """Tell how badly the views match around each pixel at each slope.

@@ -30,8 +30,9 @@ EVEN, EVEN_OVER_IMAGE = 0.016, 0.016
 """Root-mean-square difference of levels from 1, and change of them over the image, called none:
 outlines that hide what is behind them, in noise, make as much, and it harms little."""
 
-DOUBT = 16.0
-"""Pixels whose misfits are alike, times what is fitted to a view: what a fit follows by chance."""
+EXPLAINED = 0.6
+"""Squared difference of levels from 1, in usual squared misfits that levels leave, called none: what
+they follow by chance in views that have nothing in common, and harmless beside the misfits."""
 
 
 def even_levels(shape: tuple[int, ...]) -> np.ndarray:
@@ -81,8 +82,8 @@ def find_levels(
             continue
         light, there, powers = light[inside], middle[inside], powers[:, inside]
         levels[v, u] = found = _level(light, there, powers)
-        misfit = np.mean((found @ powers * light - there) ** 2)
-        chance = DOUBT * misfit / max(np.sum(light**2), np.finfo(float).tiny)
+        usual = np.median((found @ powers * light - there) ** 2)
+        chance = EXPLAINED * usual / max(np.mean(light**2), np.finfo(float).tiny)
         fits.append((weights[v, u], v, u, powers @ powers.T / powers.shape[1], chance))
     _smooth_over_views(levels, down, across, weights)
     even = even_levels(views.shape[:2])

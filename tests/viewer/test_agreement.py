@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from lf_flame import LightField
 from lf_flame._common.metrics import psnr
 from lf_flame.refocus import aperture_weights, shift_and_sum
 from lf_flame.viewer.page import single_page
@@ -81,10 +82,29 @@ def test_sums_are_those_of_the_engine(opened, make_exhibit, rng, renderer, bits,
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
+def test_views_count_as_the_light_field_says(opened, make_exhibit, rng, renderer):
+    """Within the aperture; where none in it counts, all in it are drawn rather than nothing."""
+    exhibit = make_exhibit((5, 6, 12, 17))
+    own = rng.uniform(0.2, 1, (5, 6))
+    own[:, :2] = 0
+    weighted = LightField(exhibit.light_field.views, weights=own)
+    object.__setattr__(exhibit, "light_field", weighted)
+    own = own.astype(np.float32)
+    tab = opened(exhibit, renderer)
+    for aperture, counted in (({}, own), (APERTURES[1], own), ({"shape": "square", "width": 0.2,
+                              "centre": [0, -2.5]}, 1)):  # fmt: skip
+        tab.set(**{"shape": "square", "width": 1, "ring": 0, "centre": [0, 0], **aperture},
+                slope=0.7)  # fmt: skip
+        options = {"shape": "square", "centre": (0.0, 0.0), "width": 1.0, **aperture}
+        weights = aperture_weights((5, 6), **options) * counted
+        image = shift_and_sum(exhibit.light_field.views.astype(float), [0.7], weights=weights)[0]
+        atol = 1e-5 if renderer == "webgl" else 2e-7
+        np.testing.assert_allclose(tab.read(image.shape), image, atol=atol)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
 def test_radiance_of_any_range_shows_as_it_should(opened, make_exhibit, renderer):
     """Below 0 and above 1, with gain and gamma."""
-    from lf_flame import LightField
-
     exhibit = make_exhibit((3, 3, 8, 9))
     views = 4 * exhibit.light_field.views - 0.5
     object.__setattr__(exhibit, "light_field", LightField(views))

@@ -89,6 +89,20 @@ def test_planes_are_those_of_the_engine(opened, make_exhibit, rng, shape):
     assert len(planes_asked(tab)) == 1 + len(APERTURES)
 
 
+def test_planes_hold_the_views_that_count(opened, make_exhibit, rng):
+    exhibit = make_exhibit((5, 4, 33, 40), bits=16, interpolation="cubic")
+    own = rng.uniform(0.2, 1, (5, 4))
+    own[0] = 0
+    views = exhibit.light_field.views
+    object.__setattr__(exhibit, "light_field", LightField(views, weights=own))
+    tab = opened(exhibit)
+    tab.set(slope=0.71, shape="round", width=0.9)
+    weights = own.astype(np.float32) * aperture_weights((5, 4), 0.9)
+    image = refocus(views, [0.71], "cubic", weights=weights)[0]
+    np.testing.assert_allclose(tab.read(image.shape), image, atol=1e-5)
+    assert np.abs(tab.canvas() - levels_of(image)).max() <= 1
+
+
 def test_a_page_that_can_hold_the_views_sums_them_itself(tab, make_exhibit):
     shape = SHAPES[0]
     with serving(make_exhibit(shape, most_bytes=np.prod(shape))) as server:

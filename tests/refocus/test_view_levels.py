@@ -1,0 +1,149 @@
+"""Slopes of views that are not equally bright, against those of the same views when they are.
+
+The views are photographs shifted exactly, by the Fourier transform: a wall and a card before it.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from skimage import data
+
+from lf_flame import LightField
+from lf_flame.refocus import all_in_focus, find_sharpest_slope, matching
+from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.view_levels import even_levels
+
+SIZE, COUNT, MARGIN = (64, 80), 7, 16
+STEPS = np.arange(COUNT) - 3.0
+WALL, CARD = -0.8, 0.9
+CARD_ROWS, CARD_COLUMNS = (20, 46), (24, 60)
+SLOPES = np.arange(-1.4, 1.41, 0.1)
+
+
+def photograph(image, top, left):
+    """Part of a photograph, halved, with a margin about it."""
+    height, width = (n + 2 * MARGIN for n in SIZE)
+    part = image.reshape(*image.shape[:2], -1).mean(axis=2) / 255
+    part = part[top : top + 2 * height, left : left + 2 * width]
+    return part.reshape(height, 2, width, 2).mean(axis=(1, 3))
+
+
+def seen_at(slope, picture, v, u):
+    """What view (v, u) sees of a picture at a slope: what is at x in the middle is at x + slope u."""
+    down, across = (np.fft.fftfreq(n) for n in picture.shape)
+    turn = np.exp(2j * np.pi * slope * (down[:, None] * -v + across * -u))
+    return np.fft.ifft2(np.fft.fft2(picture) * turn).real[MARGIN:-MARGIN, MARGIN:-MARGIN]
+
+
+def covered(count, ends, shift):
+    """Share of each pixel that the card covers along an axis."""
+    at = np.arange(count) - shift
+    return np.clip(np.minimum(at - ends[0] + 0.5, ends[1] - 0.5 - at), 0, 1)
+
+
+@cache
+def scene():
+    """Evenly bright views of the two, and the true slopes of the middle one."""
+    wall = photograph(data.coffee(), 100, 100)
+    card = photograph(data.astronaut(), 20, 120)
+    views = np.empty((COUNT, COUNT, *SIZE))
+    for i, j in np.ndindex(COUNT, COUNT):
+        v, u = STEPS[i], STEPS[j]
+        share = np.outer(
+            covered(SIZE[0], CARD_ROWS, CARD * v), covered(SIZE[1], CARD_COLUMNS, CARD * u)
+        )
+        views[i, j] = (1 - share) * seen_at(WALL, wall, v, u) + share * seen_at(CARD, card, v, u)
+    truth = np.full(SIZE, WALL)
+    truth[slice(*CARD_ROWS), slice(*CARD_COLUMNS)] = CARD
+    return views, truth
+
+
+def brightness(kind):
+    """By what each pixel of each view is multiplied, shape (v, u, t, s)."""
+    v, u = np.meshgrid(STEPS / 3, STEPS / 3, indexing="ij")
+    v, u = v[..., None, None], u[..., None, None]
+    t, s = np.linspace(-1, 1, SIZE[0])[:, None], np.linspace(-1, 1, SIZE[1])
+    gains = np.random.default_rng(3).standard_normal(v.shape)
+    return {
+        "even": 1.0,
+        "corners 5 % darker": 1 - 0.05 * (v**2 + u**2) / 2,
+        "corners 10 % darker": 1 - 0.1 * (v**2 + u**2) / 2,
+        "corners 20 % darker": 1 - 0.2 * (v**2 + u**2) / 2,
+        "gains of 5 %": 1 + 0.05 * gains,
+        # tan of the angle of a ray from (v, u) of the pupil to (t, s) of the image
+        "cos^4": (1 + (0.15 * v - 0.2 * t) ** 2 + (0.15 * u - 0.2 * s) ** 2) ** -2,
+        "tilt of 10 %": 1 + 0.1 * (v * t + u * s) / 2,
+        "tilt over the views": 1 + 0.1 * (u + 0 * v),
+    }[kind]
+
+
+@cache
+def shares(kind, noise):
+    """Percent of pixels whose slope is wrong, that are certain, and that are both."""
+    views, truth = scene()
+    views = brightness(kind) * views
+    views += noise * np.random.default_rng(1).standard_normal(views.shape)
+    found = all_in_focus(views.astype(np.float32), SLOPES)
+    wrong, certain = np.abs(found.slope - truth) > 0.07, found.confidence >= TRUSTED
+    return [100 * np.mean(x) for x in (wrong, certain, wrong & certain)]
+
+
+UNEVEN = [
+    "corners 5 % darker", "corners 10 % darker", "corners 20 % darker", "gains of 5 %", "cos^4",
+    "tilt of 10 %", "tilt over the views",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_slopes_of_uneven_views_are_as_right_as_those_of_even_ones(kind, noise):
+    wrong, certain, both = shares(kind, noise)
+    even_wrong, even_certain, even_both = shares("even", noise)
+    assert even_wrong < 5
+    assert even_certain > 50
+    assert wrong <= 1.3 * even_wrong + 2
+    assert both <= 1.3 * even_both + 2
+    assert certain > 0.85 * even_certain
+
+
+def test_without_levels_the_slopes_of_uneven_views_are_wrong(monkeypatch):
+    """So that the test above says something."""
+    monkeypatch.setattr(matching, "find_levels", lambda views, *_: even_levels(views.shape[:2]))
+    wrong = shares.__wrapped__("corners 10 % darker", 0.0)[0]
+    assert wrong > 15
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_even_views_are_left_as_they_are(noise):
+    views = scene()[0] + noise * np.random.default_rng(2).standard_normal(scene()[0].shape)
+    assert matching.ComparedViews(views.astype(np.float32), SLOPES, np.ones((7, 7))).even
+
+
+def test_unrelated_views_have_no_levels(rng):
+    views = rng.uniform(size=(3, 3, 40, 60)).astype(np.float32)
+    assert matching.ComparedViews(views, SLOPES, np.ones((3, 3))).even
+
+
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_the_sharpest_slope_of_uneven_views_is_that_of_even_ones(kind):
+    picture = photograph(data.coffee(), 100, 100)
+    views = np.array([[seen_at(0.6, picture, v, u) for u in STEPS] for v in STEPS])
+    even = find_sharpest_slope(views.astype(np.float32), np.arange(-1.5, 1.51, 0.1)).slope
+    uneven = (brightness(kind) * views).astype(np.float32)
+    assert even == pytest.approx(0.6, abs=0.005)
+    assert find_sharpest_slope(uneven, np.arange(-1.5, 1.51, 0.1)).slope == pytest.approx(
+        even, abs=0.005
+    )
+
+
+def test_views_that_do_not_count_change_no_map(rng):
+    """Other light in views of weight 0; the same as by weights that are stated."""
+    views = scene()[0].astype(np.float32)
+    counted = np.ones((COUNT, COUNT))
+    counted[[0, 0, -1, -1], [0, -1, 0, -1]] = 0
+    stated = all_in_focus(views, SLOPES, weights=counted)
+    views[counted == 0] = rng.uniform(size=(4, *SIZE))
+    own = all_in_focus(LightField(views, weights=counted), SLOPES)
+    for name in ("slope", "confidence", "all_in_focus"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(stated, name))
