@@ -65,7 +65,7 @@ def naming(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is None:
+        if error.errno is not None and error.filename is None:  # without, its words are lost
             error.filename = str(path)
         raise
 

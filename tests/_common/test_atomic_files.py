@@ -178,3 +178,9 @@ def test_a_made_up_leftover_moves_nothing(tmp_path):
         (aside / "a.json").touch()
     assert (tmp_path / "thesis.txt").read_text() == "mine"
     assert names(tmp_path) == ["a.json", "thesis.txt"]
+
+
+def test_an_error_in_words_keeps_them(tmp_path):
+    """One of a download, say: given a file's name, it would read "[Errno None] None"."""
+    with pytest.raises(OSError, match="^not all of it$"), atomic_write(tmp_path / "file"):
+        raise OSError("not all of it")
