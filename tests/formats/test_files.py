@@ -22,10 +22,10 @@ from lf_flame.formats import (
     read_view_stack,
     write_focal_stack,
     write_lenslet_image,
+    write_light_field,
     write_view_folder,
 )
 from lf_flame.formats.images import read_image, write_image
-from lf_flame.formats.writing import write_light_field
 
 SEEDS = st.integers(0, 2**32)
 

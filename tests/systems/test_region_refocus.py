@@ -98,7 +98,7 @@ def test_views_that_do_not_count_change_nothing(two_depths, dense, rng):
     )
     np.testing.assert_array_equal(image, same)
     assert found == same_found
-    assert found[0][0] == pytest.approx(0.83, abs=0.1)
+    assert found[0][0] == pytest.approx(0.83, abs=0.15)  # 13 views of the cross are left
 
 
 def test_the_most_common_slope_is_not_the_mean():
