@@ -48,8 +48,8 @@ LEVEL_TURNS, SETTLED = 6, 1e-3
 """Times at most that the levels of uneven views are found, each time by the slopes found last, and
 change of a level that is called none: slopes that unevenness spoilt become better with it."""
 
-LEAST_READ = 1000
-"""Pixels in the rows that are read, below which chance makes levels and they are left as they are."""
+LEAST_READ = 500
+"""Pixels in the rows that are read, below which chance makes levels: they stay as they are."""
 
 LEAST_KNOWN = 0.05
 """Share of the pixels whose slopes are known, below which levels are left as they are."""

@@ -31,7 +31,7 @@ EVEN, EVEN_OVER_IMAGE = 0.016, 0.016
 outlines that hide what is behind them, in noise, make as much, and it harms little."""
 
 EXPLAINED = 0.6
-"""Squared difference of levels from 1, in usual squared misfits that levels leave, called none: what
+"""Squared difference of levels from 1, in usual squared misfits that they leave, called none: what
 they follow by chance in views that have nothing in common, and harmless beside the misfits."""
 
 

@@ -17,11 +17,11 @@ from lf_flame.refocus import (
     all_in_focus,
     refocus_surface,
     region_slopes,
+    shift_and_sum,
     sparse_aperture,
 )
 from lf_flame.refocus._arguments import Views, as_views
 from lf_flame.refocus.depth_from_focus import TRUSTED
-from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.view_selection import ARM, cross_of_views
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def search_region_slope(
     InputError
         If the region does not lie in the image or is too small, or the range is empty.
     """
-    views = as_views(views)
+    light_field, views = views, as_views(views)
     from keras import ops
 
     from lf_flame.systems.similarity import ms_ssim, scales
@@ -72,10 +72,10 @@ def search_region_slope(
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
     middle = views[cross_of_views(*views.shape[:2])[ARM]]
-    system = ShiftAndSum(selection=cross_of_views)
+    weights = sparse_aperture(views.shape[:2], cross_of_views(*views.shape[:2]))
 
     def likeness(some: np.ndarray) -> np.ndarray:
-        stack = system.refocus(views, some)[:, t0:t1, s0:s1]
+        stack = shift_and_sum(light_field, some, weights=weights)[:, t0:t1, s0:s1]
         same = np.broadcast_to(middle[t0:t1, s0:s1], stack.shape)
         shape = (*stack.shape[:3], -1)
         return ops.convert_to_numpy(
@@ -180,22 +180,22 @@ def refocus_regions(
         If a region does not lie in the image, or is too small, the range is empty, or views are
         missing; with a network also if the image is smaller than it can take.
     """
-    views, regions = as_views(views), list(regions)
+    light_field, views, regions = views, as_views(views), list(regions)
     if unet is not None:
         unet.check(views)
     for region in regions:
         _check(views, region, slopes)
-    found = _region_slopes(views, regions, slopes, dense)
+    found = _region_slopes(light_field, regions, slopes, dense)
     rest = slopes[0] if background is None else background
     in_focus = [(region, slope) for region, (slope, _) in zip(regions, found, strict=True)]
     surface = region_slopes(views.shape[2:4], in_focus, rest, SOFTEN)
     shape = views.shape[:2]
     weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
-    image = refocus_surface(views, surface, weights=weights)
+    image = refocus_surface(light_field, surface, weights=weights)
     return image if unet is None else _without_ghosts(image, unet), surface, found
 
 
-def _region_slopes(views: np.ndarray, regions: list, slopes: tuple[float, float], dense: bool):
+def _region_slopes(views: Views, regions: list, slopes: tuple[float, float], dense: bool):
     """Find the slope of every region, and how far to trust it."""
     if not dense:
         return [search_region_slope(views, region, slopes) for region in regions]

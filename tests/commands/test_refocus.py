@@ -127,6 +127,23 @@ def test_sweep_and_map(folder, camera, tmp_path):
     assert imread(tmp_path / "out" / "all_in_focus.png").shape == (40, 48)
 
 
+def test_the_aperture_holds_for_the_map(tmp_path, rng):
+    """Views outside of it hold other light: the map of all is not that of those inside."""
+    picture, views = rng.uniform(size=(40, 48)), np.empty((5, 5, 40, 48), np.float32)
+    for v, u in np.ndindex(5, 5):
+        views[v, u] = np.roll(picture, (v - 2, u - 2), axis=(0, 1))
+    views[[0, -1]] = rng.uniform(size=(2, 5, 40, 48))
+    views[:, [0, -1]] = rng.uniform(size=(5, 2, 40, 48))
+    np.save(tmp_path / "views.npy", views)
+    errors = []
+    for k, more in enumerate(((), ("--aperture", 0.5))):
+        out = tmp_path / str(k)
+        run(tmp_path / "views.npy", "--slope", 1, "--map", -0.5, 2, *more, "--out", out)
+        errors.append(np.abs(imread(out / "slope_map.tif")[8:-8, 8:-8] - 1))
+    assert np.mean(errors[0] > 0.07) > 0.1
+    assert np.mean(errors[1] > 0.07) < 0.01
+
+
 def test_lenslet_images_and_raw_images(light_field, tmp_path):
     """The same picture from N x N pixels to a lenslet, and decoded by a stated pitch."""
     write_lenslet_image(light_field, tmp_path / "lenslets.png")

@@ -22,6 +22,7 @@ from lf_flame.formats import (
     read_view_stack,
     write_focal_stack,
     write_lenslet_image,
+    write_light_field,
     write_view_folder,
 )
 from lf_flame.formats.images import read_image, write_image
@@ -151,6 +152,27 @@ def test_arrays_come_back(tmp_path, rng, dtype, shape):
         views = read_light_field(tmp_path / name).views
         assert views.dtype == np.float32
         np.testing.assert_array_equal(views, (array / np.float32(top)).astype(np.float32))
+
+
+def test_weights_of_views_come_back_from_npz(tmp_path, rng):
+    views = rng.uniform(size=(3, 4, 6, 7)).astype(np.float32)
+    weights = rng.uniform(size=(3, 4)).astype(np.float32)
+    weights[0, 0] = 0
+    write_light_field(LightField(views, weights=weights), tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", field=views.transpose(2, 3, 0, 1), weights=weights)
+    for name, axes in (("a.npz", None), ("b.npz", "tsvu")):
+        found = read_light_field(tmp_path / name, axes=axes)
+        np.testing.assert_array_equal(found.views, views)
+        np.testing.assert_array_equal(found.weights, weights)
+    write_light_field(LightField(views), tmp_path / "c.npz")
+    assert read_light_field(tmp_path / "c.npz").weights is None
+
+
+@pytest.mark.parametrize("weights", [np.ones((4, 3)), -np.ones((3, 4)), np.full((3, 4), np.nan)])
+def test_odd_weights_in_npz_are_refused(tmp_path, weights):
+    np.savez(tmp_path / "a.npz", views=np.ones((3, 4, 6, 7), np.float32), weights=weights)
+    with pytest.raises(InputError, match="weights must"):
+        read_light_field(tmp_path / "a.npz")
 
 
 def test_raw_arrays_are_cut(tmp_path, rng):

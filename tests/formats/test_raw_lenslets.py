@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ from lf_flame.formats.images import write_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw_lenslets import decode_raw
 from lf_flame.formats.white_image import _flattened, _peaks, estimate_grid
-from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
+from lf_flame.refocus.depth_from_focus import TRUSTED
+
+MICROSCOPE = Path(__file__).parents[3] / "shared" / "lightfields" / "guv"
 
 
 def nearest_lenslet(grid, shape):
@@ -583,3 +587,14 @@ def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng
         np.testing.assert_allclose(read, wanted[::-1], atol=3e-5)
     with pytest.raises(InputError, match="dark light field .* must have the light field's shape"):
         read_light_field(tmp_path / "lit", dark=tmp_path / "dark.tif")
+
+
+@pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
+def test_a_real_raw_image_of_round_micro_images_has_a_map():
+    """Fluorescent vesicles: dark views about the round pupil would leave hardly a slope certain."""
+    raw, white = (MICROSCOPE / f"{name}.tif" for name in ("Lightfield", "Radiometry"))
+    found, _ = read_raw(raw, white=white)
+    assert found.weights is not None
+    assert 0.3 < np.mean(found.weights > 0) < 0.9
+    certain = np.mean(all_in_focus(found, np.linspace(-1, 1, 33)).confidence >= TRUSTED)
+    assert certain > 0.3

@@ -30,7 +30,7 @@ def photograph(image, top, left):
 
 
 def seen_at(slope, picture, v, u):
-    """What view (v, u) sees of a picture at a slope: what is at x in the middle is at x + slope u."""
+    """What view (v, u) sees of a picture: what is at x in the middle is at x + slope u."""
     down, across = (np.fft.fftfreq(n) for n in picture.shape)
     turn = np.exp(2j * np.pi * slope * (down[:, None] * -v + across * -u))
     return np.fft.ifft2(np.fft.fft2(picture) * turn).real[MARGIN:-MARGIN, MARGIN:-MARGIN]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
+from lf_flame import InputError, LightField
 from lf_flame.refocus import FocusMap
 from lf_flame.scenes.dead_leaves import DeadLeaves
 from lf_flame.systems.region_refocus import (
@@ -81,6 +81,24 @@ def test_bad_input_is_one_sentence(two_depths, region, slopes, words):
         search_region_slope(two_depths, region, slopes)
     with pytest.raises(InputError, match=words):
         refocus_regions(two_depths, [region], slopes)
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_views_that_do_not_count_change_nothing(two_depths, dense, rng):
+    """Whatever light they hold, of the cross too."""
+    weights = np.ones((9, 9))
+    weights[[0, 4, 8, 4], [4, 0, 4, 8]] = 0
+    other = two_depths.copy()
+    other[weights == 0] = rng.uniform(size=other[weights == 0].shape)
+    (image, _, found), (same, _, same_found) = (
+        refocus_regions(
+            LightField(views, weights=weights), [(16, 44, 10, 50)], (-2.0, 2.0), dense=dense
+        )
+        for views in (two_depths, other)
+    )
+    np.testing.assert_array_equal(image, same)
+    assert found == same_found
+    assert found[0][0] == pytest.approx(0.83, abs=0.15)  # 13 views of the cross are left
 
 
 def test_the_most_common_slope_is_not_the_mean():

@@ -177,6 +177,27 @@ def test_sharp_burner_is_followed_where_it_is_known(camera):
     assert errors[1] < 0.015 < 0.05 < errors[0]
 
 
+def test_views_that_do_not_count_are_not_fitted(camera, grid, seen, rng):
+    """As by a camera of the inner views alone, whose pixels are as large."""
+    light_field = add_noise(seen, 0.01)
+    counted = np.zeros((7, 7))
+    counted[1:-1, 1:-1] = 1
+    views = light_field.views.copy()
+    views[counted == 0] = rng.uniform(size=views[counted == 0].shape)
+    pixel = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm) / 7
+    own = replace(camera, views=5, pixel_pitch_mm=pixel)
+    expected = reconstruct_axisymmetric(
+        LightField(light_field.views[1:-1, 1:-1]), AxisymmetricGrid(own, ACROSS, DEPTH, RADIUS)
+    )
+    whole = LightField(views, weights=counted)
+    found = reconstruct_axisymmetric(whole, grid)
+    peak = expected.emission.max()
+    np.testing.assert_allclose(found.emission, expected.emission, rtol=1e-4, atol=1e-5 * peak)
+    assert [one for one in found.warnings if one.startswith("Only the inner 5 x 5 of the 7 x 7")]
+    axis = find_axis(whole, camera)
+    assert (axis.across_mm, axis.depth_mm) == pytest.approx((ACROSS, DEPTH), abs=0.3)
+
+
 def test_dark_light_field_has_no_axis(camera, seen):
     with pytest.raises(InputError, match="holds no light"):
         find_axis(LightField(np.zeros_like(seen.views)), camera)

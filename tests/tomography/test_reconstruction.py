@@ -230,6 +230,37 @@ def test_evenly_spaced_planes():
             planes_between(*bad)
 
 
+def inner_views(light_field, count, rng):
+    """The inner views with a camera's own, and the whole with other light in the rest."""
+    out = (light_field.views.shape[0] - count) // 2
+    inner = (slice(out, -out),) * 2
+    weights = np.zeros(light_field.views.shape[:2])
+    weights[inner] = 1
+    views = light_field.views.copy()
+    views[weights == 0] = rng.uniform(size=views[weights == 0].shape)
+    return LightField(light_field.views[inner]), LightField(views, weights=weights)
+
+
+def test_views_that_do_not_count_are_not_fitted(grid, camera, noisy, rng):
+    """As by a camera of the inner views alone, whose pixels are as large."""
+    inner, whole = inner_views(noisy(0.01), 5, rng)
+    pixel = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm) / 7
+    own = replace(camera, views=5, pixel_pitch_mm=pixel)
+    expected = reconstruct(inner, FrustumGrid(own, DEPTHS))
+    found = reconstruct(whole, grid)
+    np.testing.assert_allclose(found.emission, expected.emission, rtol=1e-5, atol=1e-7)
+    assert found.chi_squared.shape == (5, 5)
+    assert [one for one in found.warnings if one.startswith("Only the inner 5 x 5 of the 7 x 7")]
+
+
+@pytest.mark.parametrize("case", ["too few", "unlike"])
+def test_views_that_count_oddly_are_refused(grid, clean, case):
+    weights = np.ones((7, 7))
+    weights[3, 2] = 0 if case == "too few" else 0.5
+    with pytest.raises(InputError, match="inner square of 3 x 3 views or more that all count"):
+        reconstruct(LightField(clean.views, weights=weights), grid)
+
+
 def test_darkness_gives_darkness(grid, camera):
     found = reconstruct(LightField(np.zeros((7, 7, 72, 84), np.float32)), grid)
     assert not found.emission.any()
