@@ -182,9 +182,7 @@ def reconstruct_axisymmetric(
             *left_out,
             *departures,
             *check_misfit(residual, float(views.max())),
-            *check_data(
-                views, chi_squared, sd, measured, noise is not None, residual=residual
-            ),
+            *check_data(views, chi_squared, sd, measured, noise is not None, residual=residual),
         ),
         unseen=name_unseen(axis, depth_ratio),
     )

@@ -94,8 +94,8 @@ class Reconstruction:
     def sigma(self) -> np.ndarray | None:
         """Standard deviation of each cell by the light field's noise, None where nothing was drawn.
 
-        float32, shape of `emission`; neither the penalty's pull nor what the aperture cannot tell in
-        depth is in it: of a flame that is thick in depth the truth lies outside most bars.
+        float32, shape of `emission`; neither the penalty's pull nor what the aperture cannot tell
+        in depth is in it: of a flame that is thick in depth the truth lies outside most bars.
         """
         return np.std(self.draws, axis=0, ddof=1) if len(self.draws) else None
 
