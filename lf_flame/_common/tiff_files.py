@@ -135,7 +135,12 @@ def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) ->
         )
     page = series.keyframe
     meaning = _meaning(page, path)
-    bits, rows = _bits(page), _axes(series, options).index("Y")
+    bits, axes = _bits(page), _axes(series, options)
+    if "Y" not in axes:
+        raise InputError(
+            f"{path} must hold pictures of rows and columns, got shape {tuple(series.shape)}."
+        )
+    rows = axes.index("Y")
     try:
         if meaning == YCBCR:
             return _by_pillow(series, path, options)

@@ -106,14 +106,24 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
+    from lf_flame.tomography.axisymmetric import check_fit_options
+    from lf_flame.tomography.data_checks import check_range
 
+    # What takes time, reading and compiling, comes after what can be refused at once.
+    check_fit_options(options["noise"], options["strength"], options["redraws"])
     lens = read_camera(camera)
+    if radius is not None and not 0 < radius <= lens.focus_distance_mm:
+        raise InputError(
+            f"--radius must be above 0 and at most the camera's focus distance, "
+            f"{lens.focus_distance_mm:g} mm, got {radius:g}."
+        )
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
     reading = reading.for_camera(source, lens)
     if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not source.is_dir():
         reading = Reading(views=1)  # any file is a picture then
     light_field = reading.read(source)
+    check_range(light_field.views, options["noise"])
     alone = light_field.views.shape[1] < 3
     if alone and axis_depth is None:
         raise InputError(

@@ -127,7 +127,7 @@ def reconstruct_axisymmetric(
     InputError
         If light field and grid do not fit, or a value cannot be used.
     """
-    _check_options(noise, strength, redraws)
+    check_fit_options(noise, strength, redraws)
     rng = np.random.default_rng(0) if rng is None else rng
     light_field, camera, left_out = counted_views(light_field, grid.camera)
     grid = replace(grid, camera=camera) if left_out else grid
@@ -182,7 +182,7 @@ def reconstruct_axisymmetric(
             *left_out,
             *departures,
             *check_misfit(residual, float(views.max())),
-            *check_data(views, chi_squared, sd, measured, noise is not None),
+            *check_data(views, chi_squared, sd, measured, noise is not None, residual=residual),
         ),
         unseen=name_unseen(axis, depth_ratio),
     )
@@ -196,7 +196,13 @@ def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
     return grid.pick(average_blocks(light_field, grid.camera, grid.block))
 
 
-def _check_options(noise: float | None, strength: float | None, redraws: int) -> None:
+def check_fit_options(noise: float | None, strength: float | None, redraws: int) -> None:
+    """Refuse options of a fit that cannot be used, before anything that takes time.
+
+    Raises
+    ------
+    InputError
+    """
     for name, value in (("noise", noise), ("strength", strength)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")

@@ -141,6 +141,7 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     bottom.set_yticks(range(len(words)), words, fontsize=8)
     bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
     bottom.set_xlabel("depth from the focal plane (mm)")
+    bottom.use_sticky_edges = False  # or the margin is left out where a bar begins
     bottom.margins(x=0.05)
     return figure
 
@@ -168,6 +169,8 @@ def trust_figure(found: "Reconstruction"):
         right.legend(fontsize=8)
     right.set_xlabel("strength of the penalty")
     right.set_ylabel("squared residual, relative to noise")
+    # Few strengths span less than a decade, where minor ticks have labels that would collide.
+    right.tick_params(axis="x", which="minor", labelsize=6, labelrotation=60)
     right.grid(alpha=0.3)
     return figure
 

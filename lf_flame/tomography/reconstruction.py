@@ -57,7 +57,9 @@ class Reconstruction:
         What was added to the fit, for what penalty and even cells do to a flame; zeros where
         nothing was.
     draws : ndarray of float32, shape (redraws, planes, rows, columns)
-        Emission of light fields that were drawn anew from what was found, with noise.
+        Emission of light fields that were drawn anew from what was found, with noise. Their scatter
+        is that of noise alone: what the aperture cannot tell in depth, and the penalty decides, is
+        not in it.
     sigma_linear : ndarray of float64, shape (planes,)
         That of each plane's cells by the covariance, were light allowed to be negative: how much
         the bound at zero adds to what the light field itself tells.
@@ -92,7 +94,8 @@ class Reconstruction:
     def sigma(self) -> np.ndarray | None:
         """Standard deviation of each cell by the light field's noise, None where nothing was drawn.
 
-        float32, shape of `emission`; the penalty's pull is not in it.
+        float32, shape of `emission`; neither the penalty's pull nor what the aperture cannot tell
+        in depth is in it: of a flame that is thick in depth the truth lies outside most bars.
         """
         return np.std(self.draws, axis=0, ddof=1) if len(self.draws) else None
 

@@ -111,9 +111,13 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--radius", -1], "at least four pixels"),
-        (["--radius", 1e20], "at most the field's width"),
-        (["--axis-depth", 1e20], "at least four pixels"),
+        (["--radius", 0.1], "at least four pixels"),
+        (["--radius", 40], "at most the field's width"),
+        (["--radius", -1], "--radius must be above 0"),
+        (["--radius", 1e20], "--radius must be above 0 and at most the camera's focus distance"),
+        (["--redraws", 1000000000], "redraws must be 0, or 2 to 10000"),
+        (["--strength", "inf"], "strength must be a finite number"),
+        (["--axis-depth", 1e20], "Depths must lie above -326 mm"),
         (["--axis-mm", 99], "must stand within the field"),
         (["--block", 7], "block must be"),
         (["--redraws", 1], "redraws must be"),
@@ -147,5 +151,5 @@ def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path):
 def test_light_field_of_one_pixel_is_refused(tmp_path):
     (tmp_path / "camera.toml").write_text(CAMERA.replace("[48, 60]", "[1, 1]"))
     np.save(tmp_path / "one.npy", np.ones((5, 5, 1, 1), np.float32))
-    result = run("abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml")
+    result = run("abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml", "--axes", "vuts")
     assert "8 columns of pixels or more, got views of 1 x 1" in str(result.exception)

@@ -101,7 +101,7 @@ PLANES = np.ones((2, 6, 8), np.float32)
     [
         (PLANES[:, :3], "must hold planes as emission.tif does"),
         (PLANES[:1], "must hold 2 planes of float32"),
-        (PLANES[0, 0], "must hold 2 planes of float32"),
+        (PLANES[0, 0], "must hold pictures of rows and columns"),
         (PLANES.astype(np.float64), "must hold 2 planes of float32"),
         (PLANES * np.float32(np.nan), "must hold finite numbers"),
         (b"no picture", "cannot be read"),
@@ -147,9 +147,24 @@ def test_no_file_is_opened_that_a_file_names(folder, tmp_path):
     assert tifffile.imread(folder / "emission.tif").max() == 9  # the library's own way
     sign(folder)
     result = run("profiles", folder, "--out", tmp_path / "out")
-    assert isinstance(result.exception, InputError)
-    assert "emission.tif" in str(result.exception)
-    assert not (tmp_path / "out").exists()
+    assert result.exit_code == 0, result.output
+    assert {float(row["emission"]) for row in rows_of(tmp_path / "out" / "axial.csv")} == {1.0}
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_one_plane_is_read_back_as_one(tmp_path, count):
+    """A stack of one plane, or of one draw's plane, is rows and columns alone to a TIFF reader."""
+    folder = tmp_path / "one"
+    folder.mkdir()
+    plane = np.arange(48, dtype=np.float32).reshape(1, 6, 8)
+    tifffile.imwrite(folder / "emission.tif", plane)
+    tifffile.imwrite(folder / "draws.tif", np.stack([plane + n for n in range(count)]))
+    sign(folder, depths_mm=[4.0], cell_mm=[1.0])
+    result = run("profiles", folder, "--across", 0.5, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    rows = rows_of(tmp_path / "out" / "axial.csv")
+    assert [float(row["emission"]) for row in rows] == [44, 36, 28, 20, 12, 4]
+    assert all((row["standard_deviation"] != "") == (count > 1) for row in rows)
 
 
 @pytest.mark.parametrize(
