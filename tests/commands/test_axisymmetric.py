@@ -151,5 +151,7 @@ def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path):
 def test_light_field_of_one_pixel_is_refused(tmp_path):
     (tmp_path / "camera.toml").write_text(CAMERA.replace("[48, 60]", "[1, 1]"))
     np.save(tmp_path / "one.npy", np.ones((5, 5, 1, 1), np.float32))
-    result = run("abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml", "--axes", "vuts")
+    result = run(
+        "abel", tmp_path / "one.npy", "--camera", tmp_path / "camera.toml", "--axes", "vuts"
+    )
     assert "8 columns of pixels or more, got views of 1 x 1" in str(result.exception)
