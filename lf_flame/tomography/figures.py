@@ -141,7 +141,7 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     bottom.set_yticks(range(len(words)), words, fontsize=8)
     bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
     bottom.set_xlabel("depth from the focal plane (mm)")
-    bottom.use_sticky_edges = False  # or the margin is left out where a bar begins
+    top.use_sticky_edges = bottom.use_sticky_edges = False  # else bars begin at the frame
     bottom.margins(x=0.05)
     return figure
 
