@@ -102,7 +102,8 @@ def read_light_field(
     if dark is not None:
         stored = None if not pages else "row,col"  # a dark image shows no order
         light_field = read_light_field(path, views, stored, grid=grid, axes=axes)
-        light_field = subtract_dark(light_field, dark, views, stored, grid=grid, axes=axes)
+        counted = light_field.views.shape[:2] if pages else grid  # nor does it show a grid
+        light_field = subtract_dark(light_field, dark, views, stored, grid=counted, axes=axes)
         if pages and order is None:
             order = find_order(light_field.views).order
         return _arranged(light_field, order)

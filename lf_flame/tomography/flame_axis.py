@@ -100,12 +100,13 @@ def find_axis(
     """
     light_field, camera, _ = counted_views(light_field, camera)
     views = light_field.views
-    camera.check_views(views.shape)
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         raise InputError(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
             f"of fewer, its depth must be stated."
         )
+    if depth_mm is None:  # else a single view of any camera will do
+        camera.check_views(views.shape)
     if views.shape[3] < LEAST_PIXELS:
         raise InputError(
             f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
