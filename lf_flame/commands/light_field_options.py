@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import cloup
 
+from lf_flame._common import progress
 from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, UsablePath
 from lf_flame.errors import InputError
@@ -168,9 +169,10 @@ class Reading:
 
         if self.white is not None or self.pitch is not None:
             _refuse_options(f"the raw image {source}", order=self.order)
-            light_field, grid = formats.read_raw(
-                source, self.white, self.pitch, self.layout, self.views
-            )
+            with progress.stage(f"Reading {source}"):
+                light_field, grid = formats.read_raw(
+                    source, self.white, self.pitch, self.layout, self.views
+                )
             click.echo(f"{source}: {grid.describe()}", err=True)
         elif source.is_dir():
             _refuse_options(f"the folder {source}", views=self.views, layout=self.layout)
