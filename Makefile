@@ -54,9 +54,9 @@ help:  ## show this list
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
 $(INSTALLED): setup.cfg pyproject.toml
-	@echo 'Installing lf_flame and TensorFlow into $(VENV): one to five minutes, once'
+	@echo 'Installing lf_flame and TensorFlow into $(VENV): one to five minutes, more on a slow line, once'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -m pip install --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
 dataset: $(DATA)/shapes.zarr/zarr.json $(DATA)/flames.zarr/zarr.json  ## simulate both data sets
@@ -152,7 +152,7 @@ installs: | $(INSTALLED)  ## install in new environments, with the oldest versio
 baselines: $(BASELINES)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
 $(BASELINES)/installed: experiments/benchmarks/baselines.txt
 	$(PYTHON) -m venv $(BASELINES)
-	$(BASELINES)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	$(BASELINES)/bin/python -m pip install --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
 test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (some minutes)

@@ -47,7 +47,9 @@ SHARES = 64
 CLOSED = 1 << 40
 """More than any loop has pieces; so a queue is closed, and its number has room to rise."""
 
-COMPILING = "Compiling for this machine; it takes some seconds, once."
+COMPILING = (
+    "Compiling what this command needs for this machine; it takes some seconds, at its first call."
+)
 
 LOGGER = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import cloup
 
+from lf_flame._common import progress
 from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, PATH, UsablePath
@@ -193,9 +194,10 @@ class Reading:
             _refuse_options(
                 f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes
             )
-            light_field, grid = formats.read_raw(
-                source, self.white, self.pitch, self.layout, self.views, dark=self.dark
-            )
+            with progress.stage(f"Reading {printable(source)}"):
+                light_field, grid = formats.read_raw(
+                    source, self.white, self.pitch, self.layout, self.views, dark=self.dark
+                )
             click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
         elif source.is_dir():
             _refuse_options(
@@ -204,7 +206,8 @@ class Reading:
             folder = formats.scan_view_folder(source, self.order, grid=self.grid)
             click.echo(folder.describe(), err=True)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
-            light_field = subtract_dark(light_field, self.dark, order=folder.found.order)
+            found = {"order": folder.found.order, "grid": folder.counted}
+            light_field = subtract_dark(light_field, self.dark, **found)
         else:
             _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
             light_field = formats.read_light_field(

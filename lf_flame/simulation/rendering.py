@@ -95,7 +95,8 @@ def render(
         the integrator cannot be had.
     """
     _check_options(integrator, rays, layout)
-    plan = plan_effects(scene, camera, tolerance, effects)
+    with progress.stage("Looking which effects the scene calls for"):
+        plan = plan_effects(scene, camera, tolerance, effects)
     return render_plan(scene, camera, plan, integrator, rays, seed, layout)
 
 
@@ -185,9 +186,7 @@ def _gather(
         for optics in passes:
             integrate(planes, optics, layout, image)
     else:
-        if not rays:
-            with progress.stage("Looking how many rays the tolerance needs"):
-                rays = _count_rays(planes, passes, camera, plan, layout)
+        rays = rays or _count_rays(planes, passes, camera, plan, layout)
         for optics in passes:
             trace(planes, optics, layout, rays, image)
     views = as_views(image.astype(np.float32, copy=False), camera, layout)
@@ -245,7 +244,8 @@ def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: s
     probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
     allowance = RAYS_SHARE * plan.tolerance
     coarser: list[np.ndarray] = []
-    for rays in RAY_COUNTS[_first_ray_count(planes, passes[0]) :]:
+    counts = RAY_COUNTS[_first_ray_count(planes, passes[0]) :]
+    for rays in progress.steps(counts, "looking for a number of rays that will do", len(counts)):
         fine = blank_image(camera, layout)[:, :, probe].copy()
         for optics in passes:
             trace(planes, optics, layout, rays, fine, probe)

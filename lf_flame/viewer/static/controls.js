@@ -1,4 +1,4 @@
-// Native controls, so that keys, fingers and screen readers know them.
+// Native controls: keys, fingers and screen readers know them.
 
 import { command, depthOf, python } from "./words.js";
 

@@ -1,5 +1,5 @@
-// Epipolar-plane images: a row of the picture in the views beside each other, a column in those above
-// each other. A surface is a straight line in them, its tilt the slope.
+// Epipolar-plane images: a row of the picture over the view columns, a column over the view rows.
+// A surface is a straight line in them, its tilt the slope.
 
 import { paint } from "./display.js";
 

@@ -1,4 +1,4 @@
-// Slow work, one piece at a time: of what is asked for meanwhile only the last is kept.
+// Slow work, one piece at a time: of later requests only the last is kept.
 
 import { paint } from "./display.js";
 

@@ -1,5 +1,5 @@
-// Where each view is read at a slope, as in lf_flame/refocus/shift.py. Whole lenslets and the part of
-// one are kept apart: one float32 number would miss the fraction by 1e-4 far out in a large image.
+// Where each view is read at a slope, as in lf_flame/refocus/shift.py. Whole lenslets and the rest are
+// kept apart: one float32 would miss the fraction by 1e-4 far out in a large image.
 
 function shifts(positions, length, slope) {
   return positions.map((at) => {

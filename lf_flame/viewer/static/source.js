@@ -1,4 +1,4 @@
-// Where the views come from: the local program, or the page itself; the middle ones first.
+// Where views come from: program or page; the middle ones first.
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
