@@ -206,8 +206,9 @@ class Reading:
             folder = formats.scan_view_folder(source, self.order, grid=self.grid)
             click.echo(folder.describe(), err=True)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
-            found = {"order": folder.found.order, "grid": folder.counted}
-            light_field = subtract_dark(light_field, self.dark, **found)
+            light_field = subtract_dark(
+                light_field, self.dark, order=folder.found.order, grid=folder.counted
+            )
         else:
             _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
             light_field = formats.read_light_field(

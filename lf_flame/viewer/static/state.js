@@ -1,4 +1,4 @@
-// What is looked at, and its form in the address: a link shows the same picture.
+// What is looked at, as in the address: a link shows the same picture.
 
 const number = (text) => (text.trim() === "" ? NaN : Number(text));
 

@@ -1,4 +1,4 @@
-// The viewer: a picture that is refocused while one drags, and what it is made from.
+// The viewer: a picture refocused while one drags, and its sources.
 
 import { apertureWeights } from "./aperture.js";
 import { Controls } from "./controls.js";

@@ -1,4 +1,4 @@
-// The viewer in a notebook (anywidget): views come as messages, the state is shared.
+// The viewer in a notebook (anywidget): views come as messages.
 
 import { asked } from "./source.js";
 import { Viewer } from "./viewer.js";
