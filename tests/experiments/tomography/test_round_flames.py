@@ -34,5 +34,5 @@ def test_halves_are_averaged_about_the_column_right_of_the_middle():
     views = np.zeros((3, 3, 2 * BLOCK, 8 * BLOCK), np.float32)
     bright = np.array([0, 1, 2, 3, 9, 5, 4, 7])  # by pixel; the axis is the fifth
     views[1, 1] = np.repeat(bright, BLOCK)[None]
-    half = _halves(LightField(views))
+    half = _halves(LightField(views), every=False)
     assert half == pytest.approx(np.array([[9, (5 + 3) / 2, (4 + 2) / 2, (7 + 1) / 2]] * 2))
