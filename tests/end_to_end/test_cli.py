@@ -220,8 +220,8 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
         run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
         "preset must be one of paper, quick, many, smoke, got 'big'",
     )
-    seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "-1")
-    assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got -1")
+    seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "1000001")
+    assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got 1000001")
     assert_one_sentence(
         experiment("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
     )
@@ -279,7 +279,7 @@ def test_from_data_set_to_table(tmp_path):
     assert run(*data, cwd=tmp_path).returncode == 0
     again = run(*data, cwd=tmp_path)
     assert "is complete: 12 samples" in again.stdout
-    rays = run(*data, "--route", "direct", cwd=tmp_path)
+    rays = run(*data, "--route", "exact", cwd=tmp_path)
     assert_one_sentence(rays, "another configuration or size")
     (tmp_path / "flames.toml").write_text(text.replace("seed = 20251", "seed = 1"))
     assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
