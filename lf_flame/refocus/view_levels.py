@@ -17,6 +17,13 @@ from lf_flame._common.arrays import centred
 FEWEST = 100
 """Pixels from which a view's level is fitted."""
 
+TURNS = 12
+"""Times that a level is fitted anew: fewer leave it drawn to what overlaps in one view only."""
+
+LIT = 0.05
+"""Light, in the brightest pixel's, from which a pixel tells of levels: in darkness all are alike,
+and what is usual there says nothing of the rest."""
+
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of t and s in a level, each from -1 to 1 over the image."""
 
@@ -77,7 +84,7 @@ def find_levels(
     fits = []
     for v, u in np.argwhere(weights > 0):
         light, powers, inside = _read(views[v, u], places, slope, down[v], across[u])
-        inside &= known
+        inside &= known & (light + middle > LIT * (light + middle).max())
         if max(abs(down[v]), abs(across[u])) < 1 or np.count_nonzero(inside) < FEWEST:
             continue
         light, there, powers = light[inside], middle[inside], powers[:, inside]
@@ -129,7 +136,7 @@ def _read(
 def _level(light: np.ndarray, middle: np.ndarray, powers: np.ndarray) -> np.ndarray:
     """Fit a level to pixels; those that are far off, as where something hides them, count less."""
     level, trust = np.eye(len(POWERS))[0], np.ones(light.shape)
-    for _ in range(3):
+    for _ in range(TURNS):
         lit = (trust * light * powers) @ powers.T
         bounds = RIDGE * np.maximum(lit[0, 0], np.finfo(float).tiny) * np.eye(len(POWERS))
         bounds[0, 0] = np.finfo(float).tiny

@@ -53,7 +53,9 @@ def experiment(*args, cwd=ROOT):
 def assert_one_sentence(result, *parts):
     assert result.returncode == 2, result.stderr
     assert "Traceback" not in result.stderr
-    assert len(result.stderr.replace(COMPILING, "").strip().splitlines()) == 1, result.stderr
+    said = result.stderr.replace(COMPILING, "").strip().splitlines()
+    said = [line for line in said if not line.endswith(" ...")]  # what a slow machine is at
+    assert len(said) == 1, result.stderr
     for part in parts:
         assert part in result.stderr
 

@@ -106,13 +106,13 @@ def test_a_sample_is_the_same_both_ways_and_takes_less_straight_from_the_scene(m
 
 @pytest.mark.parametrize("scene", ["open", "hidden"])
 @pytest.mark.parametrize("method", ["random", "quasi", "midpoint", "thin"])
-def test_errors_fall_and_times_grow_with_the_rays(measured, scene, method):
+def test_errors_fall_with_the_rays(measured, scene, method):
     points = curve(measured[1], scene, method)
     assert len(points) >= 4
     assert points["rays_per_pixel"].is_monotonic_increasing
-    errors, seconds = points["error"].to_numpy(), points["seconds"].to_numpy()
+    errors = points["error"].to_numpy()
     assert errors[-1] < 0.2 * errors[0]
-    assert seconds[-1] > seconds[0] > 0
+    assert (points["seconds"] > 0).all()
     if method == "random":
         assert rendering_report.measured_exponent(points) == pytest.approx(0.5, abs=0.05)
     if method == "quasi":
