@@ -1,16 +1,19 @@
 # lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
-#   PRESET            smoke (CI), quick (default, some minutes), many (quick, with scenes that no data
-#                     set holds), paper (the paper's sizes); see README
+#   PRESET            paper (default: the paper's method at its sizes), closed-form (our own recipe, a
+#                     minute), many (the same, with scenes that no data set holds), smoke (CI)
+#   MINUTES           of training for each table, 4 by default; the same command again goes on where
+#                     it ended. 0: to the last epoch
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
 #   BACKBONE_DEPTH    conv5 (all of ResNet-50), conv4, conv3 or none, instead of the preset's
 #   SEED              of training, instead of the configuration's (split, weights, batches, dropout)
 #   EPOCHS            instead of the preset's; a run at a constant rate goes on when asked for more
 #   RUN               name of the folders for runs and results (default: PRESET, or PRESET-seedSEED).
 #                     Use another name to keep results of other weights beside these, e.g.
-#                     RUN=quick-imagenet
+#                     RUN=paper-conv4
 
-PRESET ?= quick
+PRESET ?= paper
+MINUTES ?= 4
 RUN ?= $(PRESET)$(if $(SEED),-seed$(SEED))
 PYTHON ?= python3
 VENV ?= .venv
@@ -26,9 +29,12 @@ RUNS := runs/$(RUN)
 # A user's results are his own: git ignores data/, runs/ and results/.
 RESULTS := results/$(RUN)
 # Reference results are committed, and set beside a user's; no target here writes them.
-REFERENCE := $(wildcard $(addprefix experiments/results/,quick quick-seed* many paper paper-seed*))
-TRAINING := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
-            $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH)) \
+REFERENCE := $(wildcard $(addprefix experiments/results/,paper paper-seed* closed-form closed-form-seed* many))
+# The paper's method forms light fields by tracing rays; the same images come straight from a scene.
+ROUTE ?= $(if $(filter paper smoke,$(PRESET)),rays,direct)
+BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
+            $(if $(BACKBONE_DEPTH),--backbone-depth $(BACKBONE_DEPTH))
+TRAINING := --minutes $(MINUTES) $(BACKBONE) \
             $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 INSTALLED := $(VENV)/installed
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
@@ -40,7 +46,7 @@ MAKEFLAGS += --jobs=2 --output-sync=line
 else
 .NOTPARALLEL:
 endif
-.PHONY: help install installs dataset slopes train-shapes train-flame tables costs benchmarks baselines
+.PHONY: help install installs weights dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
 .PHONY: flames flames-by-networks results texts mutants campaign lint types clean
@@ -49,7 +55,7 @@ endif
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=smoke|quick|many|paper] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=paper|closed-form|many|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
@@ -59,23 +65,38 @@ $(INSTALLED): setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
-dataset: $(DATA)/shapes.zarr/zarr.json $(DATA)/flames.zarr/zarr.json  ## simulate both data sets
-$(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(INSTALLED)
-	$(LF) dataset $< --preset $(PRESET) --workers $(WORKERS) --out $(DATA)/$*.zarr
+# Before minutes of simulation it is said whether the network's weights can be had.
+TRAINS := $(filter train-shapes train-flame tables,$(MAKECMDGOALS))
+weights: | $(INSTALLED)  ## look for the backbone's weights, and download them
+	$(LF) weights experiments/flames.toml --preset $(PRESET) $(BACKBONE)
+
+dataset: $(DATA)/flames.zarr/zarr.json $(DATA)/shapes.zarr/zarr.json  ## simulate both data sets
+$(DATA)/%.zarr/zarr.json: data_gen/%.toml | $(INSTALLED) $(if $(TRAINS),weights)
+	$(LF) dataset $< --preset $(PRESET) --route $(ROUTE) --workers $(WORKERS) --out $(DATA)/$*.zarr
 
 slopes: $(RESULTS)/slopes.csv  ## print the slopes of sharpest focus beside geometry and paper
 	@cat $(RESULTS)/slopes.md
 $(RESULTS)/slopes.csv: data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
 	$(EXPERIMENT) slopes data_gen/shapes.toml data_gen/flames.toml --out $(RESULTS)
 
+# A training that has not come to its last epoch goes on.
+GOES_ON := $(if $(TRAINS),$(foreach run,shapes flames,$(if $(shell grep -s '"finished": true' \
+             $(RUNS)/$(run)/run.json),,$(RUNS)/$(run)/model.keras)))
 train-shapes: $(RUNS)/shapes/model.keras  ## train on the multi-shape data set
 train-flame: $(RUNS)/flames/model.keras  ## train on the flame data set
-$(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json $(if $(EPOCHS),FORCE) | $(INSTALLED)
+$(GOES_ON) $(if $(EPOCHS),$(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras): FORCE
+$(RUNS)/%/model.keras: experiments/%.toml $(DATA)/%.zarr/zarr.json | $(INSTALLED)
 	$(LF) train $< --preset $(PRESET) --data $(DATA)/$*.zarr --out $(RUNS)/$* $(TRAINING)
 FORCE:
 
-tables: $(RESULTS)/slopes.csv $(RESULTS)/table1.csv $(RESULTS)/table2.csv  ## make Tables I and II and Figures 7 and 8
-	@$(EXPERIMENT) tables $(RESULTS) $(REFERENCE) --out $(RESULTS)/tables.md
+# The paper's method first, the flames' table before that of the shapes, which takes five times as many
+# epochs of eight times as many samples; then the closed form, which takes a minute.
+SOLVED := $(if $(filter paper,$(PRESET)),$(if $(filter paper%,$(RUN)),$(RUN:paper%=closed-form%),$(RUN)-closed-form))
+tables: scored  ## make Tables I and II and Figures 7 and 8, by the paper's method and in closed form
+	$(if $(SOLVED),@$(MAKE) --no-print-directory scored PRESET=closed-form RUN=$(SOLVED) BACKBONE_DEPTH= EPOCHS=)
+	@$(EXPERIMENT) tables $(RESULTS) $(addprefix results/,$(SOLVED)) $(REFERENCE) --out $(RESULTS)/tables.md
+.PHONY: scored
+scored: $(RESULTS)/slopes.csv $(RESULTS)/table2.csv $(RESULTS)/table1.csv
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml | $(INSTALLED)
 	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(INSTALLED)
@@ -91,8 +112,8 @@ train-refnet: $(patsubst %,$(RUNS)/%/model.keras,refnet refnet-fourier)  ## trai
 train-volumetric: $(RUNS)/volumetric/model.keras  ## train the U-Net behind a cross of 17 views
 SYSTEMS := $(patsubst %,$(RUNS)/%/model.keras,aperturenet aperturenet-low-light aperturenet-round refocusnet refnet refnet-fourier volumetric)
 $(SYSTEMS): $(RUNS)/%/model.keras: experiments/systems.toml data_gen/shapes.toml data_gen/flames.toml | $(INSTALLED)
-	$(LF) train-system $* --config experiments/systems.toml --preset $(PRESET) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
-COMPARE := results/compare$(if $(filter quick,$(RUN)),,-$(RUN))
+	$(LF) train-system $* --config experiments/systems.toml --preset $(if $(filter smoke,$(PRESET)),smoke,equal-seconds) --out $(RUNS)/$* $(if $(SEED),--seed $(SEED))
+COMPARE := results/compare$(if $(filter closed-form,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
 # what `make encodings` has trained is there to be compared, but for what is as the paper's.
 VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$(wildcard runs/studies/encodings_flames/*/model.keras runs/paper/*/model.keras)))

@@ -17,11 +17,19 @@ COLUMNS = ["epoch", "seconds", "val_psnr_db"]
 
 
 def epochs_in_words(record: dict) -> str:
-    """Say how long a run learnt, from its record: "7 epochs (best: 6), batch 2"."""
+    """Say how long a run learnt, from its record: "84 of 1,000 epochs, best 81, batch 2"."""
     if record["epochs"] == 0:
-        return "the regression at the start alone, no epochs"
-    best = f" (best: {record['best_epoch']})" if "best_epoch" in record else ""
-    return f"{record['epochs']} epochs{best}, batch {record['recipe']['batch_size']}"
+        return "another decoder, solved, no epochs"
+    asked = record["recipe"].get("epochs", record["epochs"])
+    best = record.get("best_epoch")
+    done = f"{record['epochs']:,}" + (f" of {asked:,}" if asked > record["epochs"] else "")
+    best = f", best {best}" if best is not None else ""
+    return f"{done} epochs{best}, batch {record['recipe']['batch_size']}"
+
+
+def recipe_in_words(preset: str) -> str:
+    """Name the recipe of a preset."""
+    return "closed form" if preset == "closed-form" else f"{preset} recipe"
 
 
 def read_history(path: Path, epochs: int | None = None) -> pd.DataFrame:

@@ -28,7 +28,7 @@ from lf_flame.errors import InputError
 @click.option(
     "--run",
     type=FOLDER,
-    default="runs/quick",
+    default="runs/closed-form",
     show_default=True,
     help="Folder of trained networks, RUN/shapes and RUN/flames, to set beside refocusing.",
 )
@@ -91,8 +91,8 @@ def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> N
     OUT gets latency.csv, .md, .png and .json, the record.
 
     \b
-      python -m experiments latency runs/quick/flames --out latency
-      python -m experiments latency flames.keras runs/quick/shapes --out latency --repeats 100
+      python -m experiments latency runs/closed-form/flames --out latency
+      python -m experiments latency flames.keras runs/closed-form/shapes --out latency --repeats 100
     """  # noqa: D301 - click reads the backspace
     load_keras()
     quiet_tensorflow()

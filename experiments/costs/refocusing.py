@@ -170,7 +170,7 @@ def network_methods(scenes: HeldOut) -> list[Method]:
 
 
 def measure_refocusing(
-    run: Path = Path("runs/quick"),
+    run: Path = Path("runs/closed-form"),
     progress: Callable | None = None,
     configs: Sequence[DatasetConfig] | None = None,
 ) -> tuple[list[HeldOut], pd.DataFrame, dict]:

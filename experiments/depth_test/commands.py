@@ -25,7 +25,7 @@ def depth_test(runs: tuple[Path, ...], out: Path, samples: int) -> None:
     depth_test.csv, .md, .png and .json, and a picture of each scenario.
 
     \b
-      python -m experiments depth-test runs/quick/flames
+      python -m experiments depth-test runs/closed-form/flames
     """  # noqa: D301 - click reads the backspace
     load_keras()
     quiet_tensorflow()

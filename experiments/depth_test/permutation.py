@@ -30,6 +30,7 @@ from experiments.depth_scenarios import (
     scene_settings,
 )
 from experiments.depth_test.report import write_report
+from experiments.histories import recipe_in_words
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
@@ -117,7 +118,7 @@ def load_subjects(runs: Sequence[Path]) -> tuple[DatasetConfig, list[float], lis
             )
         name = run.name if [other.name for other in runs].count(run.name) == 1 else str(run)
         if len({other.record["preset"] for other in opened}) > 1:
-            name += f", {found.record['preset']} recipe"
+            name += f", {recipe_in_words(found.record['preset'])}"
         subjects.append(_network(name, run, found.record, found.config))
     return first.config, first.slopes, subjects
 
@@ -132,7 +133,7 @@ def _reference(config: DatasetConfig, encoding: InputEncoding) -> Subject:
 def _network(name: str, run: Path, record: dict, config: DatasetConfig) -> Subject:
     trained = "shuffled depths" if config.shuffled_depths else "fixed depths"
     weights = re.sub(r" \(sha256 \w+\)", "", record["backbone_weights"])
-    recipe = f"{record['preset']} recipe ({record['epochs']} epochs; {weights})"
+    recipe = f"{recipe_in_words(record['preset'])} ({record['epochs']} epochs; {weights})"
     title = f"{name}: shown {config.input.kind}, trained with {trained}, {recipe}"
     about = {key: value for key, value in record.items() if key != "test_indices"}
     return Subject(name, title, trained, about, ResNet50.of_run(run))

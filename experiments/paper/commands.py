@@ -26,7 +26,7 @@ def slopes(configs: tuple[Path, ...], paper: Path, out: Path | None) -> None:
     from lf_flame.datasets.config import read_config
 
     text = slope_report([read_config(path) for path in configs], paper, out)
-    click.echo(set_beside(out / "slopes.md", "quick/slopes.md") if out else text)
+    click.echo(set_beside(out / "slopes.md", "paper/slopes.md") if out else text)
 
 
 @cloup.command()

@@ -32,6 +32,13 @@ REQUEST = (
 differ in their last bits from machine to machine, and so in the hash of their data."""
 
 
+METHODS = {
+    "paper": "The paper's method: its network, trained with Adam",
+    "closed form": "Closed form: another decoder, solved, no epochs; `bands` knows the scene",
+    "other": "Other recipes",
+}
+"""What the blocks of a table hold, in their order."""
+
 REFERENCE_NOTE = " (reference)"
 """Behind the names of committed results."""
 
@@ -65,6 +72,19 @@ class Result:
         return re.sub(r" \(seed \d+\)", "", self.request.get("backbone_weights", ""))
 
     @property
+    def method(self) -> str:
+        """Key of `METHODS`: what was run, however its preset is called."""
+        recipe = self.request["recipe"]
+        if recipe.get("neck", "pooled") == "pooled" and not recipe.get("warm_start"):
+            return "paper"
+        return "other" if self.request["epochs"] else "closed form"
+
+    @property
+    def committed(self) -> bool:
+        """Whether it came with the checkout; a user's own runs stay apart."""
+        return self.run.endswith(REFERENCE_NOTE)
+
+    @property
     def recipe(self) -> dict:
         """What was asked for, but for the seed and the data set's last bits."""
         return {
@@ -72,7 +92,7 @@ class Result:
             "seed": None,
             "backbone_weights": self.weights,
             "data_sha256": None,
-            "reference": self.run.endswith(REFERENCE_NOTE),  # a user's own runs stay apart
+            "reference": self.committed,
         }
 
 
@@ -140,25 +160,43 @@ def compare_table(pools: Sequence[list[Result]], paper: dict) -> pd.DataFrame:
 
 
 def comparison_markdown(table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict) -> str:
-    """Write a comparison as Markdown: one column a pool, and what each pool is."""
+    """Write a comparison as Markdown: a block a method, a column a pool, and what each pool is."""
+    parts = [
+        f"### {paper['title']}",
+        "SSIM / PSNR (dB), means over the test split; printed: the paper's values.",
+    ]
+    run = [pool for pool in pools if pool[0].request]
+    blocks = {name: [p for p in run if p[0].method == name] for name in METHODS}
+    blocks["paper"] = blocks["paper"] or [[]]  # what is printed, if nothing else
+    for name, some in blocks.items():
+        if some:
+            parts += [f"**{METHODS[name]}**", _block(table, [p for p in some if p], paper)]
+    missing = [pool[0].run for pool in pools if not pool[0].request]
+    if missing:
+        parts.append(f"No finished run of this table: {', '.join(missing)}.")
+    return "\n\n".join(parts) + "\n"
+
+
+def _block(table: pd.DataFrame, pools: Sequence[list[Result]], paper: dict) -> str:
+    """As printed, as committed, as run here; below it what each column is."""
     printed = [f"{s:g} / {p:g}" for s, p in zip(paper["ssim"], paper["psnr_db"], strict=True)]
     shown = {"depth (mm)": paper["depth_mm"], "object": paper["object"], "printed": printed}
+    pools = sorted(pools, key=lambda pool: not pool[0].committed)
     for pool in pools:
         rows = table[table["run"] == pool[0].run]
         shown[_title(pool)] = [_cell(*row) for row in rows.loc[:, "ssim":"psnr_seed_sd"].to_numpy()]
     lines = pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True, stralign="right")
     notes = "\n".join(f"- {_title(pool)}: {_describe(pool)}" for pool in pools)
-    caption = "SSIM / PSNR (dB), means over the test split; printed: the paper's values."
-    return f"### {paper['title']}\n\n{lines}\n\n{caption}\n\n{notes}\n"
+    return f"{lines}\n\n{notes}".rstrip()
 
 
 def _title(pool: list[Result]) -> str:
-    return pool[0].run if len(pool) == 1 else f"{pool[0].run}, {len(pool)} seeds"
+    seeds = f", {len(pool)} seeds" if len(pool) > 1 else ""
+    epochs = pool[0].request["epochs"]
+    return f"{pool[0].run}{seeds}" + (f", {epochs:,} epochs" if epochs else "")
 
 
 def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
-    if math.isnan(ssim):
-        return "missing"
     if math.isnan(ssim_sd):
         return f"{ssim:.3f} / {psnr:.2f}"
     return f"{ssim:.3f} ± {ssim_sd:.3f} / {psnr:.2f} ± {psnr_sd:.2f}"
@@ -166,8 +204,6 @@ def _cell(ssim: float, ssim_sd: float, psnr: float, psnr_sd: float) -> str:
 
 def _describe(pool: list[Result]) -> str:
     request = pool[0].request
-    if not request:
-        return "no finished run"
     seeds = f"seed {pool[0].seed}"
     if len(pool) > 1:
         listed = ", ".join(f"{r.seed} ({r.run})" for r in sorted(pool, key=lambda r: r.seed))

@@ -63,9 +63,9 @@ def compare(
     on a machine that does nothing else.
 
     \b
-      python -m experiments compare runs/quick
-      python -m experiments compare runs/quick --electrons 0.3 --electrons 3
-      python -m experiments compare runs/quick --photograph FOLDER_OF_VIEWS -1,0,1
+      python -m experiments compare runs/closed-form
+      python -m experiments compare runs/closed-form --electrons 0.3 --electrons 3
+      python -m experiments compare runs/closed-form --photograph FOLDER_OF_VIEWS -1,0,1
     """  # noqa: D301 - click reads the backspace
     if light_fields < 1:
         raise InputError(f"light-fields must be 1 or more, got {light_fields}.")

@@ -10,7 +10,7 @@ import pandas as pd
 
 from experiments.depth_scenarios import scene_settings
 from experiments.held_out import find_scenes
-from experiments.histories import read_history
+from experiments.histories import read_history, recipe_in_words
 from lf_flame._common.config import build_record
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.errors import InputError
@@ -157,7 +157,7 @@ def by_recipe(folder: Path) -> str:
     preset = about.get("preset")
     paper = f"the paper's recipe, {about.get('epochs', 0):,} epochs"  # not always to the end
     recipes = {"paper": paper, None: "no run"}
-    return f"{ResNet50.name}, {recipes.get(preset, f'{preset} recipe')}"
+    return f"{ResNet50.name}, {recipes.get(preset) or recipe_in_words(preset)}"
 
 
 def _refuse_seen(seen: set[int], folder: Path) -> None:

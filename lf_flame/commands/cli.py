@@ -62,7 +62,10 @@ SECTIONS = [
         ],
     ),
     cloup.Section("Data sets", [datasets.dataset]),
-    cloup.Section("The paper's network", [networks.train, networks.export, networks.predict]),
+    cloup.Section(
+        "The paper's network",
+        [networks.weights, networks.train, networks.export, networks.predict],
+    ),
     cloup.Section("Refocusing systems", [systems.train_system]),
     cloup.Section("Results", [verify.verify]),
 ]

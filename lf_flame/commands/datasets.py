@@ -32,7 +32,7 @@ class FolderOrUrl(click.ParamType):
 
 @cloup.command()
 @click.argument("config", type=FILE)
-@click.option("--preset", default="quick", show_default=True, help="A key of [samples] in CONFIG.")
+@click.option("--preset", default="paper", show_default=True, help="A key of [samples] in CONFIG.")
 @click.option(
     "--out",
     type=FolderOrUrl(),

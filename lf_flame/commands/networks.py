@@ -31,7 +31,7 @@ def export(run: Path, out: Path) -> None:
     the network takes and makes, and how it was trained.
 
     \b
-      lf-flame export runs/quick/flames --out flames.keras
+      lf-flame export runs/closed-form/flames --out flames.keras
       python -c 'import keras; keras.saving.load_model("flames.keras").summary()'
     """  # noqa: D301 - click reads the backspace
     load_keras()
@@ -68,7 +68,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     planes side by side) and prediction.json, the record.
 
     \b
-      lf-flame predict photograph.png --model runs/quick/flames
+      lf-flame predict photograph.png --model runs/closed-form/flames
       lf-flame predict raw.png light_field.npz --model flames.keras
     """  # noqa: D301 - click reads the backspace
     folders = _result_folders(images, out)
@@ -104,24 +104,59 @@ def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
     return folders
 
 
+WEIGHTS_OPTIONS = (
+    click.option(
+        "--preset", default="paper", show_default=True, help="A key of [presets] in CONFIG."
+    ),
+    click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz)."),
+    click.option(
+        "--backbone-depth",
+        type=click.Choice(["conv3", "conv4", "conv5", "none"]),
+        help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
+    ),
+)
+
+
+def weights_options(command):
+    """Add the options that choose the backbone's weights."""
+    for option in reversed(WEIGHTS_OPTIONS):
+        command = option(command)
+    return command
+
+
 @cloup.command()
 @click.argument("config", type=FILE)
-@click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
+@weights_options
+def weights(config, preset, backbone_weights, backbone_depth):
+    """Look for the weights of the frozen ResNet-50 that CONFIG asks for.
+
+    Those of ImageNet are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME): call
+    this where there is a network, before a training where there is none.
+
+    \b
+      lf-flame weights experiments/flames.toml
+      lf-flame weights experiments/flames.toml --backbone-weights resnet50.h5
+    """  # noqa: D301 - click reads the backspace
+    load_keras()
+    from lf_flame.learning.training import find_backbone, read_training_config
+
+    options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
+    found = find_backbone(read_training_config(config, **options), preset)
+    click.echo(f"Weights of the backbone: {found}.")
+
+
+@cloup.command()
+@click.argument("config", type=FILE)
 @click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
-@click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz).")
-@click.option(
-    "--backbone-depth",
-    type=click.Choice(["conv3", "conv4", "conv5", "none"]),
-    help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
-)
+@weights_options
 @click.option("--seed", type=SEED, help="Instead of CONFIG's: of split, weights, batches, dropout.")
 @click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
 @click.option(
     "--minutes",
     default=0.0,
     show_default=True,
-    help="End behind the epoch in which they are over, with the best network so far; 0: never.",
+    help="End after the epoch in which they are over, with the best network so far; 0: never.",
 )
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
     """Train the network that CONFIG describes; goes on where a run was cut off.

@@ -16,7 +16,9 @@ from lf_flame.commands.options import FILE, FOLDER, SEED
 @cloup.command("train-system")
 @click.argument("system")
 @click.option("--config", type=FILE, required=True, help="TOML file with [systems] and [presets].")
-@click.option("--preset", default="quick", show_default=True, help="A key of [presets] in CONFIG.")
+@click.option(
+    "--preset", default="equal-seconds", show_default=True, help="A key of [presets] in CONFIG."
+)
 @click.option(
     "--seed", type=SEED, help="Of training samples, weights and patches, instead of CONFIG's."
 )

@@ -26,7 +26,7 @@ def verify(paths: tuple[Path, ...]) -> None:
     UNCHECKED (it cannot be read here and now: no permission, no memory, nothing there).
 
     \b
-      lf-flame verify data/quick/flames.zarr
+      lf-flame verify data/closed-form/flames.zarr
       lf-flame verify data runs results
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.printable import printable

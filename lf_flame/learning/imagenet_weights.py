@@ -55,8 +55,7 @@ def imagenet_file() -> Path:
                 raise OSError("what came is not the file, or not all of it")
     except (OSError, HTTPException) as error:
         raise ImagenetUnavailable(
-            f"The ImageNet weights of ResNet-50 could not be downloaded ({error}); "
-            f"give a weights file, or choose random ones."
+            f"The ImageNet weights of ResNet-50 could not be downloaded ({error})."
         ) from None
     return path
 

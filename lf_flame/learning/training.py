@@ -21,10 +21,10 @@ from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
-from lf_flame.learning.backbone import describe_weights
+from lf_flame.learning.backbone import NO_BACKBONE, build_backbone, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.feature_stream import FeatureStream, compute_features
-from lf_flame.learning.imagenet_weights import ImagenetUnavailable
+from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_file
 from lf_flame.learning.run_folders import describe_dataset
 from lf_flame.learning.trainers import decoder_variables, make_trainer
 from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
@@ -49,7 +49,7 @@ class Recipe:
     Parameters
     ----------
     epochs, batch_size : int
-        0 epochs leave the decoder as the warm start set it.
+        0 epochs leave the decoder as the warm start set it: solved in closed form, not trained.
     learning_rate : float
         Of Adam; with "cosine" its first value.
     schedule : {"constant", "cosine"}
@@ -80,7 +80,7 @@ class Recipe:
         fraction of the time, see `lf_flame.learning.trainers`.
     """
 
-    epochs: int
+    epochs: int = 0
     batch_size: int = 2
     learning_rate: float = 1e-4
     schedule: Literal["constant", "cosine"] = "constant"
@@ -187,22 +187,56 @@ def build_model(
     planes, *image = dataset.targets.shape[1:]
     options = {**asdict(config.model), "seed": config.seed, "shown": dataset.inputs.shape[1:]}
     options |= {"dropout_place": recipe.dropout_place, "neck": recipe.neck}
-    try:
-        model = build_refocus_resnet50(tuple(image), planes, **options)
-    except ImagenetUnavailable as error:
-        if recipe.without_imagenet == "stop":
-            raise ImagenetUnavailable(
-                f"{error} This preset does not choose for you: "
-                f"say BACKBONE_WEIGHTS=random or BACKBONE_WEIGHTS=FILE "
-                f"(--backbone-weights without make)."
-            ) from None
-        tqdm.write(f"NOTE: {error} Going on with RANDOM backbone weights.")
-        options["backbone_weights"] = "random"
-        model = build_refocus_resnet50(tuple(image), planes, **options)
+    options["backbone_weights"] = available_weights(config.model, recipe)
+    model = build_refocus_resnet50(tuple(image), planes, **options)
     weights = describe_weights(
         options["backbone_weights"], options["backbone_depth"], options["seed"]
     )
     return model, weights
+
+
+def available_weights(model: ModelConfig, recipe: Recipe) -> str:
+    """Look for the backbone's weights: those asked for, or "random" where that is allowed.
+
+    Raises
+    ------
+    ImagenetUnavailable
+        If ImageNet's cannot be had, and the recipe does not go on without them.
+    """
+    if model.backbone_weights != "imagenet" or model.backbone_depth == NO_BACKBONE:
+        return model.backbone_weights
+    try:
+        imagenet_file()
+    except ImagenetUnavailable as error:
+        choice = (
+            "BACKBONE_WEIGHTS=FILE takes them from a file (--backbone-weights without make), "
+            "BACKBONE_WEIGHTS=random does without"
+        )
+        if recipe.without_imagenet == "stop":
+            raise ImagenetUnavailable(f"{error} {choice}.") from None
+        tqdm.write(f"NOTE: {error} Going on with RANDOM backbone weights; {choice}.")
+        return "random"
+    return "imagenet"
+
+
+def find_backbone(config: TrainingConfig, preset: str) -> str:
+    """Look for the backbone's weights and load them, before anything rests on them.
+
+    Returns
+    -------
+    str
+        The weights that a training of this preset would use, as its record names them.
+
+    Raises
+    ------
+    InputError
+        If they cannot be had, or a file does not hold them.
+    """
+    model = config.with_recipe(preset).model
+    weights = available_weights(model, config.recipe(preset))
+    if weights not in ("imagenet", "random"):
+        build_backbone(weights=weights, depth=model.backbone_depth)
+    return describe_weights(weights, model.backbone_depth, config.seed)
 
 
 def train(

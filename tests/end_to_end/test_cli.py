@@ -220,7 +220,7 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     )
     assert_one_sentence(
         run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
-        "preset must be one of paper, quick, many, smoke, got 'big'",
+        "preset must be one of paper, closed-form, many, smoke, got 'big'",
     )
     seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "1000001")
     assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got 1000001")
@@ -242,25 +242,57 @@ def test_make_names_folders_after_the_seed_and_sets_others_beside(tmp_path):
         command = ["make", "--no-print-directory", "-n", "tables", *variables]
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
 
-    alone = asked("PRESET=paper", "SEED=2").stdout
+    alone = asked("SEED=2").stdout
     assert alone.count("--preset paper --data data/paper/") == 2
-    for kind in ("shapes", "flames"):
-        assert re.search(rf"--out runs/paper-seed2/{kind} .*--seed 2 *\n", alone)
+    for recipe in ("paper", "closed-form"):
+        for kind in ("shapes", "flames"):
+            assert re.search(rf"--out runs/{recipe}-seed2/{kind} .*--seed 2 *\n", alone)
     kept = "--out results/paper-seed2/tables.md"
-    assert re.search(rf"tables results/paper-seed2 +{kept}$", alone)
-    for name in ("quick", "quick-seed2", "paper", "paper-seed2", "paper-seed3", "smoke"):
+    assert re.search(rf"tables results/paper-seed2 results/closed-form-seed2 +{kept}$", alone)
+    committed = ("closed-form", "closed-form-seed2", "paper", "paper-seed2", "paper-seed3")
+    for name in (*committed, "smoke"):
         (results / name).mkdir(parents=True)
-    together = asked("PRESET=paper", "SEED=2").stdout.strip().splitlines()[-1].split()
+    together = asked("SEED=2").stdout.strip().splitlines()[-1].split()
     at = together.index("tables")
-    assert together[at + 1] == "results/paper-seed2"
-    others = {
-        f"experiments/results/{name}"
-        for name in ("quick", "quick-seed2", "paper", "paper-seed2", "paper-seed3")
-    }
-    assert set(together[at + 2 : -2]) == others
+    assert together[at + 1 : at + 3] == ["results/paper-seed2", "results/closed-form-seed2"]
+    assert set(together[at + 3 : -2]) == {f"experiments/results/{name}" for name in committed}
     assert "--seed" not in asked().stdout
-    assert asked("EPOCHS=7").stdout.count("--epochs 7\n") == 2
-    assert "tables results/quick " in asked().stdout
+    assert asked("EPOCHS=7").stdout.count("--epochs 7\n") == 2  # of the paper's method alone
+    solved = asked("PRESET=closed-form").stdout
+    assert "tables results/closed-form " in solved
+    assert "paper/flames" not in solved
+
+
+def test_make_trains_the_papers_method_by_the_clock_and_goes_on(tmp_path):
+    """Flames first; a run that has come to its last epoch is left alone."""
+    for name in ("Makefile", "setup.cfg", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "data_gen", tmp_path / "data_gen")
+    kept = shutil.ignore_patterns("results", "benchmarks")
+    shutil.copytree(ROOT / "experiments", tmp_path / "experiments", ignore=kept)
+
+    def trained(target, *variables):
+        command = ["make", "--no-print-directory", "-n", target, *variables]
+        asked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        found = re.findall(r"lf-flame train experiments/(\w+).toml --preset (\S+) .*", asked.stdout)
+        return found, asked.stdout
+
+    found, text = trained("tables")
+    assert found == [(kind, preset) for preset in ("paper", "closed-form")
+                     for kind in ("flames", "shapes")]  # fmt: skip
+    assert text.count("--minutes 4 ") == 4
+    assert text.count("--preset paper --route rays ") == 2
+    assert text.count("--preset closed-form --route direct ") == 2
+    assert text.index("lf-flame weights") < text.index("lf-flame dataset")
+    assert "--minutes 0 " in trained("train-flame", "MINUTES=0")[1]
+    made = ["data/paper/flames.zarr/zarr.json", "runs/paper/flames/model.keras", ".venv/installed"]
+    for name in made:
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch()
+    for finished, again in (("false", [("flames", "paper")]), ("true", [])):
+        (tmp_path / "runs/paper/flames/run.json").write_text(f' "finished": {finished},\n')
+        assert trained("train-flame")[0] == again
+        assert trained("results/paper/table2.csv")[0] == []
 
 
 @pytest.mark.slow
@@ -316,12 +348,13 @@ def test_from_data_set_to_table(tmp_path):
     assert "random (seed 2), conv4" in shown
     assert shown.count("missing") == 8  # Table I was not run
     assert "mean of the training images" in shown
-    quick = ROOT / "experiments" / "results" / "quick"
-    beside = experiment("tables", "results", quick, "--out", "both.md", cwd=tmp_path).stdout
+    solved = ROOT / "experiments" / "results" / "closed-form"
+    beside = experiment("tables", "results", solved, "--out", "both.md", cwd=tmp_path).stdout
     assert (tmp_path / "both.md").read_text() == beside.rstrip("\n") + "\n"
     assert imread(tmp_path / "both.png").shape[1] > 1000
-    assert re.search(r"printed \| +results \| +quick \|", beside)
-    assert "- results: seed 2; preset smoke, 2 epochs, batch 2; data set " in beside
+    assert re.search(r"printed \| +results, 2 epochs \|", beside)
+    assert re.search(r"printed \| +closed-form", beside)
+    assert "- results, 2 epochs: seed 2; preset smoke, 2 epochs, batch 2; data set " in beside
     record = json.loads((tmp_path / "results" / "table2.json").read_text())
     assert record["seed"] == 2
     copied = [row for row in record["baselines"] if row["baseline"] == "the input image"]

@@ -338,7 +338,7 @@ def test_printed_values(refuse, tmp_path):
         assert old in whole
         (tmp_path / "p.toml").write_text(whole.replace(old, new, 1))
         told = refuse(
-            "tables", str(RESULTS / "quick"), "--paper", "p.toml", gathered=__main__.commands
+            "tables", str(RESULTS / "closed-form"), "--paper", "p.toml", gathered=__main__.commands
         )
         assert words in told
 

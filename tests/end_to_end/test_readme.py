@@ -95,15 +95,18 @@ def committed_rows():
         return " | ".join(f"{psnr:.2f}, {ssim:.{digits}f}" for psnr, ssim in numbers)
 
     for number in (1, 2):
-        quick = rows_of(f"quick/table{number}.csv")
-        yield f"printed | {cells(quick, 'paper_', 2)} |"
+        solved = rows_of(f"closed-form/table{number}.csv")
+        yield f"printed | {cells(solved, 'paper_', 2)} |"
         of_seeds = rows_of(
-            "quick/tables.csv", table=f"table{number}", run="quick (reference)", n_seeds="3"
+            "paper/tables.csv",
+            table=f"table{number}",
+            run="closed-form (reference)",
+            n_seeds="3",
         )
-        yield f"| `quick`, three seeds | {cells(of_seeds)} |"
-    yield f"| `paper`, 100 of 5,000 epochs | {cells(rows_of('paper/table1.csv'))} |"
-    seeds = rows_of("quick/tables.csv", table="table2", run="paper (reference)", n_seeds="3")
-    yield f"| `paper`, 1,000 epochs, three seeds | {cells(seeds)} |"
+        yield f"| closed form, three seeds | {cells(of_seeds)} |"
+    yield f"| the paper's method, 100 of 5,000 epochs | {cells(rows_of('paper/table1.csv'))} |"
+    seeds = rows_of("paper/tables.csv", table="table2", run="paper (reference)", n_seeds="3")
+    yield f"| the paper's method, 1,000 epochs, three seeds | {cells(seeds)} |"
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/reproduction.md"])
@@ -202,8 +205,8 @@ def test_extras_that_are_named_exist_and_all_of_them_are_named():
 
 def test_presets_that_are_named_exist():
     text = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
-    presets = re.findall(r"^\| `(\w+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
-    assert presets == ["smoke", "quick", "many", "paper"]
+    presets = re.findall(r"^\| `([\w-]+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
+    assert presets == ["paper", "closed-form", "many", "smoke"]
     for kind in ("shapes", "flames"):
         recipes = (ROOT / "experiments" / f"{kind}.toml").read_text(encoding="utf-8")
         for preset in presets:
@@ -217,8 +220,8 @@ def test_tables_are_made_in_a_fresh_clone(tmp_path):
     for folder in ("data_gen", "experiments"):
         shutil.copytree(ROOT / folder, tmp_path / folder)
     for table in ("table1.csv", "table2.csv"):
-        (tmp_path / "experiments" / "results" / "quick" / table).touch()
-    command = ["make", "-n", "tables", "PRESET=quick", "RUN=quick"]
+        (tmp_path / "experiments" / "results" / "closed-form" / table).touch()
+    command = ["make", "-n", "tables", "PRESET=closed-form", "RUN=closed-form"]
     asked = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     for step in ("dataset", "train", "evaluate"):
         for kind in ("shapes", "flames"):

@@ -28,8 +28,8 @@ def test_the_committed_report_comes_under_the_users(tmp_path, monkeypatch):
 
 
 def test_results_are_known_by_where_they_lie(tmp_path):
-    assert is_reference(beside_reference.REFERENCE / "quick")
-    assert not is_reference(tmp_path / "quick")
+    assert is_reference(beside_reference.REFERENCE / "closed-form")
+    assert not is_reference(tmp_path / "closed-form")
 
 
 def test_every_report_has_a_committed_one():
@@ -37,7 +37,7 @@ def test_every_report_has_a_committed_one():
     named = set()
     for path in experiments.rglob("commands.py"):
         named |= set(re.findall(r'set_beside\([^)]*?, "([^"]+)"\)', path.read_text()))
-    assert {"compare/compare.md", "depth_test/depth_test.md", "quick/slopes.md"} <= named
+    assert {"compare/compare.md", "depth_test/depth_test.md", "paper/slopes.md"} <= named
     named |= {f"costs/{name}.md" for name in ("costs", "refocusing", "latency")}
     named |= {f"benchmarks/{name}.md" for name in ("speed", "refocusing", "training")}
     for name in named:

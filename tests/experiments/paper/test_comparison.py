@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -88,7 +89,7 @@ def test_seeds_of_one_recipe_are_pooled(tmp_path):
         np.testing.assert_allclose(table[spread], means.std(axis=0, ddof=1), atol=1e-6)
     cell = table[["ssim", "ssim_seed_sd", "psnr_db", "psnr_seed_sd"]].iloc[2]
     assert "{:.3f} ± {:.3f} / {:.2f} ± {:.2f}".format(*cell) in text
-    assert "paper, 3 seeds" in text
+    assert "paper, 3 seeds, 7 epochs" in text
     assert "1 (paper), 2 (paper-seed2), 3 (paper-seed3); preset paper, 7 epochs" in text
     assert "0.97 / 45.31" in text
 
@@ -96,7 +97,7 @@ def test_seeds_of_one_recipe_are_pooled(tmp_path):
 @pytest.mark.parametrize(
     "changed",
     [
-        {"preset": "quick"},
+        {"preset": "other"},
         {"recipe": {"batch_size": 4}},
         {"model": {"dropout": 0.0}},
         {"scenes_sha256": "0ddba115" * 8},
@@ -111,6 +112,19 @@ def test_other_recipes_stand_apart(tmp_path, changed):
     make_results(tmp_path / "c", 3)
     pools = pool_seeds(read(tmp_path / "a", tmp_path / "b", tmp_path / "c"))
     assert names(pools) == [["a", "c"], ["b"]]
+
+
+def test_the_papers_method_comes_first_whatever_its_preset_is_called(tmp_path):
+    solved = {"neck": "positions", "warm_start": True, "epochs": 0}
+    make_results(tmp_path / "solved", preset="paper", recipe=solved, epochs=0)
+    make_results(tmp_path / "trained", preset="mine", recipe={"batch_size": 2, "epochs": 1000})
+    make_results(tmp_path / "both", recipe=solved | {"batch_size": 16})
+    text = report_tables([tmp_path / name for name in ("solved", "both", "trained")], PAPER)
+    blocks = re.findall(r"\*\*(.*?):.*?\*\*\n\n\|.*?printed \|(.*?)\n", text)
+    assert [title for title, _ in blocks[:2]] == ["The paper's method", "Closed form"]
+    assert ["trained, 7 epochs" in columns for _, columns in blocks[:2]] == [True, False]
+    assert "**Other recipes**" in text.partition("Closed form")[2]
+    assert "- trained, 7 epochs: seed 1; preset mine, 7 of 1,000 epochs, batch 2" in text
 
 
 def test_the_same_scenes_from_another_machine_are_pooled(tmp_path):
@@ -135,21 +149,24 @@ def test_missing_runs_show_as_missing(tmp_path):
         folder.mkdir()
     make_results(tmp_path / "a")
     text = report_tables(folders, PAPER, tmp_path / "tables.md")
-    assert text.count("missing") == 2 * 4 + 3 * 4  # all of Table II
-    assert text.count("no finished run") == 2 + 3
+    assert "missing" not in text
+    first, second = text.split("### Table II.")
+    assert "No finished run of this table: none, nothing." in first
+    assert "No finished run of this table: none, a, nothing." in second
+    assert "| printed |" in re.sub(" +", " ", second)
     numbers = pd.read_csv(tmp_path / "tables.csv")
     assert list(numbers.n_seeds) == [0] * 4 + [1] * 4 + [0] * 16
     assert numbers[numbers.n_seeds == 0].psnr_db.isna().all()
 
 
 def test_histories_count_seconds_from_the_start(tmp_path):
-    for name in ("quick", "other"):
+    for name in ("short", "other"):
         make_results(tmp_path / name, epochs=2)
     rows = pd.DataFrame({"epoch": [0, 1, 2], "seconds": [3.0, 1.0, 1.5], "val_psnr_db": [1, 2, 3]})
-    rows.to_csv(tmp_path / "quick" / "table1_history.csv", index=False)
-    found = read_histories([tmp_path / "quick", tmp_path / "other"], "table1")
-    assert list(found) == ["quick"]
-    assert list(found["quick"].seconds) == [3.0, 4.0, 5.5]
+    rows.to_csv(tmp_path / "short" / "table1_history.csv", index=False)
+    found = read_histories([tmp_path / "short", tmp_path / "other"], "table1")
+    assert list(found) == ["short"]
+    assert list(found["short"].seconds) == [3.0, 4.0, 5.5]
 
 
 @pytest.mark.parametrize(("first", "last"), [(1.5, 9e3), (30, 4e3), (0.2, 3e4), (41, 44)])
@@ -228,7 +245,7 @@ def test_infinite_psnr_stays_infinite(tmp_path):
 def test_folders_of_one_name_are_told_apart_by_their_path(tmp_path):
     folders = [tmp_path / "here" / "paper", tmp_path / "there" / "paper"]
     make_results(folders[0])
-    make_results(folders[1], preset="quick")
+    make_results(folders[1], preset="other")
     text = report_tables(folders, PAPER)
     assert all(f"- {folder}: seed 1" in text for folder in folders)
 
