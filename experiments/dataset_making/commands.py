@@ -22,7 +22,8 @@ def dataset_making(
     """Time how data sets are made, and kill workers meanwhile; needs the extra [dask].
 
     The paper's two data sets are made by one process, by a pool, and by a Dask cluster on this
-    machine, in turn. Then a cluster makes one again and again, each time losing a worker to SIGKILL
+    machine, in turn; and an eighth of each straight from the scenes, through light fields in closed
+    form and by traced rays, with how far apart the images are. Then a cluster makes one again and again, each time losing a worker to SIGKILL
     at a random instant; its bytes are held against those of an undisturbed one. Run it on a machine
     that does nothing else; it takes some minutes. OUT gets dataset_making.md and .json, the record.
     """

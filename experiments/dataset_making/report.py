@@ -9,6 +9,7 @@ import pandas as pd
 
 from experiments.dataset_making.kills import Kill, measure_kills
 from experiments.dataset_making.rates import Rate, measure_rates, summarise
+from experiments.dataset_making.routes import Route, compare_routes
 from experiments.paths import DATA_SETS
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
@@ -57,9 +58,15 @@ def run_dataset_making(
         for config in configs
         for rate in measure_rates(config, samples, processes, rounds, progress)
     ]
+    routes = [
+        route
+        for config in configs
+        for route in compare_routes(config, samples // 8, processes, progress)
+    ]
     killed = measure_kills(configs[-1], samples, processes, kills, seed, progress)
     record = {
         "rates": [asdict(rate) for rate in rates],
+        "routes": [asdict(route) for route in routes],
         "kills": [asdict(kill) for kill in killed],
         "rounds": rounds,
         "seed": seed,
@@ -67,11 +74,11 @@ def run_dataset_making(
     }
     with together(out, last="dataset_making.md") as aside:
         write_json(aside / "dataset_making.json", record)
-        write_text(aside / "dataset_making.md", text(rates, killed))
+        write_text(aside / "dataset_making.md", text(rates, routes, killed))
     return out / "dataset_making.md"
 
 
-def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
+def text(rates: Sequence[Rate], routes: Sequence[Route], kills: Sequence[Kill]) -> str:
     """Put what was measured, and what follows from it, into Markdown."""
     rows = summarise(list(rates))
     same = len({(rate.data, rate.sha256) for rate in rates}) == len({rate.data for rate in rates})
@@ -89,6 +96,14 @@ def text(rates: Sequence[Rate], kills: Sequence[Kill]) -> str:
         "does as much as in the pool here. No such run was made.",
         _million_table(rows),
     ]
+    if routes:
+        parts += [
+            "## Three routes to the same images",
+            f"{routes[0].samples} samples by {routes[0].processes} processes, with the search for "
+            "the slopes and for the number of rays. PSNR of all inputs and of all targets, against "
+            "light fields in closed form.",
+            _route_table(routes),
+        ]
     if kills:
         hit = sum(kill.hit and kill.at_sample > 0 for kill in kills)
         spoiled = sum(not kill.same for kill in kills)
@@ -117,6 +132,25 @@ def _rate_table(rows: Sequence[dict]) -> str:
         for row in rows
     ]
     return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
+
+
+def _route_table(routes: Sequence[Route]) -> str:
+    shown = [
+        {
+            "data set": route.data,
+            "route": route.route,
+            "rays": "-" if route.rays is None else f"{route.rays} x {route.rays} a pixel",
+            "whole (s)": f"{route.seconds:.1f}",
+            "inputs (dB)": _decibels(route.input_psnr_db),
+            "targets (dB)": _decibels(route.target_psnr_db),
+        }
+        for route in routes
+    ]
+    return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
+
+
+def _decibels(psnr_db: float) -> str:
+    return "-" if math.isinf(psnr_db) else f"{psnr_db:.1f}"
 
 
 def _million_table(rows: Sequence[dict]) -> str:

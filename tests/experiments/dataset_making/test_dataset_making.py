@@ -29,6 +29,10 @@ def test_rates_and_kills_are_measured_and_written(tmp_path):
     assert len({rate["sha256"] for rate in record["rates"]}) == 1
     assert all(rate["per_second"] > 0 for rate in record["rates"])
     assert [kill["same"] for kill in record["kills"]] == [True]
+    exact, rays, direct = record["routes"]
+    assert exact["target_psnr_db"] is None  # of itself
+    assert rays["rays"] > 0
+    assert 78 < rays["target_psnr_db"] < direct["target_psnr_db"]
     assert "gave the same images" in path.read_text()
 
 
@@ -38,7 +42,7 @@ def rate(way, processes, per_second, sha256="a"):
 
 def test_a_million_samples_follow_from_the_rates():
     """1,000 bytes and 7 files a shard; at 100 samples a second and core, 1.4 hours on 2."""
-    found = text([rate("one process", 1, 110.0), rate("process pool", 2, 200.0)], [])
+    found = text([rate("one process", 1, 110.0), rate("process pool", 2, 200.0)], [], [])
     below = found.partition("## A million samples")[2]
     line = next(line for line in below.splitlines() if "flames" in line)
     cells = [cell.strip() for cell in line.split("|")[1:-1]]
@@ -56,4 +60,4 @@ def test_rates_are_medians_beside_the_pools():
 
 def test_other_bytes_are_not_called_the_same():
     rates = [rate("one process", 1, 1.0), rate("process pool", 2, 1.0, "b")]
-    assert "did NOT give the same images" in text(rates, [])
+    assert "did NOT give the same images" in text(rates, [], [])

@@ -115,7 +115,7 @@ def test_other_recipes_stand_apart(tmp_path, changed):
 
 
 def test_the_papers_method_comes_first_whatever_its_preset_is_called(tmp_path):
-    solved = {"neck": "positions", "warm_start": True, "epochs": 0}
+    solved = {"neck": "positions", "warm_start": True, "epochs": 0, "batch_size": 2}
     make_results(tmp_path / "solved", preset="paper", recipe=solved, epochs=0)
     make_results(tmp_path / "trained", preset="mine", recipe={"batch_size": 2, "epochs": 1000})
     make_results(tmp_path / "both", recipe=solved | {"batch_size": 16})
@@ -247,7 +247,7 @@ def test_folders_of_one_name_are_told_apart_by_their_path(tmp_path):
     make_results(folders[0])
     make_results(folders[1], preset="other")
     text = report_tables(folders, PAPER)
-    assert all(f"- {folder}: seed 1" in text for folder in folders)
+    assert all(f"- {folder}, 7 epochs: seed 1" in text for folder in folders)
 
 
 def test_what_is_no_result_is_one_sentence(tmp_path):

@@ -135,10 +135,10 @@ def test_table_puts_the_paper_beside_ours(rng):
     assert f"{table.psnr_db[0] - 45.05:+.2f}" in text
     assert f"{table.psnr_foreground_db[3]:.2f} ± {table.psnr_foreground_sd[3]:.2f}" in text
     assert "random (seed 1), conv5" in text
-    assert "2 epochs (best: 1), batch 2" in text
+    assert "2 epochs, best 1, batch 2" in text
     assert "epochs in 3 s on a machine" in text
     text = table_markdown(table, paper, RUN | {"epochs": 0, "start_s": 61.4, "train_s": 0.0})
-    assert "regression at the start alone, no epochs" in text
+    assert "another decoder, solved, no epochs" in text
     assert "features and start in 61 s, epochs in 0 s" in text
 
 
