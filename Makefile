@@ -96,7 +96,7 @@ tables: scored  ## make Tables I and II and Figures 7 and 8, by the paper's meth
 	$(if $(SOLVED),@$(MAKE) --no-print-directory scored PRESET=closed-form RUN=$(SOLVED) BACKBONE_DEPTH= EPOCHS=)
 	@$(EXPERIMENT) tables $(RESULTS) $(addprefix results/,$(SOLVED)) $(REFERENCE) --out $(RESULTS)/tables.md
 .PHONY: scored
-scored: $(RESULTS)/slopes.csv $(RESULTS)/table2.csv $(RESULTS)/table1.csv
+scored: $(RESULTS)/table2.csv $(RESULTS)/table1.csv $(RESULTS)/slopes.csv
 $(RESULTS)/table1.csv: $(RUNS)/shapes/model.keras experiments/paper_values.toml | $(INSTALLED)
 	$(EXPERIMENT) evaluate $(RUNS)/shapes --table table1 --figure figure7 --out $(RESULTS)
 $(RESULTS)/table2.csv: $(RUNS)/flames/model.keras experiments/paper_values.toml | $(INSTALLED)
