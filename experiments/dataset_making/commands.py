@@ -23,9 +23,10 @@ def dataset_making(
 
     The paper's two data sets are made by one process, by a pool, and by a Dask cluster on this
     machine, in turn; and an eighth of each straight from the scenes, through light fields in closed
-    form and by traced rays, with how far apart the images are. Then a cluster makes one again and again, each time losing a worker to SIGKILL
-    at a random instant; its bytes are held against those of an undisturbed one. Run it on a machine
-    that does nothing else; it takes some minutes. OUT gets dataset_making.md and .json, the record.
+    form and by traced rays, with how far apart the images are. Then a cluster makes one again and
+    again, each time losing a worker to SIGKILL at a random instant; its bytes are held against
+    those of an undisturbed one. Run it on a machine that does nothing else; it takes some minutes.
+    OUT gets dataset_making.md and .json, the record.
     """
     from experiments.dataset_making.report import run_dataset_making
     from lf_flame._common.progress import step_bar

@@ -12,7 +12,6 @@ from lf_flame.commands import (
     datasets,
     flicker,
     light_fields,
-    moved,
     networks,
     profiles,
     program,
@@ -75,10 +74,6 @@ SECTIONS = [
 @click.version_option(__version__)
 def commands() -> None:
     """Gather the commands."""
-
-
-for command in moved.moved_commands():
-    commands.add_command(command)
 
 
 def main() -> None:

@@ -80,7 +80,7 @@ class PaperRunRecord:
     test_indices : list of int
     data, data_sha256 : str
         Where the data set was, and its hash.
-    dataset : DatasetFacts, optional
+    dataset : DatasetFacts
     """
 
     title: str
@@ -98,7 +98,7 @@ class PaperRunRecord:
     test_indices: list[int]
     data: str
     data_sha256: str
-    dataset: DatasetFacts | None = None
+    dataset: DatasetFacts
 
     def __post_init__(self):
         if min(self.test_indices, default=-1) < 0 or not {"train", "test"} <= self.parts.keys():
@@ -215,8 +215,7 @@ def open_run(folder: str | Path) -> TrainedRun:
     Raises
     ------
     InputError
-        If the run is missing or not finished, is of something else, or its record is damaged; or,
-        of a run whose record does not say what it was trained on, if its data set is gone.
+        If the run is missing or not finished, is of something else, or its record is damaged.
     """
     folder, record = Path(folder), load_run(folder)
     if "data" not in record:
@@ -226,9 +225,6 @@ def open_run(folder: str | Path) -> TrainedRun:
         )
     source = folder / "run.json"
     known = build_record(PaperRunRecord, record, source).dataset
-    if known is None:  # a run from before records said so
-        dataset = Dataset(_data_of(folder, record))
-        known = build_record(DatasetFacts, describe_dataset(dataset), dataset.path)
     config = config_from_json(known.config, f"{source}: dataset")
     if not len(known.slopes) == len(known.objects) == len(config.depths_mm):
         raise InputError(f"{source}: slopes and objects must be as many as the depths of its data.")

@@ -167,7 +167,7 @@ def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) ->
 def _is_done(out: Path, job: Job) -> bool:
     if not ((out / "run.json").exists() and (out / "model.keras").exists()):
         return False
-    found = _without_folders(read_run_record(out))
+    found = read_run_record(out)
     whole = is_whole(out / "model.keras", found.get("model_sha256"))
     asked = {**job.request, "epochs": job.epochs}
     return whole and all(found.get(key) == asked[key] for key in asked)
@@ -189,7 +189,7 @@ def _refuse_other_run(out: Path, request: dict) -> None:
     path = out / "config.json"
     if not path.exists():
         return
-    found = _without_folders(read_record(path))
+    found = read_record(path)
     build_record(FoundRequest, found, path)
     if _goes_on(found["recipe"], request["recipe"]):
         found["recipe"]["epochs"] = request["recipe"]["epochs"]
@@ -200,15 +200,6 @@ def _refuse_other_run(out: Path, request: dict) -> None:
             f"{out} holds a run with another {key} ({found.get(key)}, now {request[key]}); "
             f"remove the folder or choose another."
         )
-
-
-def _without_folders(record: dict) -> dict:
-    """Let older records, which name a weights file with its folder, compare with new ones."""
-    model = record.get("model")
-    if not isinstance(model, dict) or "backbone_weights" not in model:
-        return record
-    name = Path(str(model["backbone_weights"])).name
-    return {**record, "model": {**model, "backbone_weights": name}}
 
 
 def _goes_on(found: dict, request: dict) -> bool:

@@ -62,7 +62,3 @@ NETWORKS = {
     ),
     "volumetric": Network(SparseUNet, build_unet, unet_loss),
 }
-
-
-OLD_NAMES = {"aperturenet-dark": "aperturenet-low-light"}
-"""What the records of older runs call them."""

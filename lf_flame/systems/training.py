@@ -23,7 +23,7 @@ from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
 from lf_flame.systems.base import NetworkSystem
 from lf_flame.systems.refocusnet import RefocusNet
-from lf_flame.systems.registry import NETWORKS, OLD_NAMES
+from lf_flame.systems.registry import NETWORKS
 from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 FIRST_HELD_OUT = 1_000_000
@@ -342,8 +342,7 @@ def load_system(path: str | Path) -> NetworkSystem:
             f"A network is a run folder, or RefocusNet's weights (.npz), got the file {folder}."
         )
     record = load_run(folder)
-    stated = str(record.get("system"))
-    name = OLD_NAMES.get(stated, stated)
+    name = str(record.get("system"))
     if name not in NETWORKS:
         raise InputError(f"{folder} holds no run of a refocusing system.")
     network = NETWORKS[name]

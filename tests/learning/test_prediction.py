@@ -390,23 +390,6 @@ def test_records_hold_no_path_but_relative_ones(run_folder, sample, tmp_path):
         assert str(tmp_path) not in json.dumps(values)
 
 
-def test_a_run_from_before_finds_its_data_set_from_the_working_folder(
-    run_folder, tmp_path, monkeypatch
-):
-    """Older records name the data set from the working folder and say nothing else of it."""
-    shutil.copytree(run_folder, tmp_path / "old", ignore=shutil.ignore_patterns("checkpoint-*"))
-    record = json.loads((tmp_path / "old" / "run.json").read_text())
-    del record["dataset"]
-    write_json(tmp_path / "old" / "run.json", record | {"data": "shapes.zarr"})
-    monkeypatch.chdir(run_folder.parent)
-    assert replace(read_card(tmp_path / "old"), training={}) == replace(
-        read_card(run_folder), training={}
-    )
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="There is no data set at"):
-        read_card(tmp_path / "old")
-
-
 def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
     shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint-*"))
     record = json.loads((run_folder / "run.json").read_text())
