@@ -78,7 +78,7 @@ def _write_images(
 ) -> None:
     raw = light_field.to_raw()
     write_image(out.path("raw.tif"), raw)
-    write_image(out.path("raw.png"), to_preview(raw, white))
+    write_image(out.path("raw.png"), to_preview(raw, white), linear=True)
     write_focal_stack(stack, slopes, out.path("refocused.tif"))
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
         write_image(out.path(f"refocused_{number}_{depth:+g}mm.png"), to_preview(image, white))
