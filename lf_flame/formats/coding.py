@@ -30,8 +30,8 @@ LINEAR_GAMMA = 0.99
 def notes_on_coding(source: str | Path) -> list[str]:
     """Tell whether an image, or the first image in a folder of views, is likely to be gamma-coded.
 
-    JPEG, WebP and BMP files are; so are PNG files of 8 bits that do not say that they are linear, and
-    deeper ones that say that they are not.
+    JPEG, WebP and BMP files are; so are PNG files of 8 bits that do not say that they are linear,
+    and deeper ones that say that they are not.
 
     Parameters
     ----------
