@@ -18,8 +18,9 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
     Signs and decimals are read where names that are alike but for their numbers show that they
     are such. A hyphen is a minus sign after anything but a letter or a digit (``pos_-40``, as
     against ``view-40`` and ``2024-01-05``), where other names have none in its place
-    (``y-4, y0, y4``), or where there is a plus sign (``y-5x+2``). A point is a decimal point where it is the only one, and the decimals are
-    equally many or none ends in 0 (``5.48``, as against ``1.9, 1.10``).
+    (``y-4, y0, y4``), or where there is a plus sign (``y-5x+2``). A point is a decimal point where
+    it is the only one, and the decimals are equally many or none ends in 0 (``5.48``, as against
+    ``1.9, 1.10``).
 
     Parameters
     ----------

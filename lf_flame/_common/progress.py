@@ -54,7 +54,7 @@ def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Itera
 @contextmanager
 def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> Iterator[None]:
     """Say what is being done where it takes longer than `PATIENCE`, and a condition holds then."""
-    with _after(lambda: only_if() and LOGGER.info(f"{what} ...")):
+    with _after(lambda: LOGGER.info(f"{what} ...") if only_if() else None):
         yield
 
 

@@ -110,11 +110,11 @@ def _trace_group(
     if cells <= CELLS_AT_ONCE:
         kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
         return
-    first, step = lines.start or 0, lines.step or 1
+    top, step = lines.start or 0, lines.step or 1
     runs = _runs(out.shape[2], cells)
     for some in progress.steps(runs, "tracing rays", len(runs)):
         part_of_image = np.ascontiguousarray(out[:, :, some])
-        chosen = slice(first + step * some.start, first + step * some.stop, step)
+        chosen = slice(top + step * some.start, top + step * some.stop, step)
         kernel(table, *(_take_lines(part, chosen) for part in tables), share, part_of_image)
         out[:, :, some] = part_of_image
 
