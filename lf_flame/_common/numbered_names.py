@@ -17,9 +17,10 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
 
     Signs and decimals are read where names that are alike but for their numbers show that they
     are such. A hyphen is a minus sign after anything but a letter or a digit (``pos_-40``, as
-    against ``view-40`` and ``2024-01-05``), or where other names have none in its place
-    (``y-4, y0, y4``). A point is a decimal point where it is the only one, and the decimals are
-    equally many or none ends in 0 (``5.48``, as against ``1.9, 1.10``).
+    against ``view-40`` and ``2024-01-05``), where other names have none in its place
+    (``y-4, y0, y4``), or where there is a plus sign (``y-5x+2``). A point is a decimal point where
+    it is the only one, and the decimals are equally many or none ends in 0 (``5.48``, as against
+    ``1.9, 1.10``).
 
     Parameters
     ----------
@@ -45,10 +46,12 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
 def _split_alike(pieces: list[list[str]]) -> list[Parts]:
     """Split names whose texts between the numbers are the same."""
     parts: list[list[str | Decimal]] = [[one[0]] for one in pieces]
+    signed = any("+" in one[1::3] for one in pieces)
     for k in range(1, len(pieces[0]), 3):
         before = pieces[0][k - 1]
         marks, words = [one[k] for one in pieces], [one[k + 1] for one in pieces]
-        separates = (before[-1:].isalnum() or (k > 1 and not before)) and set(marks) == {"-"}
+        joined = before[-1:].isalnum() or (k > 1 and not before)
+        separates = joined and not signed and set(marks) == {"-"}
         decimal = _is_decimal(words)
         for part, mark, word, one in zip(parts, marks, words, pieces, strict=True):
             if separates:

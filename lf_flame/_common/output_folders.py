@@ -57,9 +57,15 @@ class EarlierRecord:
     source: str | None = None
     earlier: list[dict[str, Any]] = field(default_factory=list)
 
-    def knows(self, name: str, record: str) -> bool:
+    def names(self, name: str) -> bool:
         """Whether a file is of that call; one that names no files has the folder to itself."""
-        return self.files is None or name == record or name in self.files
+        return self.files is None or name in self.files
+
+    def has_left(self, path: Path) -> bool:
+        """Whether a file is of that call, and still as that call left it; links are replaced."""
+        if not isinstance(self.files, dict) or path.is_symlink():
+            return self.names(path.name)
+        return path.name in self.files and _is_same(path, self.files[path.name])
 
 
 class OutputFolder:
@@ -110,18 +116,21 @@ class OutputFolder:
         Raises
         ------
         InputError
-            If a file of that name is there which no earlier call has written.
+            If a file of that name is there which no earlier call has written, or which has
+            changed since.
         """
-        if (self.folder / name).exists() and not self._is_ours(name):
-            raise InputError(
-                f"{self.folder / name} is there, and {self.record} does not say that this program "
-                f"wrote it; move it, or choose another folder."
+        path = self.folder / name
+        known = not self._is_first and (name == self.record or self.before.has_left(path))
+        if path.exists() and not known:
+            is_named = not self._is_first and self.before.names(name)
+            why = (
+                "has changed since this program wrote it"
+                if is_named
+                else f"is there, and {self.record} does not say that this program wrote it"
             )
-        self.latest = self.folder / name
+            raise InputError(f"{path} {why}; move it, or choose another folder.")
+        self.latest = path
         return self._aside / name
-
-    def _is_ours(self, name: str) -> bool:
-        return not self._is_first and self.before.knows(name, self.record)
 
     def finish(self) -> None:
         """Write the record."""
@@ -207,7 +216,7 @@ def verify_outputs(folder: Path, record: str) -> int:
 
 def _read_earlier(path: Path) -> EarlierRecord:
     try:
-        return load_record(EarlierRecord, path)
+        return build_record(EarlierRecord, check_seal(path), path)
     except InputError as error:
         raise InputError(
             f"{path} is there, and is no whole record of this program; move it, or choose another "
@@ -219,7 +228,7 @@ def _was_being_moved(record: str, left: Path) -> bool:
     """Whether files that lie aside are what a call of this program was about to move.
 
     The record among them, which is moved last, names them all by their hashes, and none would
-    replace a file in the folder that its own record does not know.
+    replace a file in the folder that its own record does not know, or that has changed.
     """
     names = [path.name for path in left.iterdir()]
     if not names:
@@ -233,7 +242,10 @@ def _was_being_moved(record: str, left: Path) -> bool:
         return False
     return isinstance(files, dict) and all(
         (name == record or _is_same(left / name, files.get(name)))
-        and ((there and before.knows(name, record)) or not os.path.lexists(place / name))
+        and (
+            not os.path.lexists(place / name)
+            or (there and (name == record or before.has_left(place / name)))
+        )
         for name in names
     )
 

@@ -5,7 +5,7 @@ longer than `PATIENCE`: bars of quick work would hide what matters.
 """
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
 from typing import TypeVar
@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 T = TypeVar("T")
 
-PATIENCE = 1.0
+PATIENCE = 0.5
 """Seconds of silence after which a bar or a line appears."""
 
 LOGGER = logging.getLogger(__name__)
@@ -52,9 +52,9 @@ def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Itera
 
 
 @contextmanager
-def stage(what: str) -> Iterator[None]:
-    """Say what is being done where it takes longer than `PATIENCE`."""
-    with _after(lambda: LOGGER.info(f"{what} ...")):
+def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> Iterator[None]:
+    """Say what is being done where it takes longer than `PATIENCE`, and a condition holds then."""
+    with _after(lambda: LOGGER.info(f"{what} ...") if only_if() else None):
         yield
 
 

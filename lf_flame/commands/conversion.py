@@ -19,7 +19,9 @@ LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
 """Names in the record of the values that the lowest and the highest level stand for."""
 
 
-def convert_light_field(light_field: LightField, target: Path, bits: int | None = None) -> str:
+def convert_light_field(
+    light_field: LightField, target: Path, bits: int | None = None, linear: bool = True
+) -> str:
     """Write a light field; values that levels do not hold as floats, or else scaled.
 
     Parameters
@@ -30,6 +32,8 @@ def convert_light_field(light_field: LightField, target: Path, bits: int | None 
     bits : int, optional
         8, 16 or 32 (floats). Default: 16, or 32 where a value is below 0 or above 1 and the form
         of the target holds floats.
+    linear : bool, optional
+        Whether values are linear in light, as PNG files of 8 bits then say.
 
     Returns
     -------
@@ -44,7 +48,7 @@ def convert_light_field(light_field: LightField, target: Path, bits: int | None 
     record = Path(f"{target}.json")
     held = f"values from {views.min():.4g} to {views.max():.4g}"
     if fits or bits == 32 or suffix in ARRAYS:
-        write_light_field(light_field, target, bits)
+        write_light_field(light_field, target, bits, linear=linear)
         if record.exists() and _is_record(record):
             record.unlink()  # of an earlier file of this name
         return f" with {held}, as floats" if bits == 32 and suffix not in ARRAYS else ""
@@ -53,7 +57,8 @@ def convert_light_field(light_field: LightField, target: Path, bits: int | None 
             f"{record} is there, and would be replaced by the record of the scale; move it, or "
             f"choose another target."
         )
-    write_light_field(LightField((views.astype(np.float64) - low) / (high - low)), target, bits)
+    scaled = LightField((views.astype(np.float64) - low) / (high - low))
+    write_light_field(scaled, target, bits, linear=linear and low == 0)
     write_json(record, {LEVEL_0: low, LEVEL_1: high, "bits": bits, **provenance.environment()})
     return (
         f"; {held} were scaled to fit: level 0 is {low:.6g} and level {2**bits - 1} is {high:.6g}, "

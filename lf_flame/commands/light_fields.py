@@ -241,13 +241,17 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.locks import exclusive
     from lf_flame.commands.conversion import convert_light_field
+    from lf_flame.formats.coding import notes_on_coding
 
     reading = Reading(**options)
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
         light_field = reading.read(source)
-        said = convert_light_field(light_field, target, int(bits) if bits else None)
+        coded = notes_on_coding(source)
+        said = convert_light_field(light_field, target, int(bits) if bits else None, not coded)
+    for note in coded:
+        click.echo(note, err=True)
     if light_field.uncounted and target.suffix.lower() != ".npz":
         click.echo(f"{printable(target)} does not hold which views count; .npz does", err=True)
     click.echo(f"{printable(target)} is written{said}")

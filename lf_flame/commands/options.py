@@ -3,10 +3,14 @@
 import errno
 import math
 import stat
+import sys
+import threading
 from pathlib import Path
 
 import click
 import cloup
+
+from lf_flame._common import progress
 
 
 class UsablePath(click.Path):
@@ -64,6 +68,19 @@ class Program(cloup.Group):
         for command in self.commands.values():
             # Click's own list ends each line where the terminal does, in the middle of a word.
             command.short_help = " ".join((command.help or "").partition("\n\n")[0].split())
+
+    def invoke(self, ctx: click.Context):
+        """Run a command; where it takes long until it has all its parts, that is said."""
+        with progress.stage("Loading what this command needs", only_if=_is_importing):
+            return super().invoke(ctx)
+
+
+def _is_importing() -> bool:
+    """Whether the main thread is in the middle of an import."""
+    frame = sys._current_frames().get(threading.main_thread().ident or 0)
+    while frame and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
 
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}

@@ -59,14 +59,19 @@ def _effect_options(command):
 
 
 def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
-    """Read a scene file; what the command line forces comes before what the file forces."""
+    """Read a scene file, and which fields of the camera it states.
+
+    What the command line forces comes before what the file forces.
+    """
+    from lf_flame._common.input_files import read_toml
     from lf_flame.scenes.scene_files import read_scene
 
     both = set(on) & set(off)
     if both:
         raise InputError(f"{', '.join(sorted(both))} cannot be forced both on and off.")
     layers, camera, effects = read_scene(scene)
-    return layers, camera, effects | dict.fromkeys(on, True) | dict.fromkeys(off, False)
+    forced = effects | dict.fromkeys(on, True) | dict.fromkeys(off, False)
+    return layers, camera, forced, set(read_toml(scene).get("camera", {}))
 
 
 @cloup.command()
@@ -101,10 +106,10 @@ def plan(
     from lf_flame.simulation import assumptions
     from lf_flame.simulation.plan import plan_effects
 
-    layers, camera, effects = _read_scene(scene, on, off)
+    layers, camera, effects, stated = _read_scene(scene, on, off)
     if assume:
-        camera = assumptions.assume(camera, assume.replace(" ", "").split(","))
-    found = plan_effects(layers, camera, tolerance, effects, typical=True)
+        camera = assumptions.assume(camera, assume.replace(" ", "").split(","), stated)
+    found = plan_effects(layers, camera, tolerance, effects, typical=True, stated=stated)
     if measure:
         from tqdm import tqdm
 
@@ -149,9 +154,9 @@ def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator
     from lf_flame.commands.simulation_output import simulate
 
     out = out or Path("simulated") / scene.stem
-    layers, camera, effects = _read_scene(scene, on, off)
+    layers, camera, effects, stated = _read_scene(scene, on, off)
     options = {"tolerance": tolerance, "effects": effects, "seed": seed, "integrator": integrator}
-    record = simulate(layers, camera, out, **options)
+    record = simulate(layers, camera, out, stated=stated, **options)
     kept = [effect["name"] for effect in record["plan"]["effects"] if effect["kept"]]
     click.echo(f"simulated: {', '.join(kept) or 'no effect'} ({record['plan']['integrator']})")
     for depth, slope in zip(record["depths_mm"], record["slopes"], strict=True):

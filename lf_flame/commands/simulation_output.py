@@ -1,11 +1,12 @@
 """From a scene to the files a user looks at."""
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lf_flame._common import figures
+from lf_flame._common import figures, progress
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.output_folders import OutputFolder, output_folder
@@ -16,10 +17,21 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.rendering import render
+from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.rendering import render_plan
 
 
-def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options: Any) -> dict[str, Any]:
+def simulate(
+    scene: Scene,
+    camera: PlenopticCamera,
+    out: Path,
+    *,
+    tolerance: float,
+    effects: Mapping[str, bool],
+    stated: Collection[str],
+    integrator: str,
+    seed: int,
+) -> dict[str, Any]:
     """Render a scene, refocus it at the depth of each layer, and write everything.
 
     Parameters
@@ -31,8 +43,10 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options: Any) -
         sub-aperture views), ``refocused.tif`` (stack) and ``refocused_N_DEPTHmm.png``,
         ``light_field.npz`` (arrays), ``plan.txt`` (the effect plan) and ``simulation.json``
         (the record).
-    **options
-        Those of `lf_flame.render`.
+    tolerance, effects, stated
+        As in `lf_flame.plan_effects`.
+    integrator, seed
+        As in `lf_flame.render`.
 
     Returns
     -------
@@ -40,9 +54,11 @@ def simulate(scene: Scene, camera: PlenopticCamera, out: Path, **options: Any) -
         What the record says of the scene and its image.
     """
     with output_folder(out, "simulation.json") as folder:
-        light_field = render(scene, camera, **options)
+        with progress.stage("Looking which effects the scene calls for"):
+            plan = plan_effects(scene, camera, tolerance, effects, stated=stated)
+        light_field = render_plan(scene, camera, plan, integrator, seed=seed)
         _write(light_field, scene, camera, folder)
-        folder.facts |= {"seed": options.get("seed")}
+        folder.facts |= {"seed": seed}
     return folder.facts
 
 
@@ -78,7 +94,7 @@ def _write_images(
 ) -> None:
     raw = light_field.to_raw()
     write_image(out.path("raw.tif"), raw)
-    write_image(out.path("raw.png"), to_preview(raw, white))
+    write_image(out.path("raw.png"), to_preview(raw, white), linear=True)
     write_focal_stack(stack, slopes, out.path("refocused.tif"))
     for number, (depth, image) in enumerate(zip(depths, stack, strict=True), 1):
         write_image(out.path(f"refocused_{number}_{depth:+g}mm.png"), to_preview(image, white))

@@ -14,7 +14,12 @@ CODED = (
     "camera's raw ones in TIFF or PNG of 16 bits, unless you know that these are linear."
 )
 
-ALWAYS_CODED = {".jpg": "a JPEG file", ".jpeg": "a JPEG file", ".webp": "a WebP file"}
+ALWAYS_CODED = {
+    ".jpg": "a JPEG file",
+    ".jpeg": "a JPEG file",
+    ".webp": "a WebP file",
+    ".bmp": "a BMP file",
+}
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -25,8 +30,8 @@ LINEAR_GAMMA = 0.99
 def notes_on_coding(source: str | Path) -> list[str]:
     """Tell whether an image, or the first image in a folder of views, is likely to be gamma-coded.
 
-    JPEG and WebP files are; so are PNG files of 8 bits that do not say that they are linear, and
-    deeper ones that say that they are not.
+    JPEG, WebP and BMP files are; so are PNG files of 8 bits that do not say that they are linear,
+    and deeper ones that say that they are not.
 
     Parameters
     ----------

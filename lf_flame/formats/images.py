@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame._common.pixels import read_pixels, to_unit
@@ -77,13 +77,16 @@ def to_preview(image: np.ndarray, white: float) -> np.ndarray:
     return to_levels(np.clip(image / np.float32(white), 0, 1), 8)
 
 
-def write_image(path: str | Path, levels: np.ndarray) -> None:
+def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -> None:
     """Write an image, shape (h, w) or (h, w, 3), as PNG or TIFF by the ending.
 
     Parameters
     ----------
     path : str or Path
     levels : ndarray of uint8 or uint16 (`to_levels`); for TIFF of float32 as well
+    linear : bool, optional
+        Whether a PNG of 8 bits says that its levels are linear in light (gAMA); without that, such
+        files are taken for coded ones.
 
     Raises
     ------
@@ -107,7 +110,10 @@ def write_image(path: str | Path, levels: np.ndarray) -> None:
         elif levels.ndim == 3 and levels.dtype == np.uint16:
             _write_deep_png(aside, levels)
         else:
-            Image.fromarray(levels).save(aside)
+            says = PngImagePlugin.PngInfo()
+            if linear and levels.dtype == np.uint8:
+                says.add(b"gAMA", struct.pack(">I", 100_000))
+            Image.fromarray(levels).save(aside, pnginfo=says)
 
 
 def _write_deep_png(path: Path, levels: np.ndarray) -> None:

@@ -76,7 +76,9 @@ def cut_views(
     return LightField.from_raw(raw, views).views[middle, middle]
 
 
-def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 16) -> None:
+def write_lenslet_image(
+    light_field: LightField, path: str | Path, bits: int = 16, *, linear: bool = True
+) -> None:
     """Write a lenslet image, PNG or TIFF by the ending.
 
     Parameters
@@ -87,6 +89,8 @@ def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 1
     path : str or Path
     bits : int, optional
         8 or 16; 32 for floats, in TIFF files.
+    linear : bool, optional
+        As in `write_light_field`.
 
     Raises
     ------
@@ -94,4 +98,4 @@ def write_lenslet_image(light_field: LightField, path: str | Path, bits: int = 1
         If values, channels or the ending do not fit.
     """
     raw = light_field.to_raw()
-    write_image(path, raw if bits == 32 else to_levels(raw, bits))
+    write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)

@@ -203,7 +203,9 @@ def _kind(image: np.ndarray) -> str:
     return f"{image.shape[0]} x {image.shape[1]} {'grey' if image.ndim == 2 else 'colour'}"
 
 
-def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 16) -> None:
+def write_view_folder(
+    light_field: LightField, folder: str | Path, bits: int = 16, *, linear: bool = True
+) -> None:
     """Write each view as ``view_RR_CC.png`` (floats: ``.tif``), rows and columns from 0.
 
     Parameters
@@ -215,6 +217,8 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
         A new or an empty folder. It is written aside and renamed when it is whole.
     bits : int, optional
         8 or 16; 32 for floats.
+    linear : bool, optional
+        As in `write_light_field`.
 
     Raises
     ------
@@ -229,4 +233,5 @@ def write_view_folder(light_field: LightField, folder: str | Path, bits: int = 1
     width = max(2, len(str(max(levels.shape[:2]) - 1)))
     with atomic_folder(folder) as aside:
         for v, u in np.ndindex(levels.shape[:2]):
-            write_image(aside / f"view_{v:0{width}}_{u:0{width}}{suffix}", levels[v, u])
+            path = aside / f"view_{v:0{width}}_{u:0{width}}{suffix}"
+            write_image(path, levels[v, u], linear=linear)

@@ -10,8 +10,8 @@ from math import ceil, isqrt, prod, sqrt
 from pathlib import Path
 
 import numpy as np
+import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
-from skimage.transform import downscale_local_mean
 
 from lf_flame.errors import InputError
 
@@ -225,7 +225,9 @@ def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
     """Average the colours, and the pixels of a large view, so many to one along each axis."""
     times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
     grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
-    return downscale_local_mean(grey, (times, times)) if times > 1 else grey, times
+    return skimage.transform.downscale_local_mean(
+        grey, (times, times)
+    ) if times > 1 else grey, times
 
 
 def order_memory(shape: tuple[int, ...]) -> int:
@@ -256,7 +258,7 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
 
 def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
     """Change from row to row and from column to column, and the gradients down and right."""
-    reduced = downscale_local_mean(block, (1, 1, scale, scale))
+    reduced = skimage.transform.downscale_local_mean(block, (1, 1, scale, scale))
     views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
     first = np.diff(views, axis=0)[0].mean(0)
     second = np.diff(views, axis=1)[:, 0].mean(0)

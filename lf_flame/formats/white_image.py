@@ -4,8 +4,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy  # its parts load when they are used
 from numpy.typing import ArrayLike
-from scipy import fft, ndimage, signal
+from scipy import fft, ndimage
 
 from lf_flame._common import progress
 from lf_flame.errors import InputError
@@ -244,7 +245,7 @@ def _likeness(grid: LensletGrid, contrast: np.ndarray) -> np.ndarray:
     mean = _between(contrast, y, x).mean(axis=(2, 3))
     mean += mean[::-1, ::-1]
     even = ndimage.gaussian_filter(mean - mean.mean(), SHAPE_SMOOTHING * grid.pitch)
-    return signal.oaconvolve(contrast, even, mode="same")
+    return scipy.signal.oaconvolve(contrast, even, mode="same")
 
 
 def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:

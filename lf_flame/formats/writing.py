@@ -11,7 +11,9 @@ from lf_flame.formats.view_folder import write_view_folder
 from lf_flame.lightfield import LightField
 
 
-def write_light_field(light_field: LightField, path: str | Path, bits: int = 16) -> None:
+def write_light_field(
+    light_field: LightField, path: str | Path, bits: int = 16, *, linear: bool = True
+) -> None:
     """Write a light field in the form that the ending of the path asks for.
 
     Parameters
@@ -24,6 +26,8 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
         which no other form holds.
     bits : int, optional
         8 or 16, of images; 32 for floats, in TIFF files.
+    linear : bool, optional
+        Whether values are linear in light, as PNG files of 8 bits then say.
 
     Raises
     ------
@@ -33,9 +37,9 @@ def write_light_field(light_field: LightField, path: str | Path, bits: int = 16)
     path = Path(path)
     suffix = path.suffix.lower()
     if not suffix:
-        write_view_folder(light_field, path, bits)
+        write_view_folder(light_field, path, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
-        write_lenslet_image(light_field, path, bits)
+        write_lenslet_image(light_field, path, bits, linear=linear)
     elif suffix == ".npy":
         with atomic_write(path) as aside:
             np.save(aside, light_field.views, allow_pickle=False)

@@ -9,10 +9,10 @@ from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
+import scipy  # its parts load when they are used
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
-from scipy.signal import find_peaks
 
 from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import Views, as_slopes, as_views, as_weights, farthest_slope
@@ -264,7 +264,7 @@ def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: 
 def _confidence(curve: np.ndarray, unrelated: float) -> float:
     """How far the peak stands above its rival; an end that the curve rises to is a peak too."""
     top = curve.max()
-    peaks, _ = find_peaks(np.pad(curve, 1), prominence=RIPPLE * top)
+    peaks, _ = scipy.signal.find_peaks(np.pad(curve, 1), prominence=RIPPLE * top)
     rivals = np.sort(curve[peaks - 1])[:-1]
     return float(max(1 - max(rivals.max(initial=unrelated), curve.min()) / top, 0))
 

@@ -6,7 +6,7 @@ left out because nobody said what causes it, not because it is small. A plan say
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,14 +70,33 @@ CAUSES = {
 """Effects that follow from what a camera may leave unstated; the others follow from the scene."""
 
 
-def is_stated(camera: PlenopticCamera, effect: str) -> bool:
-    """Tell whether a camera says what an effect follows from."""
+def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()) -> bool:
+    """Tell whether a camera says what an effect follows from.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+    effect : str
+    stated : collection of str, optional
+        Fields that count as stated although they hold the default, as a file may say so.
+    """
     cause = CAUSES.get(effect)
-    return cause is None or getattr(camera, cause.field) != cause.unstated
+    if cause is None or getattr(camera, cause.field) != cause.unstated:
+        return True
+    return cause.unstated is not None and cause.field in stated
 
 
-def typical_bounds(scene: Scene, camera: PlenopticCamera) -> dict[str, float]:
+def typical_bounds(
+    scene: Scene, camera: PlenopticCamera, stated: Collection[str] = ()
+) -> dict[str, float]:
     """Bound the effects whose causes a camera does not state, each at its typical value alone.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    stated : collection of str, optional
+        As in `is_stated`.
 
     Returns
     -------
@@ -86,7 +105,7 @@ def typical_bounds(scene: Scene, camera: PlenopticCamera) -> dict[str, float]:
     """
     found, known = {}, {}
     for name, cause in CAUSES.items():
-        if is_stated(camera, name) or cause.typical is None:
+        if is_stated(camera, name, stated) or cause.typical is None:
             continue
         value = cause.typical(camera)
         if (cause.field, value) not in known:
@@ -96,7 +115,9 @@ def typical_bounds(scene: Scene, camera: PlenopticCamera) -> dict[str, float]:
     return found
 
 
-def assume(camera: PlenopticCamera, words: Iterable[str]) -> PlenopticCamera:
+def assume(
+    camera: PlenopticCamera, words: Iterable[str], stated: Collection[str] = ()
+) -> PlenopticCamera:
     """State of a camera what its data sheet leaves open.
 
     Parameters
@@ -107,6 +128,8 @@ def assume(camera: PlenopticCamera, words: Iterable[str]) -> PlenopticCamera:
         round stop of this f-number of the main lens; ``12bit``: a sensor of so many bits, else
         typical; ``falloff``: no white image takes cos^4 out; ``typical``: each field that is not
         stated and has a typical value takes it.
+    stated : collection of str, optional
+        As in `is_stated`.
 
     Raises
     ------
@@ -114,17 +137,17 @@ def assume(camera: PlenopticCamera, words: Iterable[str]) -> PlenopticCamera:
         If a word is none of these, or a value is out of range.
     """
     for word in words:
-        camera = replace(camera, **_assumed_fields(camera, word))
+        camera = replace(camera, **_assumed_fields(camera, word, stated))
     return camera
 
 
-def _assumed_fields(camera: PlenopticCamera, word: str) -> dict[str, Any]:
+def _assumed_fields(camera: PlenopticCamera, word: str, stated: Collection[str]) -> dict[str, Any]:
     number = r"(\d+(?:\.\d*)?)"
     if word == "typical":
         return {
             cause.field: cause.typical(camera)
             for name, cause in CAUSES.items()
-            if cause.typical and not is_stated(camera, name) and name != "f_number_mismatch"
+            if cause.typical and not is_stated(camera, name, stated) and name != "f_number_mismatch"
         }
     if word == "round":
         return {"aperture_diameter_mm": camera.aperture_mm}

@@ -6,7 +6,7 @@ and the finite number of rays. A tighter tolerance so never drops an effect.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -218,6 +218,8 @@ def plan_effects(
     tolerance: float = 1e-3,
     effects: Mapping[str, bool] | None = None,
     typical: bool = False,
+    *,
+    stated: Collection[str] = (),
 ) -> EffectPlan:
     """Decide which effects a scene calls for, before anything is rendered.
 
@@ -231,6 +233,8 @@ def plan_effects(
         Effects to force on (True) or off (False), whatever their bound.
     typical : bool, optional
         Tell how large effects would be whose causes the camera does not state, at usual values.
+    stated : collection of str, optional
+        Fields of the camera that count as stated although they hold the default.
 
     Returns
     -------
@@ -268,11 +272,11 @@ def plan_effects(
     planned = tuple(
         PlannedEffect(
             name, e.bound, name in kept, name in forced, e.criterion, seconds[name],
-            stated=is_stated(camera, name) or e.bound > 0,
+            stated=is_stated(camera, name, stated) or e.bound > 0,
         )
         for name, e in estimates.items()
     )  # fmt: skip
-    usual = typical_bounds(scene, camera) if typical else {}
+    usual = typical_bounds(scene, camera, stated) if typical else {}
     return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator, usual)
 
 

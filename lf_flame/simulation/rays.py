@@ -107,13 +107,15 @@ def _trace_group(
             tables = rays, weights if finite_width else None, stop, second, falloff, seen
     share = optics.share / (y.count * x.count)
     cells = out.size * y.count * x.count * len(planes)
-    if lines != slice(None) or cells <= CELLS_AT_ONCE:
+    if cells <= CELLS_AT_ONCE:
         kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
         return
+    top, step = lines.start or 0, lines.step or 1
     runs = _runs(out.shape[2], cells)
     for some in progress.steps(runs, "tracing rays", len(runs)):
         part_of_image = np.ascontiguousarray(out[:, :, some])
-        kernel(table, *(_take_lines(part, some) for part in tables), share, part_of_image)
+        chosen = slice(top + step * some.start, top + step * some.stop, step)
+        kernel(table, *(_take_lines(part, chosen) for part in tables), share, part_of_image)
         out[:, :, some] = part_of_image
 
 

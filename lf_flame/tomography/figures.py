@@ -130,7 +130,7 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     line = "o-" if len(depths) > FEW_PLANES else "o"  # sheets are no curve
     top.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
     top.set_ylabel("light of the plane\n(radiance x mm$^2$)")
-    top.set_ylim(bottom=0)
+    top.set_ylim(0, 1.05 * top.get_ylim()[1])  # a marker at the top is whole
     top.grid(alpha=0.3)
     middle = (depths.min() + depths.max()) / 2
     periods = (10.0, 3.0, 1.0)

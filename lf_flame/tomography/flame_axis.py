@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy  # its parts load when they are used
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -216,7 +216,7 @@ def _middles(pictures: np.ndarray) -> np.ndarray:
 
 def _middle(line: np.ndarray) -> float:
     """Find about which place a line is most like its mirror image, in pixels."""
-    own = signal.fftconvolve(line, line)
+    own = scipy.signal.fftconvolve(line, line)
     peak = int(np.clip(np.argmax(own), 1, len(own) - 2))
     before, at, after = own[peak - 1 : peak + 2]
     curved = before - 2 * at + after

@@ -10,6 +10,7 @@ import pytest
 from lf_flame._common.atomic_files import write_text
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.output_folders import output_folder, verify_outputs
+from lf_flame._common.seals import sealed
 from lf_flame.errors import InputError
 
 RECORD = "work.json"
@@ -138,6 +139,23 @@ def test_a_file_that_no_record_names_is_not_replaced(tmp_path):
     assert contents(tmp_path) == {"a.txt": "mine", "b.txt": "1"}
 
 
+@pytest.mark.parametrize("adds", [False, True])
+def test_a_file_that_was_edited_is_not_replaced(tmp_path, adds):
+    fill(tmp_path, a="1", b="2", adds=adds)
+    (tmp_path / "a.txt").write_text("notes on it")
+    with pytest.raises(InputError, match=r"a\.txt has changed since this program wrote it; move"):
+        fill(tmp_path, b="3", a="4", adds=adds)
+    assert contents(tmp_path) == {"a.txt": "notes on it", "b.txt": "2"}
+    (tmp_path / "a.txt").unlink()
+    record = (tmp_path / RECORD).read_text()
+    (tmp_path / RECORD).write_text(record.replace("versions", "version"))
+    with pytest.raises(InputError, match=r"is there, and is no whole record"):
+        fill(tmp_path, b="3", a="4", adds=adds)
+    (tmp_path / RECORD).write_text(record)
+    fill(tmp_path, b="3", a="4", adds=adds)
+    assert contents(tmp_path) == {"a.txt": "4", "b.txt": "3"}
+
+
 def test_a_record_of_a_users_own_is_not_replaced(tmp_path):
     (tmp_path / RECORD).write_text('{"mine": 1}')
     with pytest.raises(InputError, match="work.json is there, and is no whole record"):
@@ -162,7 +180,7 @@ def test_a_record_never_names_a_file_outside_to_be_removed(tmp_path, absolute):
     (out / "link.txt").symlink_to(thesis)
     for name in (str(thesis) if absolute else "../thesis.txt", "link.txt", "", "..", "."):
         record["files"][name] = file_sha256(thesis)
-    (out / RECORD).write_text(json.dumps(record))
+    (out / RECORD).write_text(json.dumps(sealed(record)))
     fill(out, b="1")
     assert thesis.read_text() == "mine"
     assert (out / "link.txt").is_symlink()

@@ -13,6 +13,7 @@ from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, rend
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.locks import exclusive
 from lf_flame._common.output_folders import verify_outputs
+from lf_flame._common.seals import sealed
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.light_field_options import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import Aperture
@@ -409,7 +410,7 @@ def test_a_record_names_no_file_outside_its_folder_to_be_removed(folder, tmp_pat
     thesis = tmp_path / "thesis.txt"
     thesis.write_text("mine")
     record["files"] |= dict.fromkeys(["../thesis.txt", str(thesis)], file_sha256(thesis))
-    (tmp_path / "out" / "refocus.json").write_text(json.dumps(record))
+    (tmp_path / "out" / "refocus.json").write_text(json.dumps(sealed(record)))
     run(folder, "--slope", 0.25, "--out", tmp_path / "out")
     assert thesis.read_text() == "mine"
     files = json.loads((tmp_path / "out" / "refocus.json").read_text())["files"]

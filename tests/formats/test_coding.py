@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lf_flame import LightField, read_light_field
+from lf_flame.formats import write_light_field
 from lf_flame.formats.coding import notes_on_coding
 
 
@@ -44,6 +46,18 @@ def test_png_files_are_coded_by_depth_or_by_what_they_say(tmp_path, bits, chunks
     if is_coded:
         assert f"one.png is a PNG file of {bits} bits." in notes[0]
         assert "not linear in light" in notes[0]
+
+
+def test_own_views_say_that_they_are_linear(tmp_path):
+    field = LightField(np.full((2, 2, 3, 3), 0.5, np.float32))
+    for linear in (True, False):
+        write_light_field(field, tmp_path / f"{linear}", 8, linear=linear)
+        write_light_field(field, tmp_path / f"{linear}.png", 8, linear=linear)
+        for path in (tmp_path / f"{linear}", tmp_path / f"{linear}.png"):
+            assert len(notes_on_coding(path)) == (not linear)
+            assert read_light_field(path, views=2 if path.suffix else None).views[0, 0, 0, 0] == (
+                pytest.approx(128 / 255)
+            )
 
 
 def test_of_a_folder_the_first_picture_tells(tmp_path):

@@ -36,6 +36,18 @@ def test_stating_a_cause_makes_its_effects_known():
     )
 
 
+def test_what_is_stated_by_its_default_is_stated():
+    fields = {"falloff_corrected", "lenslet_rotation_rad", "sensor"}  # a sensor of None is none
+    plan = plan_effects(EVEN, CAMERA, typical=True, stated=fields)
+    known = {"cos4", "lenslet_rotation"}
+    assert {effect.name for effect in plan.effects if not effect.stated} == set(CAUSES) - known
+    assert not known & plan.typical.keys()
+    assert {plan[name].bound for name in known} == {0.0}
+    typical = assume(CAMERA, ["typical"], fields)
+    assert (typical.falloff_corrected, typical.lenslet_rotation_rad) == (True, 0.0)
+    assert typical.lenslet_pitch_error > 0
+
+
 def test_typical_bounds_are_those_of_the_stated_cause():
     typical = plan_effects(EVEN, CAMERA, typical=True).typical
     electrons = 8000.0
