@@ -41,8 +41,8 @@ GRID = ("formats/test_raw_lenslets.py",)
 SCENES = ("scenes/test_scene.py", "simulation/test_rendering.py")
 HARD = "experiments/hard_cases/test_hard_cases.py"
 IMAGES = (
-    "simulation/test_rendering.py", "stability/test_render.py", HARD, "simulation/test_absolute_stops.py",
-    "simulation/test_absolute.py",
+    "simulation/test_rendering.py", "stability/test_render.py", "simulation/test_absolute_stops.py",
+    "simulation/test_absolute.py", HARD,
 )  # fmt: skip
 MATTER = (
     "simulation/test_absolute_matter.py", "simulation/test_polygons.py", "stability/test_light.py",

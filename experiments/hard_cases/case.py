@@ -97,7 +97,7 @@ def _compare(values: Values) -> dict[str, Any]:
         place = np.unravel_index(parts[0].argmax(), exact.shape)
         shown = (np.broadcast_to(x, exact.shape)[place] for x in
                  (exact, values.obvious, values.ours))  # fmt: skip
-    texts = [x if isinstance(x, str) else f"{float(x):.6g}" for x in shown]
+    texts = [x if isinstance(x, str) else f"{float(x) + 0.0:.6g}" for x in shown]
     names = ("exact", "obvious", "ours", "obvious_error", "our_error")
     return dict(zip(names, (*texts, *errors), strict=True))
 
