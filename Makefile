@@ -49,7 +49,7 @@ endif
 .PHONY: help install installs weights dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: flames flames-by-networks results texts mutants campaign lint types clean
+.PHONY: hard-cases flames flames-by-networks results texts mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -120,6 +120,9 @@ VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$
 compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
 	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
+
+hard-cases: | $(INSTALLED)  ## compute hard cases exactly, by the obvious formula, and by lf_flame
+	$(EXPERIMENT) hard-cases --out results/hard_cases
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
 	$(EXPERIMENT) emission --out results/tomography

@@ -7,6 +7,7 @@ from experiments.costs.commands import costs, latency
 from experiments.dataset_making.commands import dataset_making
 from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
+from experiments.hard_cases.commands import hard_cases
 from experiments.paper.commands import evaluate, slopes, tables
 from experiments.remaking.commands import results
 from experiments.screenshots.commands import screenshots
@@ -32,7 +33,7 @@ SECTIONS = [
     cloup.Section("What the simulator is worth", [effects]),
     cloup.Section("What slope maps are worth", [slope_maps]),
     cloup.Section("What accuracy costs in time", [costs, latency, dataset_making]),
-    cloup.Section("What bounds hold", [bounds]),
+    cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission]),

@@ -39,9 +39,10 @@ EXPLAINED = Path(__file__).with_name("mutants_explained.toml")
 
 GRID = ("formats/test_raw_lenslets.py",)
 SCENES = ("scenes/test_scene.py", "simulation/test_rendering.py")
+HARD = "experiments/hard_cases/test_hard_cases.py"
 IMAGES = (
     "simulation/test_rendering.py", "stability/test_render.py", "simulation/test_absolute_stops.py",
-    "simulation/test_absolute.py",
+    "simulation/test_absolute.py", HARD,
 )  # fmt: skip
 MATTER = (
     "simulation/test_absolute_matter.py", "simulation/test_polygons.py", "stability/test_light.py",
@@ -53,7 +54,7 @@ PLANS = (
 )  # fmt: skip
 SPACE = ("refocus/test_shift.py", "refocus/test_surface.py", "refocus/test_fourier.py")
 SHARPNESS = ("refocus/test_sharpness.py",)
-SCORES = ("experiments/paper/test_tables.py", "stability/test_scores.py")
+SCORES = ("experiments/paper/test_tables.py", "stability/test_scores.py", HARD)
 RIDGE = ("learning/test_warm_start.py",)
 DATASETS = ("datasets/test_datasets.py",)
 SYSTEMS = ("systems/test_base.py",)
@@ -63,7 +64,7 @@ CORE = {
     "_common/metrics.py": SCORES,
     "lightfield.py": (),
     "optics/aperture_response.py": ("optics/test_diffraction.py",),
-    "optics/camera.py": ("stability/test_conjugates.py", "stability/test_ray_bundle.py"),
+    "optics/camera.py": ("stability/test_conjugates.py", "stability/test_ray_bundle.py", HARD),
     "optics/diffraction.py": (),
     "optics/ray_bundle.py": ("stability/test_ray_bundle.py", *IMAGES),
     "optics/ray_transfer.py": (),
@@ -120,7 +121,7 @@ CORE = {
     "formats/white_image.py": GRID,
     "refocus/_alignment_kernels.py": ("refocus/test_alignment.py",),
     "refocus/_filling_kernels.py": ("refocus/test_filling.py",),
-    "refocus/_kernels.py": (*SPACE, "stability/test_refocus.py"),
+    "refocus/_kernels.py": (*SPACE, "stability/test_refocus.py", HARD),
     "refocus/_matching_kernels.py": ("refocus/test_matching.py",),
     "refocus/_semblance_kernels.py": SHARPNESS,
     "refocus/_surface_kernels.py": ("refocus/test_surface.py",),
@@ -128,14 +129,14 @@ CORE = {
     "refocus/aperture.py": (),
     "refocus/depth_from_focus.py": (),
     "refocus/filling.py": (),
-    "refocus/fourier.py": ("stability/test_refocus.py",),
+    "refocus/fourier.py": ("stability/test_refocus.py", HARD),
     "refocus/interpolation.py": SPACE,
     "refocus/matching.py": ("refocus/test_depth_from_focus.py",),
     "refocus/methods.py": SPACE,
     "refocus/semblance.py": SHARPNESS,
     "refocus/semblance_sums.py": SHARPNESS,
-    "refocus/sharpness.py": ("stability/test_refocus.py",),
-    "refocus/shift.py": ("stability/test_refocus.py",),
+    "refocus/sharpness.py": ("stability/test_refocus.py", HARD),
+    "refocus/shift.py": ("stability/test_refocus.py", HARD),
     "refocus/surface.py": (),
     "projection/_kernels.py": ("projection/test_projector.py",),
     "projection/line_sums.py": ("projection/test_projector.py",),

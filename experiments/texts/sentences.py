@@ -14,7 +14,8 @@ What a document says stands in the document; where its numbers come from, in a T
     because = "the mean of Table II"
 
 A sentence is found by its words, wherever lines end in it; only its numbers are ever changed.
-`stated` numbers are those that nobody measured, with the reason.
+`stated` numbers are those that nobody measured, with the reason. A whole table comes from a
+committed report, behind a comment: ``<!-- table of results/hard_cases/hard_cases.md -->``.
 """
 
 import re
@@ -35,6 +36,9 @@ NUMBER = r"[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?"
 UNITS = (
     r"(?:dB|ms|s|min|minutes?|seconds?|hours?|h|GB|MB|kB|%|per\ cent|times|Mray/s|Mpixel/s|GB/s)"
 )
+
+TABLE = re.compile(r"(?<=<!-- table of )(?P<record>\S+)(?P<middle> -->\n)(?P<table>(?:\|.*\n)*)")
+"""Where a document shows the table of a committed report, by its path below `experiments`."""
 
 MEASURED = re.compile(rf"(?<![\w.,-])(?:{NUMBER}\s(?:to\s{NUMBER}\s)?{UNITS}(?!\w)|\d+\.\d+(?!\w))")
 """What looks measured: a number with a unit of time, level, memory or share, or with decimals."""
@@ -112,6 +116,10 @@ class Document:
             changes += [
                 (*found.span(name), number) for name, number in sentence.written(folder).items()
             ]
+        changes += [
+            (*found.span("table"), _table(folder / found["record"]))
+            for found in TABLE.finditer(text)
+        ]
         for start, end, number in sorted(changes, reverse=True):
             text = text[:start] + number + text[end:]
         return text
@@ -119,12 +127,17 @@ class Document:
     def unsourced(self, text: str) -> list[str]:
         """List what looks measured and is in no sentence, with the words around it."""
         known = [one.find(text).span() for one in (*self.sentences, *self.stated)]
-        known += [found.span() for found in UNREAD.finditer(text)]
+        known += [found.span() for found in (*UNREAD.finditer(text), *TABLE.finditer(text))]
         return [
             " ".join(text[max(found.start() - 40, 0) : found.end() + 10].split())
             for found in MEASURED.finditer(text)
             if not any(start <= found.start() and found.end() <= end for start, end in known)
         ]
+
+
+def _table(path: Path) -> str:
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    return "".join(line for line in lines if line.startswith("|"))
 
 
 def read_documents(folder: Path = SOURCES) -> list[Document]:

@@ -16,15 +16,14 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
-from lf_flame.optics.sensor import expose
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.rendering import FEW_PORTIONS
-from lf_flame.simulation.slabs import self_absorbed, slice_scene
+from lf_flame.simulation.slabs import slice_scene
 
-UNIT, UNIT32 = 2.0**-53, 2.0**-24
-"""Unit roundoffs of float64, in which sums run, and of float32, in which images are stored."""
+UNIT32 = 2.0**-24
+"""Unit roundoff of float32, in which images are stored."""
 
 CAMERA = PlenopticCamera(
     main_lens_focal_mm=150.0,
@@ -74,19 +73,6 @@ def as_planes(layer, slabs=1, dimming=()):
     return slice_scene(Scene([layer]), {layer: slabs}, absorption=True, dimming=set(dimming))
 
 
-@pytest.mark.jit
-@pytest.mark.parametrize("finite_width", [True, False])
-def test_a_hundred_million_rays_into_one_pixel_keep_their_digits(finite_width):
-    """Naive: a running sum in float32; after 20 million addends it is 5 % off."""
-    image = np.zeros((1, 1, 1, 1), np.float32)
-    planes = as_planes(Layer([[0.1]], 5.0, WIDE))
-    trace(planes, OpticalPass(ONE_PIXEL), "views", 10_000, image, finite_width=finite_width)
-    assert abs(image[0, 0, 0, 0].astype(float) / 0.1 - 1) <= UNIT32
-    rays = np.full(20_000_000, 0.1, np.float32)
-    naive = np.add.accumulate(rays, out=rays)[-1] / (0.1 * rays.size)
-    assert abs(naive - 1) > 0.04
-
-
 @pytest.mark.parametrize(
     "method",
     [
@@ -128,20 +114,6 @@ def exact_share(tau):
         return (1 - (-Decimal(tau)).exp()) / Decimal(tau)
 
 
-def test_the_share_that_leaves_an_absorber_keeps_its_digits():
-    """Naive: ``(1 - exp(-tau)) / tau``, all of whose digits cancel; 0 / 0 where tau is 0."""
-    naive = {}
-    for tau in THICKNESSES:
-        truth, found = float(exact_share(tau)), float(self_absorbed(tau))
-        assert abs(found / truth - 1) <= 4 * UNIT
-        with np.errstate(invalid="ignore"):
-            naive[tau] = abs((1 - np.exp(-np.float64(tau))) / np.float64(tau) / truth - 1)
-    assert naive[1e-8] > 1e-10
-    assert naive[1e-12] > 1e-5
-    assert naive[1e-17] == 1
-    assert np.isnan(naive[0.0])
-
-
 @METHODS
 def test_absorbers_of_any_thickness_before_a_bright_ground(method):
     """Its own light and that from behind, and both in cells of different thickness.
@@ -166,33 +138,6 @@ def test_absorbers_of_any_thickness_before_a_bright_ground(method):
         naive = (1 - np.exp(-single)) / single + 2 * np.exp(-single)
     assert not abs(naive[3] / truth[3] - 1) <= 1e3 * UNIT32
     assert np.isnan(naive[0])
-
-
-@pytest.mark.parametrize("tau", [1e-12, 0.3, 5.0, 50.0, 1e4])
-@pytest.mark.parametrize("slabs", [1, 2, 8, 128, 1000])
-def test_slabs_of_an_absorbing_flame_compose_to_the_whole(tau, slabs):
-    """Naive: each slab emits ``tau / N`` and dims by ``exp(-tau / N)``, an explicit step."""
-    flame = Layer([[0.7]], 5.0, WIDE, optical_thickness=tau, thickness_mm=2.0)
-    truth = 0.7 * float(exact_share(tau))
-    found = one_pixel(as_planes(flame, slabs, {"self_absorption"}), "rays")
-    assert abs(found / truth - 1) <= 4 * UNIT32 * (1 + (slabs > 1))
-    step = tau / slabs
-    naive = 0.7 / slabs * np.sum(np.exp(-step * np.arange(slabs)))
-    assert (abs(naive / truth - 1) > 1e-3) == (step > 1e-3)
-
-
-@pytest.mark.parametrize("slabs", [1, 8, 32, 128])
-def test_a_transparent_flame_does_not_darken_with_few_slabs(slabs):
-    """Naive: widths between the jittered ends of N strata, the first from 0; the mean of the last
-    end is ``1 - 1/(2N)``, and the rest of the path is lost: 0.937 for 8 slabs.
-    """
-    flame = Layer([[1.0]], 5.0, WIDE, thickness_mm=2.0)
-    assert one_pixel(as_planes(flame, slabs), "exact") == 1
-    draws = np.random.default_rng(0).uniform(size=(4000, slabs))
-    ends = (np.arange(slabs) + draws) / slabs
-    naive = np.diff(ends, prepend=0.0, axis=1).sum(axis=1).mean()
-    assert naive == pytest.approx(1 - 1 / (2 * slabs), abs=0.02 / slabs)
-    assert abs(naive - 1) > 1e3 * UNIT32
 
 
 FULL = replace(
@@ -235,15 +180,11 @@ def test_images_scale_with_the_brightness(camera, brightness):
 
 
 def test_light_beyond_float32_is_refused():
-    """Naive: ``float32(light)``: infinite pixels, where a light field promises finite ones."""
     with pytest.raises(InputError, match="at most 1e.36 for float32 images to hold it"):
         glow(brightness=1e39)
     assert np.all(
         np.isfinite(rendered([glow(brightness=1e36), card(brightness=1e36)], tolerance=0.1))
     )
-    with np.errstate(over="ignore"):
-        naive = np.float64(1e39).astype(np.float32)
-    assert np.isinf(naive)
 
 
 BLACK = {
@@ -275,22 +216,6 @@ def test_darkness_stays_dark(layers, options):
     assert not naive <= 1e-3
     naive = np.sqrt(0 + 1) * np.random.default_rng(1).standard_normal(100)
     assert np.abs(naive).max() > 1
-
-
-@pytest.mark.parametrize("brightness", [1.0, 1e30])
-@pytest.mark.parametrize("exposure", [1e5, 1e12])
-def test_saturated_images_are_white(brightness, exposure):
-    """All pixels at the full well, whatever the exposure.
-
-    Naive: scale the brightest pixel to the highest number; the rest stays darker than it is.
-    """
-    camera = replace(CAMERA, sensor=Sensor(exposure, full_well_e=1e4, read_noise_e=5.0))
-    layer = Layer([[brightness, 10 * brightness]], 5.0, WIDE)
-    image = rendered([layer], camera, seed=1)
-    np.testing.assert_allclose(image, 1e4 / exposure, rtol=2 * UNIT32)
-    light = rendered([layer])
-    naive = light / light.max()
-    assert np.ptp(naive) > 0.5
 
 
 SETUPS = {
@@ -355,19 +280,3 @@ def test_bits_are_the_same_for_one_to_eight_threads(rng):
         for n in (1, 2, 4, 8)
     }
     assert len(noise) > 1
-
-
-@pytest.mark.parametrize("stages", [{"shot_noise"}, {"shot_noise", "saturation", "quantisation"}])
-def test_black_and_bright_pixels_side_by_side(stages):
-    """From 0 over fractions of an electron to far beyond the full well.
-
-    Naive: a normal law for the shot noise, ``mean + sqrt(mean) z``: electrons fewer than none.
-    """
-    electrons = np.repeat([0.0, 1e-30, 1e-3, 1.0, 1e4, 1e9, 1e30], 1000)
-    sensor = Sensor(1.0, full_well_e=1e4)
-    found = expose(electrons, sensor, stages, np.random.default_rng(2)).reshape(7, -1)
-    assert not found[:2].any()
-    assert found.min() == 0
-    assert np.all(found <= 1e4) == ("saturation" in stages)
-    naive = electrons + np.sqrt(electrons) * np.random.default_rng(2).standard_normal(7000)
-    assert naive.min() < 0

@@ -93,31 +93,6 @@ def off(image, truth):
     return np.abs(image - truth).max() / np.max(truth)
 
 
-@METHODS
-def test_edges_on_the_edges_of_lenslets_do_not_depend_on_rounding(method, allowed):
-    """A cell in focus about a corner of lenslets, and cells that end where lenslets end.
-
-    Naive: rays from a point on the edge, each put into the lenslet ``floor(height / pitch)``. A
-    scene shifted by 1e-13 mm, the rounding of its place, moves half of the light or all of it.
-    """
-    camera = small()
-    unit = camera.field_mm(0.0)[0] / 10
-    corner, chequered = np.zeros((4, 4, 10, 12)), np.zeros((4, 4, 10, 12))
-    corner[:, :, 4:6, 5:7] = 1 / 16
-    chequered[:, :, 3:7, 4:8] = cells(4, 4)
-    focused, naive = camera.object_to_array(0.0)[0], []
-    slopes = centred(64) * camera.aperture_mm / camera.focus_distance_mm / 64
-    for shift in (-1e-13, -1e-14, 0.0, 1e-14, 1e-13):
-        small_cell = Layer([[1.0]], 0.0, (unit / 2, unit / 2), (shift, shift))
-        aligned = Layer(cells(4, 4), 0.0, (4 * unit, 4 * unit), (shift, shift))
-        assert off(rendered([small_cell], camera, **method), corner) <= 3e-12
-        assert off(rendered([aligned], camera, **method), chequered) <= UNIT32
-        height = focused[0] * (unit + shift) + focused[1] * slopes
-        naive.append(np.mean(np.floor(height / camera.lenslet_pitch_mm) < -1))
-    assert naive[0] == 0
-    assert naive[-1] == 1
-
-
 DEPTHS = [0.0, *(sign * 10.0**k for k in range(-9, 3) for sign in (-1, 1)), -325.999, 1e3]
 
 
@@ -209,33 +184,6 @@ def test_weak_main_lenses_keep_their_power(method, allowed, part):
         assert off(true_image(layer, camera, without_power), truth) > 0.5
 
 
-@pytest.mark.parametrize(
-    "lengths",
-    [
-        {"focus_distance_mm": 150.0 * (1 + 1e-6)},
-        {"main_lens_focal_mm": 1e8, "focus_distance_mm": 1e8 * (1 + 1e-3)},
-    ],
-)
-def test_a_far_image_of_the_focal_plane_is_in_focus(lengths):
-    """Depth 0 is in focus by definition, the same in every view.
-
-    Naive: ``B = a0 + i0 (1 - a0 / f)``, all of whose digits cancel; its rounding, times the angle
-    of a pixel, is a part of a lenslet.
-    """
-    camera = small(**lengths)
-    layer = filling(camera, 0.0, cells(4, 5), 0.7)
-    truth = true_image(layer, camera)
-    f, a0, i0 = camera.main_lens_focal_mm, camera.focus_distance_mm, camera.image_distance_mm
-    blur = (a0 + i0 * (1 - a0 / f)) / camera.lenslet_focal_mm * camera.pixel_mm
-
-    def naive(camera, depth, axis):
-        centres, lenslet, _ = bundles(camera, depth, axis)
-        return centres + blur * centred(camera.views)[:, None], lenslet, abs(blur)
-
-    assert off(true_image(layer, camera, naive), truth) > 1e-3
-    assert off(rendered([layer], camera), truth) <= 1e-6
-
-
 def true_share(camera):
     """Share of a lenslet's pixels that a stop in the middle of them lights."""
     stop = math.pi / 4 * camera.aperture_diameter_mm**2
@@ -246,18 +194,6 @@ def lit_share(camera, **options):
     """Mean over a lenslet's pixels, of a layer of brightness 1."""
     views = rendered([filling(camera, 10.0, [[1.0]], 3.0)], camera, **options)
     return views[:, :, 5, 6].mean()
-
-
-@pytest.mark.parametrize("rays", [8, 9])
-@pytest.mark.parametrize("diameter", [1.0, 1e-3, 1e-9])
-def test_a_nearly_closed_stop_passes_next_to_nothing(rays, diameter):
-    """Naive: a ray whose centre is inside the stop passes with all of its breadth."""
-    camera = small(views=5, aperture_diameter_mm=diameter)
-    share = true_share(camera)
-    places = centred(5 * 9) * camera.aperture_mm / (5 * 9)
-    naive = np.mean(np.hypot(*np.meshgrid(places, places)) <= diameter / 2)
-    assert naive > 2 * share
-    assert lit_share(camera, integrator="rays", rays=rays) <= 2 * share
 
 
 def test_a_nearly_closed_stop_can_be_rendered():
@@ -388,18 +324,6 @@ def test_the_order_in_which_layers_are_named_changes_no_bit(name):
             total = np.where(alone > 0, alone, total) if layer.opaque else total + alone
         naive.append(total)
     assert np.any(naive[0] != naive[1])
-
-
-@METHODS
-def test_two_layers_at_one_depth_are_their_sum(method, allowed):
-    """Naive: layers in a table by depth, of which the second replaces the first."""
-    camera, size = small(), (1.0, 1.0)
-    one, other = (Layer(cells(4, 4, seed=k), 7.0, size, (0.0, 0.1 * k)) for k in (1, 2))
-    total = rendered([one], camera, **method) + rendered([other], camera, **method)
-    for order in ([one, other], [other, one]):
-        assert off(rendered(order, camera, **method), total) <= 2 * UNIT32
-    naive = list({layer.depth_mm: layer for layer in (one, other)}.values())
-    assert off(rendered(naive, camera, **method), total) > 0.1
 
 
 def at_the_middle(layer, camera):

@@ -97,3 +97,11 @@ def test_a_sentence_that_is_not_there_once_is_named(text):
     says = Sentence("takes {c:.1f} s, {a:.0%}", {})
     with pytest.raises(InputError, match="stands in the text"):
         says.find(text)
+
+
+def test_a_table_is_filled_in_whole(records):
+    (records / "some.md").write_text("# Some\n\n| a | b |\n|---|---|\n| 1.5 | 2 s |\n\nWords.\n")
+    text = "Before.\n\n<!-- table of some.md -->\n| old |\n\nAfter.\n"
+    filled = Document("", (), ()).filled(text, records)
+    assert filled == text.replace("| old |", "| a | b |\n|---|---|\n| 1.5 | 2 s |")
+    assert Document("", (), ()).unsourced(filled) == []

@@ -1,0 +1,124 @@
+"""Table and picture of the hard cases (`experiments.hard_cases.case`)."""
+
+import importlib
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from experiments.hard_cases.case import CASES, HardCase, measure
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import finite, together, write_json, write_text
+
+TOPICS = ("optics", "light", "refocusing", "tomography", "learning")
+"""Modules of this folder that hold cases, in the table's order."""
+
+FAILED, ROUNDING = 1e3, 1e-17
+"""Where the picture shows errors that are no number, and those of 0."""
+
+
+def all_cases() -> list[HardCase]:
+    """Gather the cases of all topics."""
+    for topic in TOPICS:
+        importlib.import_module(f"experiments.hard_cases.{topic}")
+    return CASES
+
+
+def run_hard_cases(out: Path, progress) -> Path:
+    """Compute all cases and write the report.
+
+    Parameters
+    ----------
+    out : Path
+        Gets ``hard_cases.csv``, ``.md``, ``.png`` and ``.json``, the record.
+    progress : callable
+        As `lf_flame._common.progress.step_bar`.
+
+    Returns
+    -------
+    Path
+        ``hard_cases.md``.
+    """
+    started, cases = time.perf_counter(), all_cases()
+    rows = [_row(case) for case in progress(cases, 0, len(cases))]
+    table = pd.DataFrame(rows)
+    wall_s = time.perf_counter() - started
+    record = {"cases": [finite(row) for row in rows], "wall_s": wall_s, **provenance.environment()}
+    with together(out, last="hard_cases.json") as aside:
+        write_text(aside / "hard_cases.csv", table.to_csv(index=False))
+        write_text(aside / "hard_cases.md", text(table, record))
+        figures.save(figure(rows), aside / "hard_cases.png")
+        write_json(aside / "hard_cases.json", record)
+    return out / "hard_cases.md"
+
+
+def _row(case: HardCase) -> dict[str, Any]:
+    found = measure(case)
+    return {
+        "topic": case.find.__module__.rpartition(".")[2],
+        "case": case.name,
+        "exact": found["exact"],
+        "obvious_formula": case.obvious,
+        "obvious": found["obvious"],
+        "obvious_error": found["obvious_error"],
+        "here": case.here,
+        "ours": found["ours"],
+        "our_error": found["our_error"],
+    }
+
+
+def text(table: pd.DataFrame, record: dict) -> str:
+    """Put the table, and what it means, into Markdown."""
+    shown = table.drop(columns="topic")
+    for column in ("obvious_error", "our_error"):
+        shown[column] = [_written(error) for error in table[column]]
+    shown.columns = ["case", "exact", "obvious formula", "gives", "error", "here", "gives", "error"]
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    return f"""# Hard cases
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
+{versions}; {record["wall_s"]:.0f} s.
+
+Each line computes a case three times: exactly, by rational arithmetic or a closed form without the
+package; by the formula that suggests itself; and by the package. Values are those of the place
+where the obvious formula is worst; errors are the largest of all places, relative to the value or,
+where that may be 0, to a unit.
+
+{shown.to_markdown(index=False, disable_numparse=True)}
+"""
+
+
+def _written(error: float) -> str:
+    if math.isinf(error):
+        return "fails"
+    return f"{error:.0e}" if error else "0"
+
+
+def figure(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Draw both errors of each case."""
+    drawn, axis = figures.subplots(figsize=(9, 0.8 + 0.23 * len(rows)), layout="constrained")
+    y = np.arange(len(rows))
+    marks = (("obvious_error", "#D55E00", "X", "obvious formula"),
+             ("our_error", "#0072B2", "o", "lf_flame"))  # fmt: skip
+    ends = [[_placed(row[column]) for row in rows] for column, *_ in marks]
+    axis.hlines(y, *ends, color="0.8", linewidth=1, zorder=0)
+    for errors, (_, colour, marker, label) in zip(ends, marks, strict=True):
+        axis.plot(errors, y, marker, color=colour, label=label, markersize=6)
+    axis.set_xscale("log")
+    ticks = [ROUNDING, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1, FAILED]
+    axis.set_xticks(ticks, ["0", *(f"{tick:g}" for tick in ticks[1:-1]), "fails"])
+    axis.set_yticks(y, [row["case"] for row in rows], fontsize=7)
+    axis.set_ylim(len(rows) - 0.4, -0.6)
+    axis.set_xlabel("error")
+    axis.grid(axis="x", alpha=0.25)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return drawn
+
+
+def _placed(error: float) -> float:
+    return float(np.clip(error, ROUNDING, FAILED))
