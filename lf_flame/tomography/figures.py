@@ -184,7 +184,8 @@ def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0)
         axis.set_xticks(range(shown.shape[1]))
         axis.set_yticks(range(shown.shape[0]))
         for (v, u), value in np.ndenumerate(chi_squared):
-            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6)
+            ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
+            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
     axis.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)
     axis.set_xlabel("u")
     axis.set_ylabel("v")
