@@ -25,6 +25,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
+from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
 from lf_flame.refocus.view_levels import even_levels, find_levels
@@ -163,7 +164,8 @@ class ComparedViews:
         moved = misfit * np.average(down[:, None] + across, weights=self._weights) / 2
         costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
         rows = np.arange(views.shape[2])
-        for cost, slope in zip(costs, slopes, strict=True):
+        each = zip(costs, slopes, strict=True)
+        for cost, slope in progress.steps(each, "matching views", len(slopes), "slope"):
             parts, middle = self._squares(float(slope), rows)
             scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
             cost[...] = 1.0 + QUARTER

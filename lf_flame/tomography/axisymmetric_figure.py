@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lf_flame._common.figures import subplots
+from lf_flame.tomography.figures import draw_chi_squared
 
 if TYPE_CHECKING:
     from lf_flame.tomography.axisymmetric import AxisymmetricFlame
@@ -43,11 +44,7 @@ def section_figure(found: "AxisymmetricFlame"):
     else:
         _draw_section(figure, axes[1], found, found.sigma, "standard deviation")
     _draw_profiles(axes[2], found)
-    picture = axes[3].imshow(found.chi_squared, cmap="viridis", vmin=0)
-    axes[3].set_title("chi-squared of each view", fontsize=9)
-    axes[3].set_xlabel("u")
-    axes[3].set_ylabel("v")
-    figure.colorbar(picture, ax=axes[3], shrink=0.6)
+    draw_chi_squared(figure, axes[3], found.chi_squared, shrink=0.6)
     return figure
 
 

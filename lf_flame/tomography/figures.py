@@ -158,7 +158,7 @@ def trust_figure(found: "Reconstruction"):
     matplotlib.figure.Figure
     """
     figure, (left, right) = subplots(1, 2, figsize=(10, 4), layout="constrained")
-    _draw_chi_squared(figure, left, found.chi_squared)
+    draw_chi_squared(figure, left, found.chi_squared)
     if found.tried:
         strengths = [tried.strength for tried in found.tried]
         misfits = [max(tried.misfit, 1e-3) for tried in found.tried]
@@ -175,18 +175,21 @@ def trust_figure(found: "Reconstruction"):
     return figure
 
 
-def _draw_chi_squared(figure, axis, chi_squared: np.ndarray) -> None:
+def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0) -> None:
     """Draw chi-squared by view on a scale of factors about 1, white where noise alone is left."""
     shown = np.clip(chi_squared, 1e-3, 1e6)
     most = max(2.0, float(np.exp(np.abs(np.log(shown)).max())))
     picture = axis.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
     if max(shown.shape) <= MOST_NUMBERED:
+        axis.set_xticks(range(shown.shape[1]))
+        axis.set_yticks(range(shown.shape[0]))
         for (v, u), value in np.ndenumerate(chi_squared):
-            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6)
-    axis.set_title("chi-squared of each view (1: noise alone is left)", fontsize=10)
+            ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
+            axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
+    axis.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)
     axis.set_xlabel("u")
     axis.set_ylabel("v")
-    bar = figure.colorbar(picture, ax=axis)
+    bar = figure.colorbar(picture, ax=axis, shrink=shrink)
     ticks = [1 / most, most**-0.5, 1.0, most**0.5, most]
     bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks], minor=False)
     bar.minorticks_off()

@@ -1,10 +1,15 @@
 """Paths and names are looked at before a command begins."""
 
+import importlib
+import sys
+import time
+
 import click
 import pytest
 from click.testing import CliRunner
 
-from lf_flame.commands.options import FILE, FOLDER, PATH, PlainName
+from lf_flame._common import progress
+from lf_flame.commands.options import FILE, FOLDER, PATH, PlainName, Program
 
 
 @click.command()
@@ -39,3 +44,23 @@ def test_a_link_to_itself_is_refused(option, tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "a")
     assert CliRunner().invoke(command, ["--out", str(tmp_path / "link")]).exit_code == 0
     assert CliRunner().invoke(command, ["--out", str(tmp_path / "new")]).exit_code == 0
+
+
+@pytest.mark.parametrize("imports", [True, False])
+def test_a_command_that_loads_for_long_says_so(tmp_path, monkeypatch, caplog, imports):
+    """Only where it is importing: what works for long has words of its own."""
+    (tmp_path / "slow_to_load.py").write_text("import time; time.sleep(0.3)")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "slow_to_load", raising=False)
+    monkeypatch.setattr(progress, "PATIENCE", 0.05)
+
+    @click.command()
+    def work():
+        importlib.import_module("slow_to_load") if imports else time.sleep(0.3)
+
+    progress.show()
+    with caplog.at_level("INFO"):
+        result = CliRunner().invoke(Program(commands={"work": work}), ["work"])
+    progress.show(False)
+    assert result.exit_code == 0, result.output
+    assert caplog.messages == ["Loading what this command needs ..."] * imports

@@ -462,9 +462,9 @@ def test_a_folder_is_known_by_its_source_from_wherever_it_is_called(folder, tmp_
     assert (path.parent / source).resolve() == folder.resolve()
     monkeypatch.chdir(folder.parent)
     run(folder.name, "--slope", 0.25, "--out", tmp_path / "out")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"source": folder.name}))
+    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": folder.name})))
     run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"source": "other"}))
+    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": "other"})))
     with pytest.raises(InputError, match="holds the pictures of other"):
         run(folder.name, "--slope", 0.5, "--out", tmp_path / "out")
 

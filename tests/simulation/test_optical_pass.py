@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
+from lf_flame.simulation import rays as rays_module
 from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.plan import optical_passes
@@ -106,6 +107,20 @@ def test_a_round_micro_image_reaches_as_far_as_its_outermost_ray(small_camera):
     assert optics.micro_image_reach_mm == pytest.approx(expected, rel=1e-12)
     turned = replace(optics, lenslet_skew=0.1)
     assert turned.micro_image_reach_mm > expected
+
+
+def test_lines_traced_in_runs_are_those_of_the_whole_image(small_camera, rng, monkeypatch):
+    """As where a number of rays is looked for: every third line, from the second on."""
+    scene = Scene([Layer(rng.uniform(size=(30, 30)), 5.0, (2.0, 2.0))])
+    planes = slice_scene(scene, {}, absorption=False, dimming=set())
+    whole = blank_image(small_camera, "views")
+    trace(planes, OpticalPass(small_camera), "views", 2, whole)
+    lines = slice(1, None, 3)
+    monkeypatch.setattr(rays_module, "CELLS_AT_ONCE", 1)
+    some = blank_image(small_camera, "views")[:, :, lines].copy()
+    trace(planes, OpticalPass(small_camera), "views", 2, some, lines)
+    assert np.ptp(some) > 0.1
+    np.testing.assert_array_equal(some, whole[:, :, lines])
 
 
 def opened(camera, rays, *stops):
