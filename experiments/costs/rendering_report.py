@@ -150,6 +150,14 @@ picture is easier for quasi-random numbers.)
 
 {_levels_table(studies, accuracy)}
 
+## The whole light field
+
+A scene of each data set as its camera records it, on all cores, from scene to light field: with
+planning and the search for the number of rays. The plan's estimate is for one core, divided by
+their number; the search is part of it.
+
+{_whole_table(record["whole"])}
+
 ## Effects
 
 A small flame with what calls for the effect: `render` with the effect forced on and forced off, all
@@ -224,6 +232,23 @@ def _effects_table(effects: pd.DataFrame) -> str:
     shown = effects[list(columns)].rename(columns=columns)
     formats = ("", ".2g", ".2g", ".2g", ".4f", ".4f", "+.4f", ".4f", ".4f", "", "")
     return _markdown(shown, formats)
+
+
+def _whole_table(rows: list[dict]) -> str:
+    columns = {
+        "data": "data set",
+        "integrator": "integrator",
+        "tolerance": "tolerance",
+        "pixels": "million pixels",
+        "cores": "cores",
+        "seconds": "took (s)",
+        "seconds_planned": "plan says (s)",
+        "error": "error",
+    }
+    table = pd.DataFrame(rows)[list(columns)]
+    table["pixels"] /= 1e6
+    formats = ("", "", "g", ".1f", "g", ".2f", ".2f", ".1e")
+    return _markdown(table.rename(columns=columns), formats)
 
 
 def _samples_table(samples: list[dict]) -> str:
