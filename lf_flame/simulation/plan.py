@@ -177,7 +177,7 @@ class EffectPlan:
             f"left out changes the image by at most {self.left_out_bound:.2g}",
             *self._not_stated(),
             f"integrator: {self.integrator}; on one core it takes about "
-            f"{self.seconds[self.integrator]:.1g} s",
+            f"{self.seconds[self.integrator]:.2g} s",
             *self._way_to_images(),
         ]
         if max(self.slabs) > 1:

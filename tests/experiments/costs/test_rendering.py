@@ -67,6 +67,7 @@ def test_all_files_are_there(measured):
         "accuracy.csv",
         "effects.csv",
         "costs.md",
+        "light_field.md",
         "costs.json",
         "costs.png",
         "effects.png",
