@@ -237,7 +237,7 @@ def light_field_text(record: dict) -> str:
 
 A scene of each data set as its camera records it, on all cores, from scene to light field: with
 planning and, for rays, the search for their number. The plan's estimate is for one core, divided by
-the number of cores. Error: root-mean-square relative to the brightest pixel, against the closed form.
+their number. Error: root-mean-square relative to the brightest pixel, against the closed form.
 
 {_whole_table(record["whole"])}
 """
