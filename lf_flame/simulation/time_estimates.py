@@ -34,9 +34,13 @@ along an axis where planes only add (ray), each ray where they dim others (dimme
 it (stop), or where light of every lenslet adds up, without and with a stop (lenslets); for two
 polygons and a plane (polygon); and for a pixel (others)."""
 
-TYPICAL_RAYS, RAYS_EXPONENT, FEWEST_RAYS = 18, 0.35, 3
-"""Rays per pixel and axis that most scenes take at a tolerance of 1e-3, how their number falls with
-a larger one, and the fewest."""
+TYPICAL_RAYS, RAYS_EXPONENT = 18, 0.35
+"""Rays per pixel and axis that most scenes take at a tolerance of 1e-3, and how their number falls
+with a larger one."""
+
+FEWEST_RAYS, RAYS_TO_CELLS, MOST_CELLS = 5, 2.25, 41
+"""Fewest rays per pixel and axis at any tolerance: three images are compared, the first with as
+many rays as a bundle has cells."""
 
 SEARCH_LINES = 40
 """Lines of the image whose rays take as long as the search for the number of rays."""
@@ -78,7 +82,8 @@ def compare_integrators(
     blank = camera.views**2 * math.prod(camera.lenslets) * NANOSECONDS["pixel"]
     work = sum(lit * n * (1 + cells) for (lit, cells), n in zip(seen, slabs, strict=True))
     lit = sum(lit * n for (lit, _), n in zip(seen, slabs, strict=True))
-    rays = max(FEWEST_RAYS, TYPICAL_RAYS * (1e-3 / tolerance) ** RAYS_EXPONENT)
+    dense = RAYS_TO_CELLS * min(MOST_CELLS, max(cells for _, cells in seen))
+    rays = max(FEWEST_RAYS, dense, TYPICAL_RAYS * (1e-3 / tolerance) ** RAYS_EXPONENT)
     search = 1 + SEARCH_LINES / camera.lenslets[0]
     found = {"blank": blank * 1e-9, "exact": work * NANOSECONDS["exact"] * 1e-9}
     if any(name in MATTER for name in traced):
