@@ -31,6 +31,7 @@ from lf_flame.simulation.plan import plan_effects
 from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render
+from lf_flame.simulation.time_estimates import lit_pixels
 
 TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
@@ -72,10 +73,10 @@ def measure_costs(
     started, shapes, flames = time.perf_counter(), *map(Path, CONFIGS)
     studies = study_scenes(shapes, flames) if studies is None else studies
     trials = effect_trials(read_config(flames).camera) if trials is None else trials
-    found = {"accuracy": [], "effects": [], "samples": []}
+    found = {"accuracy": [], "effects": [], "samples": [], "whole": []}
     steps = _measure(studies, trials, configs, budget_s)
-    total = len(METHODS) * len(studies) + len(trials) + len(configs)
-    with _one_thread():
+    total = len(METHODS) * len(studies) + len(trials) + 2 * len(configs)
+    with _threads(1):
         for table, rows in progress(steps, 0, total) if progress else steps:
             found[table] += rows
     accuracy, effects = (pd.DataFrame(found[table]) for table in ("accuracy", "effects"))
@@ -100,10 +101,10 @@ def _described(study: Study) -> dict:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Run compiled loops on one thread, and put the number back."""
+def _threads(count: int) -> Iterator[None]:
+    """Run compiled loops on some threads, and put the number back."""
     before = numba.get_num_threads()
-    numba.set_num_threads(1)
+    numba.set_num_threads(count)
     try:
         yield
     finally:
@@ -126,13 +127,15 @@ def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
         A key of `lf_flame.simulation.time_estimates.NANOSECONDS`.
     count : float
     """
-    planes = len(study.scene.layers)
+    optics, layers = OpticalPass(study.camera), study.scene.layers
+    seen = [lit_pixels(layer, optics) for layer in layers]
     if name == "thin":
-        return ("dimmed" if study.hides else "ray"), study.pixels * planes * per_pixel
+        lit = sum(pixels for pixels, _ in seen)
+        return ("dimmed", lit * per_pixel) if study.hides else ("ray", lit * math.sqrt(per_pixel))
     if not study.hides:
-        return "exact", study.pixels * planes
+        return "exact", sum(pixels * (1 + cells) for pixels, cells in seen)
     _, behind = split_planes(study_planes(study.scene))
-    return "polygon", expected_pairs(behind, OpticalPass(study.camera)) * len(behind)
+    return "polygon", expected_pairs(behind, optics) * len(behind)
 
 
 def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
@@ -146,6 +149,9 @@ def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, l
         yield "effects", [_measure_effect(name, trial)]
     for path in configs:
         yield "samples", [_measure_sample(path)]
+    for path in configs:
+        with _threads(numba.config.NUMBA_NUM_THREADS):
+            yield "whole", _measure_whole(path)
 
 
 def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: float) -> list[dict]:
@@ -171,6 +177,39 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
                 "rays_per_pixel": per_pixel,
                 "seconds": seconds.min(),
                 "error": error,
+            }
+        )
+    return rows
+
+
+def _measure_whole(path: Path) -> list[dict]:
+    """Render a scene of a data set as large as its camera records it, on all cores."""
+    config, cores = read_config(path), numba.get_num_threads()
+    scene, camera = config.template.draw(None)[0], config.camera
+    reference = closed_form(scene, camera)
+    stop = replace(camera, aperture_diameter_mm=camera.aperture_mm)
+    rows = []
+    for name, seen_by, tolerance, integrator in (
+        ("exact integrator", camera, 1e-3, "exact"),
+        ("rays", camera, 1e-2, "rays"),
+        ("rays", camera, 1e-3, "rays"),
+        ("rays, a round stop", stop, 1e-2, "rays"),
+    ):
+        plan = plan_effects(scene, seen_by, tolerance)
+        call = partial(render, scene, seen_by, tolerance, integrator=integrator)
+        call()  # compiles
+        seconds, (found,) = race(lambda call=call: call().views)
+        error = math.sqrt(np.mean((found - reference) ** 2)) / reference.max()
+        rows.append(
+            {
+                "data": config.kind,
+                "integrator": name,
+                "tolerance": tolerance,
+                "pixels": found.size,
+                "cores": cores,
+                "seconds": seconds.min(),
+                "seconds_planned": plan.seconds[integrator] / cores,
+                "error": error if seen_by is camera else math.nan,
             }
         )
     return rows

@@ -92,8 +92,8 @@ def write_report(
     Parameters
     ----------
     out : Path
-        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``costs.json``, ``costs.png``
-        and ``effects.png``.
+        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``light_field.md``,
+        ``costs.json``, ``costs.png`` and ``effects.png``.
     studies, accuracy, effects, record
         See there.
 
@@ -106,6 +106,7 @@ def write_report(
         write_text(aside / "accuracy.csv", accuracy.to_csv(index=False))
         write_text(aside / "effects.csv", effects.to_csv(index=False))
         write_text(aside / "costs.md", text(studies, accuracy, effects, record))
+        write_text(aside / "light_field.md", light_field_text(record))
         figures.save(accuracy_figure(studies, accuracy), aside / "costs.png")
         figures.save(effects_figure(effects), aside / "effects.png")
         write_json(aside / "costs.json", record)
@@ -149,6 +150,8 @@ edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make
 picture is easier for quasi-random numbers.)
 
 {_levels_table(studies, accuracy)}
+
+The whole light field, on all cores: [light_field.md](light_field.md).
 
 ## Effects
 
@@ -224,6 +227,38 @@ def _effects_table(effects: pd.DataFrame) -> str:
     shown = effects[list(columns)].rename(columns=columns)
     formats = ("", ".2g", ".2g", ".2g", ".4f", ".4f", "+.4f", ".4f", ".4f", "", "")
     return _markdown(shown, formats)
+
+
+def light_field_text(record: dict) -> str:
+    """Put the times and errors of whole light fields into Markdown."""
+    return f"""# Accuracy against time for a whole light field
+
+`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}.
+
+A scene of each data set as its camera records it, on all cores, from scene to light field: with
+planning and, for rays, the search for their number. The plan's estimate is for one core, divided by
+their number. Error: root-mean-square relative to the brightest pixel, against the closed form.
+
+{_whole_table(record["whole"])}
+"""
+
+
+def _whole_table(rows: list[dict]) -> str:
+    columns = {
+        "data": "data set",
+        "integrator": "integrator",
+        "tolerance": "tolerance",
+        "pixels": "million pixels",
+        "cores": "cores",
+        "seconds": "took (s)",
+        "seconds_planned": "plan says (s)",
+        "error": "error",
+    }
+    table = pd.DataFrame(rows)[list(columns)]
+    table["pixels"] /= 1e6
+    table["error"] = ["no closed form" if pd.isna(x) else f"{x:.1e}" for x in table["error"]]
+    formats = ("", "", "g", ".1f", "g", ".2f", ".2f", "")
+    return _markdown(table.rename(columns=columns), formats)
 
 
 def _samples_table(samples: list[dict]) -> str:

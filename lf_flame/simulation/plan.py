@@ -81,6 +81,8 @@ class EffectPlan:
         `lf_flame.simulation.assumptions.typical_bounds`. Empty unless asked for.
     measured : mapping of str to float
         Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless asked for.
+    seconds : mapping of str to float
+        Estimate of the time that "exact" and "rays" take for the image, on one core.
     integrator : str
         The cheapest that does everything kept: "exact" or "rays". Stops and a rotated array need
         rays; what hides or dims takes them where polygons would be too many.
@@ -94,6 +96,7 @@ class EffectPlan:
     integrator: str
     typical: Mapping[str, float] = field(default_factory=dict)
     measured: Mapping[str, float] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def only_by_rays(self) -> tuple[str, ...]:
@@ -173,7 +176,8 @@ class EffectPlan:
             f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is stated and "
             f"left out changes the image by at most {self.left_out_bound:.2g}",
             *self._not_stated(),
-            f"integrator: {self.integrator}",
+            f"integrator: {self.integrator}; on one core it takes about "
+            f"{self.seconds[self.integrator]:.2g} s",
             *self._way_to_images(),
         ]
         if max(self.slabs) > 1:
@@ -265,19 +269,33 @@ def plan_effects(
         slabs = count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
     colours = count_colours(bounds, tolerance) if "chromatic" in kept else 1
     traced = _traced(kept, changes, bounds)
-    costs = compare_integrators(scene, camera, tolerance, kept, slabs, traced)
-    rays = any(name in RAYS for name in traced) or costs["rays"] < costs["exact"]
-    integrator = "rays" if rays else "exact"
-    seconds = estimate_seconds(bounds, kept, slabs, colours, costs, integrator)
+
+    def compare(names: Collection[str]) -> tuple[dict[str, float], str]:
+        costs = compare_integrators(scene, camera, tolerance, kept, slabs, names)
+        cheaper = any(name in MATTER for name in names) and costs["rays"] < costs["exact"]
+        rays = any(name in RAYS for name in names) or cheaper
+        return costs, "rays" if rays else "exact"
+
+    costs, integrator = compare(traced)
+    others = {}
+    for name in traced:
+        without, instead = compare([one for one in traced if one != name])
+        others[name] = without[instead]
+    added = estimate_seconds(bounds, kept, slabs, colours, costs, others, integrator)
     planned = tuple(
         PlannedEffect(
-            name, e.bound, name in kept, name in forced, e.criterion, seconds[name],
+            name, e.bound, name in kept, name in forced, e.criterion, added[name],
             stated=is_stated(camera, name, stated) or e.bound > 0,
         )
         for name, e in estimates.items()
     )  # fmt: skip
+    after = set(kept) - {*MATTER, *RAYS, "thickness", "chromatic"}
+    rest = costs["blank"] + sum(added[name] for name in after)
+    seconds = {name: costs[name] * colours + rest for name in ("exact", "rays")}
     usual = typical_bounds(scene, camera, stated) if typical else {}
-    return EffectPlan(tolerance, planned, tuple(slabs), colours, traced, integrator, usual)
+    return EffectPlan(
+        tolerance, planned, tuple(slabs), colours, traced, integrator, usual, seconds=seconds
+    )
 
 
 def _short(number: float | None) -> str:

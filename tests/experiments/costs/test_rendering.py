@@ -67,6 +67,7 @@ def test_all_files_are_there(measured):
         "accuracy.csv",
         "effects.csv",
         "costs.md",
+        "light_field.md",
         "costs.json",
         "costs.png",
         "effects.png",
@@ -90,7 +91,7 @@ def test_all_files_are_there(measured):
 def test_progress_passes_every_step(measured):
     (first, *steps) = measured[2]
     assert first == (0, len(steps))
-    assert len(steps) == 2 * len(METHODS) + len(EFFECTS) + 2
+    assert len(steps) == 2 * len(METHODS) + len(EFFECTS) + 4
 
 
 def test_a_sample_is_the_same_both_ways_and_takes_less_straight_from_the_scene(measured):
