@@ -171,6 +171,8 @@ def reconstruct_axisymmetric(
     departures = check_roundness(axis) + check_stated(axis, grid, views)
     # Another axis or radius looks like another depth, too.
     departures = departures or depth_ratio.check()
+    misfit = check_misfit(residual, float(views.max()))
+    unsaid = None if misfit else residual
     return AxisymmetricFlame(
         grid=grid,
         emission=cells[0].astype(np.float32),
@@ -181,8 +183,8 @@ def reconstruct_axisymmetric(
         warnings=(
             *left_out,
             *departures,
-            *check_misfit(residual, float(views.max())),
-            *check_data(views, chi_squared, sd, measured, noise is not None, residual=residual),
+            *misfit,
+            *check_data(views, chi_squared, sd, measured, noise is not None, residual=unsaid),
         ),
         unseen=name_unseen(axis, depth_ratio),
     )
