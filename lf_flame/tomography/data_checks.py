@@ -33,6 +33,9 @@ BRIGHT = 5.0
 NEGATIVE = 6.0
 """Standard deviations of noise below 0 beyond which light is negative."""
 
+BEHIND = 0.1
+"""Share of the light, with some before or behind it at depths not told apart, that is worth a word."""
+
 DARK_CORNERS = 0.9
 """Light of the corner views, relative to the median view's, below which a stop darkens them."""
 
@@ -132,6 +135,38 @@ def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
         f"{period:.2g} mm, is blurred over {blur:.2g} mm in depth, detail of {10 * period:.2g} mm "
         f"over {smooth:.2g} mm (lf-flame resolution): neighbouring planes are not told apart, and "
         f"the penalty shares their light.",
+    )
+
+
+def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
+    """Say where planes that are not told apart in depth share the light of one line of sight.
+
+    Parameters
+    ----------
+    grid : FrustumGrid
+    emission : ndarray, shape (planes, rows, columns)
+    """
+    total = float(emission.sum(dtype=np.float64))
+    if len(emission) < 2 or not total > 0:
+        return ()
+    # Period of the light's own detail, by its mean squared frequency.
+    steps = sum(
+        float(np.sum(np.square(np.diff(emission, axis=axis), dtype=np.float64))) for axis in (1, 2)
+    )
+    power = float(np.sum(np.square(emission, dtype=np.float64)))
+    period = 2 * np.pi * grid.cell_mm(0.0) * np.sqrt(power / max(steps, 1e-12 * power))
+    blur = float(depth_blur(grid.camera, period))
+    order = np.argsort(grid.depths_mm)
+    near = np.diff(np.asarray(grid.depths_mm)[order]) < blur
+    behind = np.minimum(emission[order][1:], emission[order][:-1])[near]
+    share = 2 * float(behind.sum(dtype=np.float64)) / total
+    if share < BEHIND:
+        return ()
+    return (
+        f"{min(share, 1):.0%} of the light stands before or behind that of a neighbouring plane "
+        f"nearer than {blur:.2g} mm, over which its detail, of {period:.2g} mm, is blurred in "
+        f"depth: error bars there hold noise and penalty, not how planes share light, and bars of "
+        f"95 % hold the truth less often (of flames thick in depth, of about two cells in three).",
     )
 
 
