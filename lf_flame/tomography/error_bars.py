@@ -93,7 +93,7 @@ def scatter(draws: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def bar_times(count: int) -> float:
-    """Number of standard errors, known by so many draws, that a bar of `LEVEL` reaches (Student)."""
+    """Tell how many standard errors, known by so many draws, a bar of `LEVEL` reaches (Student)."""
     return float(special.stdtrit(count, (1 + LEVEL) / 2))
 
 
