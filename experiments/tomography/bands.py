@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy import special
 
 from experiments.tomography.phantoms import (
     EXACT,
@@ -23,18 +22,16 @@ from lf_flame._common.threads import one_thread
 from lf_flame._common.workers import worker_pool
 from lf_flame.optics.sensor import Sensor, expose
 from lf_flame.tomography import FrustumGrid, reconstruct, two_colour_temperature
+from lf_flame.tomography.error_bars import bar_times
 from lf_flame.tomography.profiles import axial, radial
 from lf_flame.tomography.pyrometry import emission_ratio
 from lf_flame.tomography.reconstruction import planes_between
 
-DRAWS = 50
-"""Number of draws of the noise, for each scene and kind of noise."""
-
 REDRAWS = 20
 """Of each reconstruction, as many as `lf-flame reconstruct` makes."""
 
-TIMES = float(special.stdtrit(REDRAWS - 1, 0.975))
-"""Standard deviations, estimated from so many redraws, that a bar of 95 % reaches (Student's t)."""
+TIMES = bar_times(REDRAWS)
+"""Number of standard errors that a bar of 95 % reaches."""
 
 STRIP_MM = 0.3
 """Width of the strip that a profile is averaged over: some two cells."""
@@ -64,25 +61,25 @@ NOISE = {"1 %": gaussian, "100 electrons": photons}
 
 @dataclass(frozen=True)
 class Held:
-    """What came of one draw of the noise, in two colours.
+    """What came of one draw of the noise.
 
     Attributes
     ----------
-    cells, profiles, noise, temperatures : float
-        Share of the cells, of the profiles' places by their bands and by noise alone, and of the
-        temperatures, whose truth lies within the bar.
+    cells, profiles : float
+        Share of the cells, and of the profiles' places, whose truth lies within the bar.
     error : float
         Root-mean-square error of a profile relative to its truth, the mean over the profiles.
     seconds : float
-        Time of a reconstruction.
+        Time of the reconstruction.
+    emission, sigma : ndarray, shape (planes, rows, columns)
     """
 
     cells: float
     profiles: float
-    noise: float
-    temperatures: float
     error: float
     seconds: float
+    emission: np.ndarray
+    sigma: np.ndarray
 
 
 def _small(scene: Scene) -> tuple[Scene, PlenopticCamera]:
@@ -122,7 +119,7 @@ SCENES = {
 }
 
 
-def profile_bands(rng: np.random.Generator) -> Iterator[Row]:
+def count_held(draws: int, rng: np.random.Generator) -> Iterator[Row]:
     """Judge the bars of flames in draw after draw of two kinds of noise."""
     with worker_pool(os.cpu_count() or 1) as pool:
         for task, flames in SCENES.items():
@@ -132,26 +129,41 @@ def profile_bands(rng: np.random.Generator) -> Iterator[Row]:
             clean = render(scene, camera, tolerance=EXACT).views
             for noise, add in NOISE.items():
                 of_draw = partial(_draw, clean, grid, truth, add)
-                yield from _rows(task, noise, list(pool.map(of_draw, rng.spawn(DRAWS))))
+                held = list(pool.map(of_draw, rng.spawn(draws)))
+                yield from _rows(task, f"{noise}, {draws} draws", held, truth)
 
 
-MEASURES = {
-    "cells": "truth within the bar of 95 % of a cell",
-    "profiles": "truth within the band of 95 %",
-    "noise": "truth within the profile's bar of noise alone",
-    "temperatures": "truth within the bar of 95 % of a temperature",
-}
-
-
-def _rows(task: str, noise: str, held: list[Held]) -> Iterator[Row]:
-    what = f"{noise}, {len(held)} draws"
+def _rows(task: str, noise: str, held: list[Held], truth: np.ndarray) -> Iterator[Row]:
+    shares = {
+        "profile's error": [one.error for one in held],
+        "truth within the bar of 95 % of a cell": [one.cells for one in held],
+        "truth within the band of 95 % of a profile": [one.profiles for one in held],
+        "truth within the bar of 95 % of a temperature": [
+            _temperatures(first, second, _bright(truth))
+            for first, second in zip(held[::2], held[1::2], strict=False)
+        ],
+    }
     seconds = float(np.mean([one.seconds for one in held]))
-    wanted = 0.02 if "side by side" in task and noise == "1 %" else None
-    error = float(np.mean([one.error for one in held]))
-    yield Row(task, what, OURS, "profile's error", error, wanted, seconds)
-    for name, measure in MEASURES.items():
-        share = float(np.nanmean([getattr(one, name) for one in held]))
-        yield Row(task, what, OURS, measure, share, None, seconds)
+    for measure, values in shares.items():
+        yield Row(task, noise, OURS, measure, float(np.nanmean(values)), None, seconds)
+
+
+def _bright(truth: np.ndarray) -> np.ndarray:
+    return truth > BRIGHT * truth.max(axis=(1, 2), keepdims=True)
+
+
+def _temperatures(first: Held, second: Held, bright: np.ndarray) -> float:
+    """Share of temperatures held, two draws of one light being the two colours."""
+    ratio = float(emission_ratio(KELVIN, WAVELENGTHS_NM))
+    soot = two_colour_temperature(
+        ratio * first.emission,
+        second.emission,
+        WAVELENGTHS_NM,
+        (ratio * first.sigma, second.sigma),
+    )
+    known = bright & np.isfinite(soot.kelvin)
+    warm = np.abs(soot.kelvin - KELVIN) <= TIMES * soot.sigma
+    return float(warm[known].mean()) if known.any() else float("nan")
 
 
 def _draw(
@@ -164,27 +176,16 @@ def _draw(
     """Judge one draw, on one thread, for others run beside it."""
     begin = time.perf_counter()
     with one_thread():
-        # The second colour is a draw of its own, of the same light: its ratio is known.
-        found, other = (
-            reconstruct(LightField(add(clean, rng)), grid, redraws=REDRAWS, rng=rng)
-            for _ in range(2)
-        )
-    seconds = (time.perf_counter() - begin) / 2
-    bright = truth > BRIGHT * truth.max(axis=(1, 2), keepdims=True)
-    cells = np.abs(found.emission - truth) <= TIMES * found.sigma
-    ratio = float(emission_ratio(KELVIN, WAVELENGTHS_NM))
-    soot = two_colour_temperature(
-        ratio * found.emission, other.emission, WAVELENGTHS_NM, (ratio * found.sigma, other.sigma)
-    )
-    known = bright & np.isfinite(soot.kelvin)
-    warm = np.abs(soot.kelvin - KELVIN) <= TIMES * soot.sigma
-    temperatures = float(warm[known].mean()) if known.any() else float("nan")
-    bands, noises, errors = np.mean(list(_profiles(found, grid, truth)), axis=0)
-    return Held(float(cells[bright].mean()), bands, noises, temperatures, errors, seconds)
+        found = reconstruct(LightField(add(clean, rng)), grid, redraws=REDRAWS, rng=rng)
+    seconds = time.perf_counter() - begin
+    within = np.abs(found.emission - truth) <= TIMES * found.sigma
+    profiles, error = np.mean(list(_profiles(found, grid, truth)), axis=0)
+    cells = float(within[_bright(truth)].mean())
+    return Held(cells, profiles, error, seconds, found.emission, found.sigma)
 
 
-def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[float, float, float]]:
-    """Share of places within the band and within noise alone, and the error, of each profile."""
+def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Share of places within the band, and the error, of each profile."""
     for plane, wanted in enumerate(truth):
         cell = grid.cell_mm(grid.depths_mm[plane])
         draws, nothing = found.draws[:, plane], np.empty((0, *wanted.shape))
@@ -195,7 +196,6 @@ def _profiles(found, grid: FrustumGrid, truth: np.ndarray) -> Iterator[tuple[flo
             off, lit = np.abs(profile.values - true), true > BRIGHT * float(wanted.max())
             yield (
                 float(np.mean(off[lit] <= profile.band[lit])),
-                float(np.mean(off[lit] <= TIMES * profile.sigma[lit])),
                 float(np.linalg.norm(off) / np.linalg.norm(true)),
             )
 

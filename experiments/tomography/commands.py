@@ -21,29 +21,36 @@ from lf_flame.commands.options import FOLDER, RUN
     help="Instead of all that: take the planes of this run of the paper's network on its "
     "flames for sections; may be repeated.",
 )
-def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
+@click.option(
+    "--bars",
+    type=click.IntRange(min=2),
+    help="Instead of all that: count how often error bars hold the truth in so many draws of the "
+    "noise, six kinds of each.",
+)
+def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None) -> None:
     """Find emission by depth in phantoms of known emission, in minutes.
 
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
     that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
     images, a fit cut off at zero and plain gradient steps as rivals. A round flame's half section,
-    with PyAbel as the rival where it is installed. Other solvers, soot in two colours, bands of
-    profiles in 200 draws of the noise, and a video at full size.
+    with PyAbel as the rival where it is installed. Other solvers, soot in two colours, and
+    a video at full size.
 
     OUT gets emission.csv, .md and .json, the record, and pictures; with --network, networks.csv,
-    .md and .json.
+    .md and .json; with --bars, bars.csv, .md and .json.
 
     \b
       python -m experiments emission --network runs/paper/flames
+      python -m experiments emission --bars 50
     """  # noqa: D301 - click reads the backspace
     from functools import partial
 
     import numpy as np
 
-    from experiments.tomography.bands import profile_bands
+    from experiments.tomography.bands import count_held
     from experiments.tomography.colours import two_colours
     from experiments.tomography.networks import networks_as_sections
-    from experiments.tomography.report import write_networks, write_report
+    from experiments.tomography.report import BARS, NETWORKS, write_report, write_table
     from experiments.tomography.round_flames import round_flame
     from experiments.tomography.solvers import solvers
     from experiments.tomography.tasks import TASKS
@@ -52,11 +59,12 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...]) -> None:
 
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)
-    tasks = [*TASKS, solvers, round_flame, two_colours, profile_bands, video]
-    if networks:
-        tasks = [partial(networks_as_sections, networks)]
+    tasks = [*TASKS, solvers, round_flame, two_colours, video]
+    name = BARS if bars else NETWORKS if networks else None
+    if name:
+        tasks = [partial(count_held, bars) if bars else partial(networks_as_sections, networks)]
     for task in step_bar(tasks, 0, len(tasks)):
         rows += list(task(rng))
-    write = write_networks if networks else write_report
-    path = write(out, rows, time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    path = write_table(out, name, rows, seconds) if name else write_report(out, rows, seconds)
     click.echo(set_beside(path, f"tomography/{path.name}"))

@@ -37,9 +37,10 @@ def profiles(folder, out, **strips) -> None:
     FOLDER is one of `lf-flame reconstruct`. Places and heights are in mm from the optical axis, to
     the right and upwards; without any, the strips run through the middle of each plane's light.
     axial.csv and radial.csv hold a row for each place of each plane, profiles.png shows them.
-    Standard deviations need the folder's draws (`--redraws` of reconstruct) and are those of noise
-    alone. Bands also hold the bias that the draws show; what a light field cannot tell in depth is
-    in neither. Of a round flame, `lf-flame abel` gives profiles along the radius.
+    Standard deviations need the folder's draws (`--redraws` of reconstruct). They and the bands
+    hold noise, penalty and the bias of the draws; of flames behind each other, nearer than the blur
+    in depth, not all of how planes share light. Of a round flame, `lf-flame abel` gives profiles
+    along the radius.
 
     \b
       lf-flame profiles reconstructed/flames

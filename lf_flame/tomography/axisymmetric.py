@@ -8,7 +8,6 @@ the fit is penalised and without negative light.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
@@ -17,7 +16,7 @@ from lf_flame.tomography.axisymmetric_grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric_operator import AxisymmetricOperator
 from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_range
-from lf_flame.tomography.error_bars import MOST_REDRAWS, noise_by_pixel, noise_variance
+from lf_flame.tomography.error_bars import MOST_REDRAWS, bar_times, noise_by_pixel, noise_variance
 from lf_flame.tomography.flame_axis import find_axis
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
 from lf_flame.tomography.plane_fit import average_blocks
@@ -36,9 +35,6 @@ MODEL_ERROR = 1e-3
 ITERATIONS = 200
 """Iterations of the splitting for the solution; a quarter for each strength that is tried and for
 each draw."""
-
-LEVEL = 0.95
-"""Confidence level of a bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +77,14 @@ class AxisymmetricFlame:
 
     @property
     def bar(self) -> np.ndarray | None:
-        """Half of the width of each node's bar of `LEVEL`, None without draws."""
+        """Half of the width of each node's bar of 95 %, None without draws.
+
+        Light that bends between nodes, as with coarse blocks, is not in it.
+        """
         if self.sigma is None:
             return None
         # Few draws know their own scatter badly: Student's t.
-        times = special.stdtrit(len(self.draws) - 1, (1 + LEVEL) / 2)
-        return (times * self.sigma).astype(np.float32)
+        return (bar_times(len(self.draws) - 1) * self.sigma).astype(np.float32)
 
 
 def reconstruct_axisymmetric(
@@ -171,6 +169,8 @@ def reconstruct_axisymmetric(
     departures = check_roundness(axis) + check_stated(axis, grid, views)
     # Another axis or radius looks like another depth, too.
     departures = departures or depth_ratio.check()
+    misfit = check_misfit(residual, float(views.max()))
+    unsaid = None if misfit else residual
     return AxisymmetricFlame(
         grid=grid,
         emission=cells[0].astype(np.float32),
@@ -181,8 +181,8 @@ def reconstruct_axisymmetric(
         warnings=(
             *left_out,
             *departures,
-            *check_misfit(residual, float(views.max())),
-            *check_data(views, chi_squared, sd, measured, noise is not None, residual=residual),
+            *misfit,
+            *check_data(views, chi_squared, sd, measured, noise is not None, residual=unsaid),
         ),
         unseen=name_unseen(axis, depth_ratio),
     )

@@ -1,9 +1,9 @@
-"""How far noise moves a reconstruction: light fields drawn anew, and the covariance."""
+"""How far noise and penalty move a reconstruction: fits drawn anew, and the covariance."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, special
 
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
 from lf_flame.tomography.penalised_fit import RangeFit
@@ -11,6 +11,9 @@ from lf_flame.tomography.projection_operator import ProjectionOperator
 
 NOISE_BLOCK = 9
 """Pixels along each axis over which noise beyond what the light explains is averaged."""
+
+LEVEL = 0.95
+"""Confidence level of a bar."""
 
 MOST_REDRAWS = 10_000
 """Draws beyond which a number is a mistake: error bars are then known to 0.7 %."""
@@ -43,10 +46,15 @@ def redraw(
     stack: np.ndarray,
     sd: np.ndarray,
     level_error: float,
+    prior: tuple[float, int, float],
     count: int,
     rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
-    """Draw light fields of one emission with noise anew.
+    """Draw light fields of one emission with noise anew, and the prior of its penalty anew.
+
+    The penalty is a prior on differences of neighbouring cells. So noise of its scale is added to
+    what they are to be: the fits' scatter then holds what the penalty may have done to a flame
+    (Bardsley and others, SIAM J. Sci. Comput. 36, A1895, 2014).
 
     Parameters
     ----------
@@ -57,6 +65,9 @@ def redraw(
         As `draw_noise` takes them.
     level_error : float
         Standard deviation of an even background that was taken off; 0 without.
+    prior : (strength, order, noise)
+        Penalty, and standard deviation of the noise where light is, in whose units the penalty is;
+        a strength or a noise of 0 draws no prior.
     count : int
 
     Yields
@@ -65,12 +76,25 @@ def redraw(
         Problem ready to be solved; its misfit is undefined.
     """
     even = np.ones(int(np.prod(operator.dimsd)), np.float32) if level_error else None
+    strength, order, lit = prior
     for _ in range(count):
         drawn = stack + draw_noise(operator, sd, rng)
         if even is not None:
             off = np.float32(level_error * rng.standard_normal())
             drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
+        if lit:
+            drawn += np.float32(lit) * gram.draw_penalty(strength, order, rng)
         yield RangeFit(gram, drawn, 0.0, 0)
+
+
+def scatter(draws: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Root-mean-square distance of draws from what was found: their bias is in it; by axis 0."""
+    return np.sqrt(np.mean(np.square(draws - found), axis=0))
+
+
+def bar_times(count: int) -> float:
+    """Tell how many standard errors, known by so many draws, a bar of `LEVEL` reaches (Student)."""
+    return float(special.stdtrit(count, (1 + LEVEL) / 2))
 
 
 def noise_by_pixel(

@@ -143,6 +143,23 @@ class FrequencyGram:
         """
         return (strength * self.scale * self.squared_frequency**order)[..., None]
 
+    def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw cells whose covariance is the penalty, that along depth with it.
+
+        Returns
+        -------
+        ndarray of float32, shape (planes, rows, columns)
+            On the grid.
+        """
+        white = rng.standard_normal((2, self.grid.shape[0], *self.size), np.float32)
+        across, along = (self.transform(one) for one in white)
+        values, vectors = np.linalg.eigh(self.scale * depth_roughness(self.grid))
+        root = vectors * np.sqrt(np.clip(values, 0, None))
+        spectrum = np.sqrt(self.penalty(strength, order)) * across + along @ root.T
+        return self.gather(
+            fft.irfft2(np.moveaxis(spectrum, -1, 0), s=self.size, workers=get_num_threads())
+        ).astype(np.float32)
+
     def spread(self, cells: np.ndarray) -> np.ndarray:
         """Lay cells of the grid on the torus, the rest 0."""
         out = np.zeros((len(cells), *self.size), cells.dtype)

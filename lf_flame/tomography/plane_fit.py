@@ -68,6 +68,12 @@ class Explanation:
         """Standard deviation of each pixel's noise, float32, shape (v, u, t, s)."""
         return np.float32(self.noise) * np.sqrt(self.uneven)
 
+    def lit_noise(self, seen: np.ndarray) -> float:
+        """Tell the standard deviation of a pixel's noise where light is, that of `seen`."""
+        light = max(float(np.sum(seen, dtype=np.float64)), 1e-30)
+        lit = float(np.sum(self.uneven * seen, dtype=np.float64)) / light
+        return self.noise * float(np.sqrt(max(lit, 0.0)))
+
 
 class PlaneFit:
     """Fits the planes of a grid to light fields in which light only adds.
@@ -144,7 +150,7 @@ class PlaneFit:
             known.strength, order, nonnegative, iterations, known.cells, known.foreground
         ).cells
 
-    def correct(self, known: Explanation, smooth: SmoothStack) -> np.ndarray:
+    def correct(self, known: Explanation, smooth: SmoothStack, iterations: int) -> np.ndarray:
         """Tell what a fit has done to a flame that it found, as a correction to be added.
 
         The light field of a smooth course through the cells, without noise, is fitted as theirs
@@ -157,7 +163,7 @@ class PlaneFit:
             Which leaves no cell below 0.
         """
         seen = RangeFit(self.gram, smooth(known.cells), 0.0, 0)
-        again = self.again(seen, known, max(1, self.options.iterations // 2))
+        again = self.again(seen, known, iterations)
         return np.maximum(known.cells - again, -known.cells)
 
     def _problem(self, views: np.ndarray) -> RangeFit:

@@ -1,25 +1,17 @@
 """Profiles of emission, up a flame and across it, with bands of 95 %.
 
-A band holds the scatter by noise of emission that was drawn anew, and the bias by which those draws
-miss the emission that they were drawn from, in quadrature. What a light field cannot tell in depth
-is not in it: of a flame that is thick in depth bands are too narrow.
+A band holds the scatter about a profile of emission that was drawn anew, by noise and penalty. What
+a light field cannot tell in depth is not all in it: of a flame that is thick in depth bands are too
+narrow.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from lf_flame.errors import InputError
-
-LEVEL = 0.95
-"""Confidence level of a band."""
-
-BIAS = 1.5
-"""Bias of a fit in units of what its draws show: they are drawn from what is smoother than the
-truth. Chosen by light fields of Gaussian flames, where bands then hold the truth at 94 to 97 %; on
-other draws, few, of four flames side by side at 89 to 93 %, behind each other at 82 to 93 %."""
+from lf_flame.tomography.error_bars import bar_times, scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +25,9 @@ class Profile:
     values : ndarray of float64, shape (n,)
         In the emission's unit.
     sigma : ndarray of float64, shape (n,), or None
-        Standard deviation by noise; None without draws.
+        Standard error by noise and penalty; None without draws.
     band : ndarray of float64, shape (n,), or None
-        Half of the width of a band of `LEVEL`; None without draws.
+        Half of the width of a band of 95 %; None without draws.
     """
 
     places_mm: np.ndarray
@@ -127,11 +119,8 @@ def radial(
 def _profile(places: np.ndarray, values: np.ndarray, drawn: np.ndarray) -> Profile:
     if len(drawn) < 2:
         return Profile(places, values, None)
-    sigma = drawn.std(axis=0, ddof=1)
-    bias = BIAS * (drawn.mean(axis=0) - values)
-    # Few draws know their own scatter badly: Student's t.
-    times = float(special.stdtrit(len(drawn) - 1, (1 + LEVEL) / 2))
-    return Profile(places, values, sigma, times * np.hypot(sigma, bias))
+    sigma = scatter(drawn, values)
+    return Profile(places, values, sigma, bar_times(len(drawn)) * sigma)
 
 
 def _checked(plane: ArrayLike, draws: ArrayLike, cell_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -205,22 +205,6 @@ def test_flames_are_found_at_much_thickness_too(grid):
     assert found.warnings == ()
 
 
-@pytest.mark.slow
-def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, flames_in_line):
-    options = {"strength": 0.01, "optical_thickness": flames_in_line.tau}
-    draws = {"redraws": 12, "rng": np.random.default_rng(5)}
-    found = reconstruct(flames_in_line.with_noise(0.05), grid, **draws, **options)
-    others = [
-        reconstruct(flames_in_line.with_noise(0.05, seed), grid, **options).emission
-        for seed in range(1, 7)
-    ]
-    scatter = np.std(others, axis=0, ddof=1)
-    lit = found.emission > 0.2 * found.emission.max()
-    for ours, theirs, where in zip(found.sigma, scatter, lit, strict=True):
-        ratio = np.sqrt(np.mean(ours[where] ** 2) / np.mean(theirs[where] ** 2))
-        assert ratio == pytest.approx(1, abs=0.25)
-
-
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     """Of even matter: emission, error bars and covariance are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng

@@ -144,3 +144,15 @@ def test_as_many_copies_are_held_as_is_said(camera):
         tracemalloc.stop()
     matrices = FrequencyGram(grid).matrices.nbytes
     assert 0.6 * COPIES * matrices < peak < COPIES * matrices
+
+
+def test_prior_is_drawn_with_the_covariance_of_the_penalty(camera):
+    """Variance of third differences: mean of (4 sin^2 a + 4 sin^2 b)^3, 112, per cell."""
+    few = FrequencyGram(FrustumGrid(camera, [3.0, -3.0]))
+    drawn = few.draw_penalty(0.01, 3, np.random.default_rng(0))
+    assert np.mean(drawn**2) == pytest.approx(0.01 * camera.views**2 * 112, rel=0.1)
+    many = FrequencyGram(FrustumGrid(camera, np.arange(-5.0, 6.0)))
+    along = many.draw_penalty(0.0, 3, np.random.default_rng(0)).reshape(11, -1)
+    differences = np.diff(np.eye(11), 3, axis=0)
+    wanted, got = differences.T @ differences, along @ along.T / along.shape[1]
+    assert got / np.trace(got) == pytest.approx(wanted / np.trace(wanted), abs=0.01)

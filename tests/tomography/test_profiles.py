@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, LightField, Scene, render
-from lf_flame.scenes.flames import flame_texture
+from lf_flame import InputError, LightField
 from lf_flame.tomography import FrustumGrid, profiles, reconstruct
 
 CELL = 0.5
@@ -53,6 +52,10 @@ def test_errors_are_those_of_the_average_over_the_strip():
     up = profiles.axial(image, draws, CELL, across_mm=0.25, width_mm=1.0)  # three columns
     assert up.sigma == pytest.approx(np.full(10, 0.5 / np.sqrt(3)), rel=0.15)
     assert profiles.axial(image, draws[:1], CELL).sigma is None
+    # Draws that all miss by 0.3 are off by that, however little they scatter.
+    aside = profiles.axial(image, image + 0.3 + np.zeros((5, 10, 8)), CELL)
+    assert aside.sigma == pytest.approx(np.full(10, 0.3))
+    assert aside.band == pytest.approx(np.full(10, 0.3 * 2.571), rel=1e-3)  # t of 5 draws
 
 
 def test_profiles_of_a_flame_are_right_within_some_per_cent(camera, flames, clean):
@@ -66,34 +69,6 @@ def test_profiles_of_a_flame_are_right_within_some_per_cent(camera, flames, clea
         wanted = profiles.axial(truth, no_draws(truth), cell, *at).values
         values = profiles.axial(found.emission[number], no_draws(truth), cell, *at).values
         assert np.linalg.norm(values - wanted) < 0.02 * np.linalg.norm(wanted)
-
-
-@pytest.mark.slow
-def test_bands_hold_the_truth_as_often_as_they_say(camera):
-    """Flames side by side, in which a plain band of noise holds it much more rarely."""
-    places = ((3.0, -2.6, 6.5), (0.0, 0.2, 5.5), (-4.0, 2.6, 4.5))
-    layers = [
-        Layer(flame_texture(height, 0.6, cell_mm=0.03), depth, (height, 3.84), (0.2, x))
-        for depth, x, height in places
-    ]
-    grid = FrustumGrid(camera, [3.0, 0.0, -4.0])
-    clean = render(Scene(layers), camera, tolerance=1e-6).views
-    held = {"band": [], "noise": []}
-    for seed in range(8):
-        noise = np.random.default_rng(seed).standard_normal(clean.shape, dtype=np.float32)
-        noisy = LightField(clean + np.float32(0.01 * clean.max()) * noise)
-        found = reconstruct(noisy, grid, redraws=12, rng=np.random.default_rng(seed + 100))
-        for k, layer in enumerate(layers):
-            truth, cell = grid.crop(grid.average(layer, k)), grid.cell_mm(grid.depths_mm[k])
-            strip = (0.4, 0.4)
-            wanted = profiles.radial(truth, no_draws(truth), cell, *strip).values
-            one = profiles.radial(found.emission[k], found.draws[:, k], cell, *strip)
-            off, bright = np.abs(one.values - wanted), wanted > 0.05 * truth.max()
-            held["band"].append(off[bright] <= one.band[bright])
-            held["noise"].append(off[bright] <= 1.96 * one.sigma[bright])
-    share = {name: np.concatenate(values).mean() for name, values in held.items()}
-    assert 0.9 <= share["band"] <= 0.98
-    assert share["noise"] < share["band"]
 
 
 def no_draws(image):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from lf_flame import InputError, LightField, Sensor
 from lf_flame.optics.sensor import expose
@@ -75,35 +76,26 @@ def test_the_strength_is_near_the_best(grid, truth, noisy):
 
 
 @pytest.mark.slow
-def test_error_bars_are_the_scatter_of_light_fields_with_other_noise(grid, noisy):
-    """Of eight light fields whose noise is drawn apart, within what eight of them can tell."""
-    options = {"strength": 0.01}
-    found = reconstruct(noisy(0.05, 1), grid, redraws=12, rng=np.random.default_rng(5), **options)
-    others = [reconstruct(noisy(0.05, seed), grid, **options) for seed in range(2, 10)]
-    lit = found.emission > 0.2 * found.emission.max()
-    scatter = np.std([other.emission for other in others], axis=0, ddof=1)[lit]
-    ratio = np.sqrt(np.mean(found.sigma[lit] ** 2) / np.mean(scatter**2))
-    assert ratio == pytest.approx(1, abs=0.2)
-    sums = np.std([other.emission.sum(axis=(1, 2)) for other in others], axis=0, ddof=1)
-    assert np.all(found.light_sigma > 0.3 * sums)
-    assert np.all(found.light_sigma < 3 * sums)
-
-
-@pytest.mark.slow
-def test_error_bars_follow_the_light_where_noise_does(grid, clean):
-    """Photons of 200 electrons at the brightest: dark places have no noise, bright ones all."""
+@pytest.mark.parametrize("kind", ["even", "photons"])
+def test_bars_of_95_per_cent_hold_the_truth(grid, truth, clean, noisy, kind):
+    """Noise of 2 % of the peak, or 200 photons at the brightest: three draws of each."""
     sensor = Sensor(exposure_e=200 / float(clean.views.max()))
-
-    def counted(seed):
+    lit = truth > 0.05 * truth.max(axis=(1, 2), keepdims=True)
+    held, sums, ratio = [], [], []
+    for seed in range(3):
         rng = np.random.default_rng(seed)
-        return LightField(expose(clean.views, sensor, {"shot_noise"}, rng))
-
-    found = reconstruct(counted(0), grid, strength=0.01, redraws=12, rng=np.random.default_rng(5))
-    others = [reconstruct(counted(seed), grid, strength=0.01) for seed in range(1, 9)]
-    lit = found.emission > 0.3 * found.emission.max()
-    scatter = np.std([other.emission for other in others], axis=0, ddof=1)[lit]
-    ratio = np.sqrt(np.mean(found.sigma[lit] ** 2) / np.mean(scatter**2))
-    assert ratio == pytest.approx(1, abs=0.25)
+        counted = LightField(expose(clean.views, sensor, {"shot_noise"}, rng))
+        light_field = noisy(0.02, seed) if kind == "even" else counted
+        found = reconstruct(light_field, grid, redraws=8, rng=rng)
+        times = stats.t(8).ppf(0.975)
+        off, sigma = np.abs(found.emission - truth)[lit], found.sigma[lit]
+        held.append(off <= times * sigma)
+        ratio.append(np.sqrt(np.mean(off**2) / np.mean(sigma**2)))
+        off = np.abs(found.emission.sum(axis=(1, 2)) - truth.sum(axis=(1, 2)))
+        sums.append(off <= times * found.light_sigma)
+    assert np.mean(held) > 0.93
+    assert np.mean(ratio) > 0.4  # no wider than need be
+    assert np.mean(sums) > 0.8
 
 
 def test_the_covariance_is_that_of_linear_fits(camera, grid, noisy, clean):
