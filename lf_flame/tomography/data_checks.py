@@ -161,13 +161,12 @@ def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
     alike[(apart == 0) | (apart >= blur)] = 0
     if alike.max() < ALIKE:
         return ()
-    one, other = np.unravel_index(np.argmax(alike), alike.shape)
+    one, other = (int(k) for k in np.unravel_index(np.argmax(alike), alike.shape))
     return (
         f"Flames stand behind each other, as at {grid.depths_mm[one]:g} and "
         f"{grid.depths_mm[other]:g} mm, nearer than the {blur:.2g} mm over which their detail, of "
         f"{period:.2g} mm, is blurred in depth: error bars hold noise and penalty, not all of how "
-        f"planes may share light, and at little noise bars of 95 % hold the truth more rarely; of "
-        f"a flame thick in depth, in about two cells of three.",
+        f"planes may share light, and at little noise bars of 95 % hold the truth more rarely.",
     )
 
 

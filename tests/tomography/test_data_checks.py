@@ -7,7 +7,7 @@ import pytest
 from own_rays import Lens, Sheet, record
 
 from lf_flame.tomography import FrustumGrid
-from lf_flame.tomography.data_checks import check_data, check_spacing
+from lf_flame.tomography.data_checks import check_data, check_overlap, check_spacing
 
 
 def quiet_views():
@@ -126,3 +126,19 @@ def test_light_at_the_edge_is_told_from_a_background():
     views = np.roll(quiet_views(), 10, axis=2)
     (said,) = check_data(views, EVEN, 0.01, 0.01, stated=False)
     assert "Light reaches the field's edge" in said
+
+
+def test_light_behind_other_light_and_nearer_than_the_blur_is_said(camera):
+    """A smooth flame at each of two planes, side by side, behind each other, and far behind."""
+    y, x = np.mgrid[-1:1:90j, -1:1:180j]
+
+    def flame(at):
+        return np.exp(-((y / 0.4) ** 2) - ((x - at) / 0.2) ** 2)
+
+    near, far = FrustumGrid(camera, (-1.0, 1.0)), FrustumGrid(camera, (-30.0, 30.0))
+    behind = np.stack([flame(0.0), flame(0.05)])
+    (said,) = check_overlap(near, behind)
+    assert "as at -1 and 1 mm" in said
+    assert check_overlap(near, np.stack([flame(-0.5), flame(0.5)])) == ()
+    assert check_overlap(far, behind) == ()
+    assert check_overlap(near, np.zeros_like(behind)) == ()
