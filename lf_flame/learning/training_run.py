@@ -209,7 +209,8 @@ def _goes_on(found: dict, request: dict) -> bool:
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
     """Train until the last epoch, or until Ctrl-C or the minutes end the call behind one."""
     saved_at, first = time.perf_counter(), run.next_epoch
-    bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=not show)
+    quiet = not show or job.epochs == 0  # solved, not trained
+    bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=quiet)
     with bar, _interrupt_after_epoch() as interrupted:
         bar.update(run.epochs_done)
         for epoch in range(first, job.epochs + 1):

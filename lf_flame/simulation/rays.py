@@ -107,16 +107,19 @@ def _trace_group(
             tables = rays, weights if finite_width else None, stop, second, falloff, seen
     share = optics.share / (y.count * x.count)
     cells = out.size * y.count * x.count * len(planes)
-    if cells <= CELLS_AT_ONCE:
-        kernel(table, *(_take_lines(part, lines) for part in tables), share, out)
-        return
-    top, step = lines.start or 0, lines.step or 1
+    tables = tuple(_take_lines(part, lines) for part in tables)
     runs = _runs(out.shape[2], cells)
     for some in progress.steps(runs, "tracing rays", len(runs)):
-        part_of_image = np.ascontiguousarray(out[:, :, some])
-        chosen = slice(top + step * some.start, top + step * some.stop, step)
-        kernel(table, *(_take_lines(part, chosen) for part in tables), share, part_of_image)
-        out[:, :, some] = part_of_image
+        kernel(table, *(_only(part, some) for part in tables), share, out)
+
+
+def _only(table: tuple | None, some: slice) -> tuple | None:
+    """Let no other lines c than some be traced."""
+    if not isinstance(table, SeenTable):
+        return table
+    lines = np.zeros_like(table.lines)
+    lines[:, some] = table.lines[:, some]
+    return table._replace(lines=lines)
 
 
 def _runs(lines: int, cells: int) -> list[slice]:
