@@ -1,5 +1,7 @@
 """Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
@@ -161,7 +163,7 @@ FEW_EPOCHS = 60
 """Up to which each epoch is marked."""
 
 
-def draw_learning(axis, curves: dict) -> None:
+def draw_learning(axis, curves: dict, runs: Sequence[str] | None = None) -> None:
     """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
 
     Parameters
@@ -169,8 +171,12 @@ def draw_learning(axis, curves: dict) -> None:
     axis : matplotlib.axes.Axes
     curves : dict of str to DataFrame
         By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
+    runs : sequence of str, optional
+        All labels, in the order of their colours. Default: those of the curves.
     """
-    for k, (label, curve) in enumerate(curves.items()):
+    runs = list(curves if runs is None else runs)
+    for label, curve in curves.items():
+        k = runs.index(label)
         style = ".-" if len(curve) <= FEW_EPOCHS else "-"
         axis.plot(
             curve.seconds, curve.val_psnr_db, style, color=f"C{k}", lw=1, markersize=3, label=label
@@ -202,12 +208,16 @@ def learning_figure(panels: dict, printed: dict):
     matplotlib.figure.Figure
     """
     figure, axes = subplots(
-        1, len(panels), figsize=(6.5 * len(panels), 5.5), squeeze=False, layout="constrained"
+        1, len(panels), figsize=(6.5 * len(panels), 5.8), squeeze=False, layout="constrained"
     )
+    runs = list(dict.fromkeys(run for curves in panels.values() for run in curves))
+    shown: dict = {}
     for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
         low, high = min(printed[title]), max(printed[title])
         axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
-        draw_learning(axis, curves)
+        draw_learning(axis, curves, runs)
         axis.set_title(title, fontsize=11)
-        axis.legend(fontsize=9, loc="lower right")
+        handles, labels = axis.get_legend_handles_labels()
+        shown |= dict(zip(labels, handles, strict=True))
+    figure.legend(shown.values(), shown, fontsize=9, ncols=4, loc="outside lower center")
     return figure
