@@ -16,9 +16,8 @@ from click.testing import CliRunner
 from skimage.io import imread, imsave
 
 from experiments import __main__
-from lf_flame import InputError
 from lf_flame._common.threads import COMPILING
-from lf_flame.commands import cli, moved
+from lf_flame.commands import cli
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,19 +80,6 @@ def test_a_long_list_of_options_comes_in_groups():
              "How the light field is read:", "  --white"]  # fmt: skip
     places = [shown.index(f"\n{part}") for part in order]
     assert places == sorted(places)
-
-
-@pytest.mark.parametrize(("old", "new"), moved.MOVED.items())
-def test_commands_that_moved_name_their_new_place(old, new):
-    assert new in __main__.commands.commands
-    result = CliRunner().invoke(cli.commands, [old, "somewhere", "--out", "x", "-h"])
-    assert isinstance(result.exception, InputError)
-    assert f"`lf-flame {old}`" in str(result.exception)
-    assert f"`python -m experiments {new}`" in str(result.exception)
-
-
-def test_a_moved_command_is_one_sentence():
-    assert_one_sentence(run("swap-test", "runs", "--samples", "3"), "experiments depth-test")
 
 
 def test_camera_prints_the_derived_numbers():
