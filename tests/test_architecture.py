@@ -106,8 +106,6 @@ def test_the_library_knows_nothing_of_the_repository(path):
         r"experiments/|data_gen/|python -m experiments|`make |\bmake [a-z]+`|Tables? I|RUN=|PRESET="
     )
     found = [line for line in text.splitlines() if re.search(known, line)]
-    if path.name == "moved.py":  # tells users of old names the new ones
-        found = [line for line in found if "python -m experiments" not in line]
     assert not found, found
 
 

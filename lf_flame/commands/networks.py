@@ -134,8 +134,8 @@ def weights(config, preset, backbone_weights, backbone_depth):
     this where there is a network, before a training where there is none.
 
     \b
-      lf-flame weights experiments/flames.toml
-      lf-flame weights experiments/flames.toml --backbone-weights resnet50.h5
+      lf-flame weights flames.toml
+      lf-flame weights flames.toml --backbone-weights resnet50.h5
     """  # noqa: D301 - click reads the backspace
     load_keras()
     from lf_flame.learning.training import find_backbone, read_training_config

@@ -51,9 +51,9 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
     assert [float(row["height_mm"]) for row in near] == [-1.25, -0.75, -0.25, 0.25, 0.75, 1.25]
     # The fifth column of the second plane, from the lowest row up.
     assert [float(row["emission"]) for row in near] == [92, 84, 76, 68, 60, 52]
-    assert float(near[0]["standard_deviation"]) == pytest.approx(np.sqrt(4 / 3))
-    # Student's t of four draws at 97.5 %, 3.182; noise and one and a half times their bias.
-    half = 3.182446 * np.hypot(np.sqrt(4 / 3), 1.5 * 2)
+    assert float(near[0]["standard_deviation"]) == pytest.approx(np.sqrt(1 + 2**2))
+    # Student's t of four draws at 97.5 %, 3.182; their spread of 1 and their bias of 2.
+    half = 3.182446 * np.sqrt(1 + 2**2)
     for row, emission in zip(near, (92, 84, 76, 68, 60, 52), strict=True):
         assert float(row["low_95"]) == pytest.approx(emission - half)
         assert float(row["high_95"]) == pytest.approx(emission + half)

@@ -93,6 +93,7 @@ def test_simulation_and_refocusing_work(light):
 def test_what_needs_learning_says_what_to_install(light, arguments):
     result = run(light, *arguments)
     assert result.returncode == 2, result.stderr
-    assert len(result.stderr.replace(COMPILING, "").strip().splitlines()) == 1, result.stderr
+    said = result.stderr.replace(COMPILING, "").strip().splitlines()
+    assert len([line for line in said if not line.endswith(" ...")]) == 1, result.stderr
     assert "pip install 'lf_flame[learn]'" in result.stderr
     assert not (light / "run").exists()

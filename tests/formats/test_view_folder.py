@@ -490,7 +490,7 @@ def test_what_cannot_be_written_is_refused_and_leaves_nothing(tmp_path, rng):
 def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
     written = []
 
-    def full(path, levels):
+    def full(path, levels, **_):
         if written:
             raise OSError("disk full")
         written.append(path)

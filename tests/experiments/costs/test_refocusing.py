@@ -183,9 +183,7 @@ def test_a_missing_run_shows_as_missing(config, tmp_path):
     assert imread(tmp_path / "refocusing.png").size > 0
 
 
-def test_a_run_needs_no_data_set_but_one_from_before_shows_as_missing_without(
-    config, run, tmp_path
-):
+def test_a_run_needs_no_data_set_but_a_record_that_says_what_it_held(config, run, tmp_path):
     record = json.loads((run / "shapes" / "run.json").read_text())
     shutil.copy(run / "shapes" / "model.keras", tmp_path)
     (tmp_path / "run.json").write_text(json.dumps(record | {"data": "none.zarr"}))
@@ -197,7 +195,7 @@ def test_a_run_needs_no_data_set_but_one_from_before_shows_as_missing_without(
     (tmp_path / "run.json").write_text(json.dumps(old | {"data": str(tmp_path / "none.zarr")}))
     found = find_scenes(config, tmp_path)
     assert found.run is None
-    assert "no data set at" in found.origin
+    assert "dataset is missing" in found.origin
 
 
 def test_scenes_are_those_of_the_test_split_as_the_network_saw_them(config, run):
