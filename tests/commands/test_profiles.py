@@ -52,8 +52,8 @@ def test_every_plane_has_its_profiles_on_its_own_scale(folder, tmp_path):
     # The fifth column of the second plane, from the lowest row up.
     assert [float(row["emission"]) for row in near] == [92, 84, 76, 68, 60, 52]
     assert float(near[0]["standard_deviation"]) == pytest.approx(np.sqrt(1 + 2**2))
-    # Student's t of four draws at 97.5 %, 3.182; their spread of 1 and their bias of 2.
-    half = 3.182446 * np.sqrt(1 + 2**2)
+    # Student's t of four squares about the emission at 97.5 %, 2.776; spread 1 and bias 2.
+    half = 2.776445 * np.sqrt(1 + 2**2)
     for row, emission in zip(near, (92, 84, 76, 68, 60, 52), strict=True):
         assert float(row["low_95"]) == pytest.approx(emission - half)
         assert float(row["high_95"]) == pytest.approx(emission + half)

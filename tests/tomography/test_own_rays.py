@@ -116,13 +116,17 @@ def test_error_bars_hold_the_truth(record_noise):
     """Bars of 95 %, of emission and of the temperature of two draws of one flame in two colours."""
     level = 0.02 if record_noise is gaussian else 100
     lit = 0.1 * TRUTH.max(axis=(1, 2), keepdims=True) < TRUTH
-    held, found = [], []
+    held, found, errors = [], [], []
     for seed in range(4):
         noisy = record_noise(CLEAN, level, seed)
         found.append(reconstruct(noisy, GRID, redraws=20, rng=np.random.default_rng(seed)))
         off = np.abs(found[-1].emission - TRUTH)
         held.append((off <= 2.09 * found[-1].sigma)[lit])  # Student's t of 20 draws
-    assert 0.9 < np.mean(held) < 0.985
+        errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
+    # Rather too wide than too narrow; by less than three.
+    assert np.mean(held) > 0.93
+    off, sigma = np.sqrt(np.mean(errors, axis=0))
+    assert sigma < 3 * off
     colours, kelvin, held = (550.0, 650.0), 1800.0, []
     planck = [nm**-6.0 / np.expm1(14.387768775e6 / (nm * kelvin)) for nm in colours]
     ratio = np.float32(planck[0] / planck[1])
