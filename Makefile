@@ -66,7 +66,7 @@ $(INSTALLED): setup.cfg pyproject.toml
 	@touch $@
 
 # Before minutes of simulation it is said whether the network's weights can be had.
-TRAINS := $(filter train-shapes train-flame tables,$(MAKECMDGOALS))
+TRAINS := $(filter train-shapes train-flame tables results/%,$(MAKECMDGOALS))
 weights: | $(INSTALLED)  ## look for the backbone's weights, and download them
 	$(LF) weights experiments/flames.toml --preset $(PRESET) $(BACKBONE)
 
