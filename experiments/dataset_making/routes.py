@@ -1,4 +1,4 @@
-"""What each route to a data set's images costs, and how far it is from the exact one."""
+"""Seconds of each route to a data set's images, and distance from the exact images."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -30,7 +30,7 @@ class Route:
     seconds : float
         Whole, with the search for the slopes and, by rays, for their number.
     input_psnr_db, target_psnr_db : float
-        Of all images against those of the exact route; infinite for itself.
+        PSNR of all images against those of the exact route; infinite for itself.
     """
 
     data: str

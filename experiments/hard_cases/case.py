@@ -1,4 +1,4 @@
-"""What a hard case is, and the errors of the obvious formula and of the package in it."""
+"""A hard case, and the errors of the obvious formula and of the package in it."""
 
 import math
 from collections.abc import Callable

@@ -37,7 +37,7 @@ METHODS = {
     "closed form": "Closed form: another decoder, solved, no epochs; `bands` knows the scene",
     "other": "Other recipes",
 }
-"""What the blocks of a table hold, in their order."""
+"""Titles of the blocks of a table, in their order."""
 
 REFERENCE_NOTE = " (reference)"
 """Behind the names of committed results."""
