@@ -38,6 +38,8 @@ def test_the_page_ends_in_the_temperatures_that_it_began_with(tmp_path):
         assert np.isfinite(inside).all()
         assert abs(inside.mean() - kelvin) < 5
         assert inside.std() < 15
-        assert sigma[plane][bright].mean() < 15
+        # Both colours err alike where the prior does, which bars that take them apart do not know.
+        error = np.sqrt(np.mean((inside - kelvin) ** 2))
+        assert error < sigma[plane][bright].mean() < 4 * error
     for name in ("axial", "radial"):
         assert "low_95" in (tmp_path / "profiles" / "red" / f"{name}.csv").read_text()

@@ -32,7 +32,8 @@ def test_rates_and_kills_are_measured_and_written(tmp_path):
     exact, rays, direct = record["routes"]
     assert exact["target_psnr_db"] is None  # of itself
     assert rays["rays"] > 0
-    assert 58 < rays["target_psnr_db"] < direct["target_psnr_db"]
+    # The number of rays is chosen on the mean scene, which has less contrast than any other.
+    assert 50 < rays["target_psnr_db"] < direct["target_psnr_db"]
     assert "gave the same images" in path.read_text()
 
 
