@@ -1,7 +1,13 @@
 """Plenoptic simulation, refocusing and learned refocusing of burner flames.
 
-Submodules and public names load on first use, so that ``import lf_flame`` needs neither Numba
-nor Keras.
+Packages, from the ground up: `optics`, `scenes`, `simulation`, `formats`, `refocus`, `projection`,
+`tomography`, `flame_video`, `viewer`, `datasets`, `learning`, `systems`. They and all public names
+load on first use, so that ``import lf_flame`` needs neither Numba nor Keras.
+
+>>> import lf_flame
+>>> camera = lf_flame.PAPER_CAMERA
+>>> round(camera.depth_to_slope(10.0), 2)
+1.17
 """
 
 import lazy_loader
@@ -9,4 +15,5 @@ import lazy_loader
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__ = [name for name in __all__ if name != "models"]  # `import *` must not need Keras
+# `import *` must need neither Keras nor the extra [tomography].
+__all__ = [name for name in __all__ if name not in ("models", "reconstruct")]

@@ -1,15 +1,29 @@
+from . import datasets as datasets
+from . import flame_video as flame_video
 from . import formats as formats
+from . import learning as learning
 from . import models as models
+from . import optics as optics
+from . import projection as projection
 from . import refocus as refocus
+from . import scenes as scenes
+from . import simulation as simulation
+from . import systems as systems
+from . import tomography as tomography
+from . import viewer as viewer
 from .errors import InputError as InputError
 from .formats import read_light_field as read_light_field
+from .formats import write_light_field as write_light_field
 from .lightfield import LightField as LightField
 from .optics.camera import PAPER_CAMERA as PAPER_CAMERA
 from .optics.camera import PlenopticCamera as PlenopticCamera
 from .optics.sensor import Sensor as Sensor
+from .refocus.focus_map import all_in_focus as all_in_focus
+from .refocus.shift import shift_and_sum as shift_and_sum
 from .scenes.scene import Layer as Layer
 from .scenes.scene import Scene as Scene
 from .simulation.plan import plan_effects as plan_effects
 from .simulation.rendering import render as render
+from .tomography.reconstruction import reconstruct as reconstruct
 
 __version__: str

@@ -6,7 +6,6 @@ lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor ord
 """
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,30 @@ def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     return weights
 
 
-@dataclass(frozen=True, eq=False)
+AXES = ("v", "u", "t", "s", "channel")
+"""Names of the axes of views in an `xarray.DataArray`."""
+
+
+def _in_order(views: Any) -> Any:
+    """Bring the axes of an `xarray.DataArray` into the order of `AXES`; others stay as they are.
+
+    Raises
+    ------
+    InputError
+        If the names of the axes are others.
+    """
+    names, transpose = getattr(views, "dims", None), getattr(views, "transpose", None)
+    if not isinstance(names, tuple) or transpose is None:
+        return views
+    if set(names) not in (set(AXES), set(AXES[:4])):
+        raise InputError(
+            f"The axes of a light field must be named {', '.join(AXES[:4])} and, for colour, "
+            f"{AXES[4]}, got {', '.join(map(str, names))}."
+        )
+    return transpose(*(name for name in AXES if name in names))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class LightField:
     """A light field as sub-aperture views.
 
@@ -59,6 +81,21 @@ class LightField:
     InputError
         If the array has another number of axes, is empty, or holds NaN or infinite values; if the
         weights cannot be used.
+
+    Notes
+    -----
+    An `xarray.DataArray` is taken with its axes in any order if they are named ``v, u, t, s`` and,
+    for colour, ``channel``; `to_xarray` gives one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField
+    >>> light_field = LightField(np.ones((9, 9, 60, 90)))
+    >>> light_field
+    LightField(9 x 9 views of 60 x 90 pixels, grey)
+    >>> light_field.photograph.shape
+    (60, 90)
     """
 
     views: np.ndarray
@@ -66,7 +103,7 @@ class LightField:
     weights: np.ndarray | None = None
 
     def __post_init__(self):
-        views = np.asarray(self.views)
+        views = np.asarray(_in_order(self.views))
         if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
             raise InputError(
                 f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
@@ -94,7 +131,7 @@ class LightField:
         return light_field
 
     @classmethod
-    def from_raw(cls, raw: ArrayLike, views: int = 15) -> "LightField":
+    def from_raw(cls, raw: ArrayLike, *, views: int) -> "LightField":
         """Cut a raw lenslet image into its views.
 
         Parameters
@@ -124,6 +161,53 @@ class LightField:
         cells = np.moveaxis(self.views, (0, 1), (1, 3))
         return cells.reshape(t * v, s * u, *self.views.shape[4:])
 
+    def to_xarray(self) -> Any:
+        """Give an `xarray.DataArray` with axes ``v, u, t, s`` and, for colour, ``channel``.
+
+        The axes v and u have coordinates, in view steps from the central view. Needs the extra
+        ``lf_flame[xarray]``.
+        """
+        import xarray
+
+        steps = {
+            name: np.arange(n) - (n - 1) / 2
+            for name, n in zip("vu", self.views.shape, strict=False)
+        }
+        return xarray.DataArray(self.views, steps, AXES[: self.views.ndim], name="radiance")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the views: (v, u, t, s) or (v, u, t, s, channels)."""
+        return self.views.shape
+
+    @property
+    def channels(self) -> int:
+        """Number of colour channels; 1 for grey light fields."""
+        return self.views.shape[4] if self.views.ndim == 5 else 1
+
+    def grey(self) -> "LightField":
+        """Light field of the mean over the channels; itself where it is grey.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> LightField(np.ones((3, 3, 8, 8, 3))).grey().shape
+        (3, 3, 8, 8)
+        """
+        if self.views.ndim == 4:
+            return self
+        mean = self.views.mean(axis=4, dtype=np.float64).astype(np.float32)
+        return LightField.trusted(mean, self.plan, self.weights)
+
+    def __repr__(self) -> str:
+        return f"LightField({self._words})"
+
+    @property
+    def _words(self) -> str:
+        v, u, t, s = self.views.shape[:4]
+        kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
+        return f"{v} x {u} views of {t} x {s} pixels, {kind}"
+
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, as ``numpy.asarray(light_field)`` asks for them; see `numpy.array`."""
         return np.array(self.views, dtype, copy=copy)
@@ -147,38 +231,13 @@ class LightField:
             f"neighbouring lenslets, or are mostly dark"
         )
 
-    def view(self, **options: Any) -> Any:
-        """Show the light field in a notebook, to be refocused while one drags.
-
-        Parameters
-        ----------
-        **options
-            Of `lf_flame.viewer.widget.light_field_widget`.
-
-        Returns
-        -------
-        lf_flame.viewer.widget.LightFieldWidget
-            Its slope, aperture, viewpoint and region can be read and set.
-
-        Raises
-        ------
-        InputError
-            If the light field cannot be shown.
-        """
-        # By name: the viewer stands above all that makes light fields.
-        widget = import_module("lf_flame.viewer.widget")
-        return widget.light_field_widget(self, **options)
-
     def _repr_html_(self) -> str:
         """Show the central view and the size in a notebook."""
         from lf_flame._common.notebook_html import paragraph, picture
 
         v, u, t, s = self.views.shape[:4]
-        colours = self.views.shape[4] if self.views.ndim == 5 else 1
-        middle = self.views[(v - 1) // 2, (u - 1) // 2].reshape(t, s, colours)
-        shown = middle if colours == 3 else middle.mean(axis=2)
+        middle = self.views[(v - 1) // 2, (u - 1) // 2].reshape(t, s, self.channels)
+        shown = middle if self.channels == 3 else middle.mean(axis=2)
         white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
         levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
-        kind = {1: "grey", 3: "colour"}.get(colours, f"{colours} channels")
-        words = f"Light field: {v} x {u} views of {t} x {s} pixels, {kind}"
-        return picture(levels, "Central view") + paragraph(words)
+        return picture(levels, "Central view") + paragraph(f"Light field: {self._words}")

@@ -1,5 +1,6 @@
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import Phase, settings
 
-from lf_flame import PlenopticCamera
+from lf_flame import PAPER_CAMERA
 from lf_flame.commands.cli import commands
 
 # The same examples in every run: what fails for one fails for all. For new ones:
@@ -29,14 +30,7 @@ def rng(request):
 @pytest.fixture
 def small_camera():
     """The paper's optics with few lenslets and views."""
-    return PlenopticCamera(
-        main_lens_focal_mm=150.0,
-        focus_distance_mm=326.0,
-        lenslet_focal_mm=0.4,
-        lenslet_pitch_mm=0.112,
-        views=5,
-        lenslets=(24, 30),
-    )
+    return replace(PAPER_CAMERA, views=5, lenslets=(24, 30))
 
 
 COARSE_CAMERA = """

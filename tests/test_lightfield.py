@@ -48,8 +48,30 @@ def test_float32_views_are_not_copied(rng):
 
 def test_odd_shaped_and_unfinite_raw_images_are_refused():
     with pytest.raises(InputError, match=r"multiples of the 15 pixels.*\(31, 30\)"):
-        LightField.from_raw(np.ones((31, 30)))
+        LightField.from_raw(np.ones((31, 30)), views=15)
     with pytest.raises(InputError, match="must be finite, got 1 NaN"):
-        LightField.from_raw(np.where(np.eye(30) * np.arange(30) == 7, np.nan, 1.0))
+        LightField.from_raw(np.where(np.eye(30) * np.arange(30) == 7, np.nan, 1.0), views=15)
     with pytest.raises(InputError, match="real-valued"):
         LightField(np.ones((2, 2, 2, 2), complex))
+
+
+def test_named_axes_go_in_and_come_out(rng):
+    xarray = pytest.importorskip("xarray")
+    views = rng.uniform(size=(3, 5, 4, 6, 3)).astype(np.float32)
+    named = xarray.DataArray(views, dims=("v", "u", "t", "s", "channel"))
+    turned = LightField(named.transpose("channel", "s", "u", "t", "v"))
+    np.testing.assert_array_equal(turned.views, views)
+    out = turned.to_xarray()
+    assert out.dims == named.dims
+    np.testing.assert_array_equal(out.sel(v=-1.0, u=2.0), views[0, 4])
+    with pytest.raises(InputError, match="must be named v, u, t, s .* got y, u, t, s"):
+        LightField(named[..., 0].rename(v="y"))
+
+
+def test_it_says_what_it_is(rng):
+    colour = LightField(rng.uniform(size=(3, 5, 4, 6, 3)))
+    assert repr(colour) == "LightField(3 x 5 views of 4 x 6 pixels, colour)"
+    assert (colour.shape, colour.channels) == ((3, 5, 4, 6, 3), 3)
+    grey = colour.grey()
+    assert (grey.channels, grey.grey()) == (1, grey)
+    np.testing.assert_allclose(grey.views, colour.views.mean(axis=4), rtol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from ray_tracer import _airy_quantile, _radiance, _sinc2_quantile, draw_pixels, trace_pixels
 from scipy.integrate import quad
 
-from lf_flame import Layer, PlenopticCamera, Scene
+from lf_flame import PAPER_CAMERA, Layer, Scene
 
 WHITE = Scene([Layer([[0.7]], 5.0, (40.0, 40.0))])
 SKEWED = {"lenslet_rotation_rad": 0.02, "lenslet_pitch_error": -0.03}
@@ -134,7 +134,7 @@ def test_diffraction_is_drawn_from_its_patterns():
 
 
 def test_pixels_are_drawn_from_the_whole_image_and_from_corners():
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views=5, lenslets=(3, 4))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(3, 4))
     pixels = draw_pixels(camera, 600, 0)
     assert pixels.min(axis=0).tolist() == [0, 0, 0, 0]
     assert pixels.max(axis=0).tolist() == [4, 4, 2, 3]

@@ -13,6 +13,7 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -192,7 +193,7 @@ def layer_for(camera: PlenopticCamera, depth_mm: float = 10.0, share: float = 1.
 def ray_rows() -> list[tuple]:
     """Time the ray integrator on one core against NumPy and against an untuned loop."""
     numba.set_num_threads(1)
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (60, 60))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(60, 60))
     layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
 
@@ -225,7 +226,7 @@ def bare_rows() -> list[tuple]:
     """Time kernels that know about effects against bare ones, on scenes that need none."""
     numba.set_num_threads(1)
     rows = []
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 9, (120, 160))
+    camera = replace(PAPER_CAMERA, views=9, lenslets=(120, 160))
     layer, optics, image, other = (
         layer_for(camera),
         OpticalPass(camera),
@@ -284,7 +285,7 @@ def exact_rows() -> list[tuple]:
     config = read_config("data_gen/shapes.toml")
     scene, _ = config.template.draw(None)
     planes = slice_scene(scene, {}, absorption=False, dimming=set())
-    small = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 15, (90, 180))
+    small = replace(PAPER_CAMERA, views=15, lenslets=(90, 180))
     optics, exact = OpticalPass(small), blank(small)
     numba.set_num_threads(1)
     integrate(planes, optics, "views", exact)
@@ -398,7 +399,10 @@ def refocusing_rows() -> list[tuple]:
     ]  # fmt: skip
     views = np.random.default_rng(0).random((15, 15, 270, 540), np.float32)
     for what, search in (
-        ("slope search", lambda some: find_sharpest_slopes(some, np.linspace(-1, 1, 41), (9, 18))),
+        (
+            "slope search",
+            lambda some: find_sharpest_slopes(some, np.linspace(-1, 1, 41), tiles=(9, 18)),
+        ),
         ("slope map", lambda some: all_in_focus(some, np.linspace(-1, 1, 41))),
     ):
         held = views.nbytes / 1e6

@@ -6,9 +6,9 @@ import click
 import cloup
 
 from experiments.beside_reference import set_beside
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FOLDER, PATH, quiet_tensorflow
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()

@@ -31,11 +31,11 @@ from lf_flame._common import provenance
 from lf_flame._common.arrays import area_average
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
-from lf_flame._common.metrics import psnr
 from lf_flame.errors import InputError
 from lf_flame.learning.model_card import NetworkCard, load_network, read_card
 from lf_flame.learning.prediction import input_size
 from lf_flame.learning.run_folders import open_run
+from lf_flame.learning.scores import psnr
 
 STAGES = ("resize", "backbone", "decoder")
 WHOLE = "whole"

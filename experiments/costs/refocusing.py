@@ -26,10 +26,10 @@ from lf_flame._common import provenance
 from lf_flame._common.arrays import area_average
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
-from lf_flame._common.metrics import psnr, ssim
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
+from lf_flame.learning.scores import psnr, ssim
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
@@ -120,7 +120,7 @@ def binned(block: tuple[int, int]) -> str:
 
 
 def _in_space(views, slopes, interpolation: str = "linear", step: float = 1.0) -> np.ndarray:
-    images = shift_and_sum(views, step * slopes, interpolation)
+    images = shift_and_sum(views, step * slopes, interpolation=interpolation)
     full_scale = np.iinfo(views.dtype).max if views.dtype.kind == "u" else 1
     return images / np.float32(full_scale)
 
@@ -243,7 +243,9 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
     slopes, size = np.array(scenes.slopes), scenes.config.image
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
-        exact = area_average(fourier_refocus(views, slopes, "sinc", "clamp"), size)
+        exact = area_average(
+            fourier_refocus(views, slopes, interpolation="sinc", edges="clamp"), size
+        )
         for method in methods:
             call = partial(_images, method, method.store(views), slopes, size)
             images, seconds = _timed(call, often=index == scenes.indices[0])

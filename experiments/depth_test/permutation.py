@@ -35,7 +35,7 @@ from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import score
 from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.resnet50 import ResNet50

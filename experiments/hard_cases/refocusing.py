@@ -8,7 +8,7 @@ import numpy as np
 from experiments.hard_cases.case import UNIT32, Values, as_exact, hard_case
 from lf_flame import InputError
 from lf_flame._common.arrays import centred
-from lf_flame._common.metrics import psnr, ssim
+from lf_flame.learning.scores import psnr, ssim
 from lf_flame.refocus import find_sharpest_slope, fourier_refocus, shift_and_sum
 
 SLOPES = np.linspace(-2, 2, 81)
@@ -79,7 +79,7 @@ def below_rounding() -> Values:
 )
 def faint_pattern() -> Values:
     faint = [1 + contrast * planted(0.63) for contrast in (1e-3, 1e-4, 1e-5)]
-    ours = [find_sharpest_slope(views, SLOPES, MIDDLE).slope for views in faint]
+    ours = [find_sharpest_slope(views, SLOPES, region=MIDDLE).slope for views in faint]
     return Values(np.full(3, 0.63), [naive_slope(x) for x in faint], ours, scale=1.0)
 
 
@@ -92,7 +92,7 @@ def faint_pattern() -> Values:
 )
 def extreme_brightness() -> Values:
     bright = [np.ldexp(planted(0.63).astype(np.float32), k) for k in (-100, 127)]
-    ours = [find_sharpest_slope(views, SLOPES, MIDDLE).slope for views in bright]
+    ours = [find_sharpest_slope(views, SLOPES, region=MIDDLE).slope for views in bright]
     return Values(np.full(2, 0.63), [naive_slope(x) for x in bright], ours, scale=1.0)
 
 
@@ -105,7 +105,7 @@ def extreme_brightness() -> Values:
 def bright_views() -> Values:
     value = np.float32(3e38)
     views = np.full((15, 15, 10, 9), value)
-    ours = shift_and_sum(views, 0.7)[0]
+    ours = shift_and_sum(views, 0.7)
     obvious = views.sum(axis=(0, 1), dtype=np.float32) / 225
     return Values(np.full(ours.shape, float(value)), obvious, ours)
 

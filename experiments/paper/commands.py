@@ -7,8 +7,8 @@ import cloup
 
 from experiments.beside_reference import set_beside
 from experiments.paths import PAPER_VALUES
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, PlainName, UsablePath
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()

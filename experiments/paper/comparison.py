@@ -17,7 +17,7 @@ from experiments.paper.tables import TABLES, read_tables
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import together, write_text
 from lf_flame.errors import InputError
-from lf_flame.learning.scoring import standard_deviation
+from lf_flame.learning.scores import standard_deviation
 
 SCORES = ["ssim", "psnr_db"]
 COLUMNS = [

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from lf_flame._common.config import build
+from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
-from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 
 

@@ -18,12 +18,11 @@ from experiments.paper.result_files import (
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
 from lf_flame._common.input_files import read_text
-from lf_flame._common.metrics import FOREGROUND, WINDOWS
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import FOREGROUND, WINDOWS, score
 
 COLUMNS = [
     "depth_mm", "object", "ssim", "ssim_sd", "psnr_db", "psnr_sd", "paper_ssim", "paper_psnr_db",

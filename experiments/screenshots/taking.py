@@ -30,8 +30,8 @@ IN_ONE_FILE = {"viewer_single_file.png": "#slope=0&shape=round&width=0.25"}
 NOTEBOOK = "viewer_notebook.png"
 
 CELLS = [
-    "from lf_flame.viewer.demo import DEMO_CAMERA, demo_light_field\n\n"
-    "widget = demo_light_field().view(camera=DEMO_CAMERA)\n"
+    "from lf_flame.viewer import DEMO_CAMERA, demo_light_field, show\n\n"
+    "widget = show(demo_light_field(), camera=DEMO_CAMERA)\n"
     "widget",
 ]
 """Of the notebook."""

@@ -20,7 +20,7 @@ from experiments.slope_maps.scenes import (
 from lf_flame._common import provenance
 from lf_flame._common.config import to_json
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.refocus.depth_from_focus import MAP_STEPS
+from lf_flame.refocus.focus_map import MAP_STEPS
 
 SEEDS = (1, 2)
 """Of the scenes of each kind; the map's numbers were chosen on others."""

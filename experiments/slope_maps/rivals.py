@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter, median_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import all_in_focus, refocus, refocus_surface
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.focus_map import TRUSTED
 
 WINDOW = 3.0
 """Standard deviation, in lenslets, of the Gaussian under which every way sums."""
@@ -30,7 +30,10 @@ def all_views(views: np.ndarray, slopes: np.ndarray) -> Found:
 
     Mean square less squared mean, over all views, exactly shifted.
     """
-    squares = refocus(views**2, slopes, "sinc") - refocus(views, slopes, "sinc") ** 2
+    squares = (
+        refocus(views**2, slopes, interpolation="sinc")
+        - refocus(views, slopes, interpolation="sinc") ** 2
+    )
     slope, inside = _peaks([-gaussian_filter(one.astype(float), WINDOW) for one in squares], slopes)
     return slope, inside
 
@@ -43,7 +46,7 @@ def median_of_all_views(views: np.ndarray, slopes: np.ndarray) -> Found:
 
 def sharpness(views: np.ndarray, slopes: np.ndarray) -> Found:
     """Make the map as the library did before: sharpest slice, filled by normalised convolution."""
-    energies = [_energy(image) for image in refocus(views, slopes, "sinc")]
+    energies = [_energy(image) for image in refocus(views, slopes, interpolation="sinc")]
     slope, inside = _peaks(energies, slopes)
     peak, mean = np.max(energies, axis=0), np.mean(energies, axis=0)
     confidence = np.where(inside, (peak - mean) / (peak + 0.1 * peak.mean()), 0.0)

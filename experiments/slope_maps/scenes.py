@@ -5,16 +5,17 @@ pixel of the middle view has that of the nearest layer that its chief ray meets.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lf_flame import PAPER_CAMERA
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation.rendering import render
 
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 9, (144, 192))
+CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(144, 192))
 """9 x 9 views."""
 
 SLOPES = (-2.7, 3.1)

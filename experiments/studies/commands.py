@@ -10,9 +10,9 @@ import cloup
 
 from experiments.beside_reference import set_beside
 from experiments.paths import PAPER_VALUES
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, quiet_tensorflow
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()

@@ -17,7 +17,7 @@ pictures bends the space, which may do a little better where much is black or sa
 import numpy as np
 from scipy.linalg import eigh
 
-from lf_flame._common.metrics import psnr
+from lf_flame.learning.scores import psnr
 
 MOST_SAMPLES = 4096
 """Training targets that the components are made from; the work grows with the cube of them."""

@@ -23,9 +23,8 @@ from tqdm import tqdm
 from experiments.studies.pca_bound import principal_component_bound
 from experiments.studies.report import write_report
 from lf_flame._common.atomic_files import write_json
-from lf_flame._common.config import build, build_record, to_json
+from lf_flame._common.config import build, build_record, strict, to_json
 from lf_flame._common.input_files import read_record, read_toml
-from lf_flame._common.strict import strict
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig, config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.split import split_indices
@@ -34,7 +33,7 @@ from lf_flame.learning.checkpoints import find_checkpoints
 from lf_flame.learning.decoder import AVERAGES
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import score
 from lf_flame.learning.training import TrainingConfig, train
 
 TIMES = ("epochs", "best_epoch", "start_s", "train_s")

@@ -22,7 +22,7 @@ from experiments.systems.learning import learning_figure, learning_table
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame.errors import InputError
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import score
 from lf_flame.systems.base import RefocusingSystem
 
 COLUMNS = [

@@ -7,9 +7,9 @@ import cloup
 
 from experiments.beside_reference import set_beside
 from experiments.paths import DATA_SETS, EXPERIMENTS
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, quiet_tensorflow
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()

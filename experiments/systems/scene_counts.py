@@ -11,10 +11,10 @@ from experiments.systems import scene_counts_report as report
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
-from lf_flame._common.metrics import psnr, ssim
 from lf_flame._common.progress import step_bar
 from lf_flame.errors import InputError
 from lf_flame.learning.run_folders import load_run
+from lf_flame.learning.scores import psnr, ssim
 from lf_flame.systems.base import RefocusingSystem
 from lf_flame.systems.formulas import ShiftAndSum
 from lf_flame.systems.registry import NETWORKS

@@ -27,10 +27,10 @@ from lf_flame.tomography.profiles import axial, radial
 from lf_flame.tomography.pyrometry import emission_ratio
 from lf_flame.tomography.reconstruction import planes_between
 
-REDRAWS = 20
+BOOTSTRAP = 20
 """Of each reconstruction, as many as `lf-flame reconstruct` makes."""
 
-TIMES = bar_times(REDRAWS)
+TIMES = bar_times(BOOTSTRAP)
 """Number of standard errors that a bar of 95 % reaches."""
 
 STRIP_MM = 0.3
@@ -158,8 +158,8 @@ def _temperatures(first: Held, second: Held, bright: np.ndarray) -> float:
     soot = two_colour_temperature(
         ratio * first.emission,
         second.emission,
-        WAVELENGTHS_NM,
-        (ratio * first.sigma, second.sigma),
+        wavelengths_nm=WAVELENGTHS_NM,
+        sigmas=(ratio * first.sigma, second.sigma),
     )
     known = bright & np.isfinite(soot.kelvin)
     warm = np.abs(soot.kelvin - KELVIN) <= TIMES * soot.sigma
@@ -176,7 +176,7 @@ def _draw(
     """Judge one draw, on one thread, for others run beside it."""
     begin = time.perf_counter()
     with one_thread():
-        found = reconstruct(LightField(add(clean, rng)), grid, redraws=REDRAWS, rng=rng)
+        found = reconstruct(LightField(add(clean, rng)), grid, bootstrap=BOOTSTRAP, rng=rng)
     seconds = time.perf_counter() - begin
     within = np.abs(found.emission - truth) <= TIMES * found.sigma
     profiles, error = np.mean(list(_profiles(found, grid, truth)), axis=0)

@@ -18,7 +18,7 @@ WAVELENGTHS_NM = (550.0, 650.0)
 MIDDLE_K, SWING_K = 1800.0, 150.0
 """Temperature in the middle of a flame's height, and how much hotter its tip is."""
 
-REDRAWS = 20
+BOOTSTRAP = 20
 
 BRIGHT = 0.2
 """Share of a plane's peak from which temperatures are compared."""
@@ -44,16 +44,18 @@ def two_colours(rng: np.random.Generator) -> Iterator[Row]:
     scenes = in_green(red), red
     truths = [truth_on(grid, scene) for scene in scenes]
     # Of the cells' own light, so that how temperature varies within a cell is no error.
-    wanted = two_colour_temperature(*truths, WAVELENGTHS_NM).kelvin
+    wanted = two_colour_temperature(*truths, wavelengths_nm=WAVELENGTHS_NM).kelvin
     bright = truths[1] > BRIGHT * truths[1].max(axis=(1, 2), keepdims=True)
     for noise in ("none", "1 %"):
         begin = time.perf_counter()
         found = [
-            reconstruct(NOISE[noise](Recorder(scene, camera), rng), grid, redraws=REDRAWS, rng=rng)
+            reconstruct(
+                NOISE[noise](Recorder(scene, camera), rng), grid, bootstrap=BOOTSTRAP, rng=rng
+            )
             for scene in scenes
         ]
         emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
-        soot = two_colour_temperature(*emissions, WAVELENGTHS_NM, sigmas)
+        soot = two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM, sigmas=sigmas)
         seconds = time.perf_counter() - begin
         known = bright & np.isfinite(soot.kelvin)
         off = (soot.kelvin - wanted)[known]
@@ -80,7 +82,7 @@ def _spread(scenes, camera, grid, known, sigma, rng) -> Iterator[Row]:
     begin, drawn = time.perf_counter(), []
     for _ in range(DRAWS):
         emissions = [reconstruct(one.with_noise(0.01, rng), grid).emission for one in recorders]
-        drawn.append(two_colour_temperature(*emissions, WAVELENGTHS_NM).kelvin)
+        drawn.append(two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM).kelvin)
     scatter = np.std(drawn, axis=0, ddof=1)[known]
     ratio = float(np.sqrt(np.nanmean(scatter**2) / np.mean(sigma[known] ** 2)))
     seconds = (time.perf_counter() - begin) / DRAWS
@@ -99,13 +101,15 @@ def colours_figure():
     grid = FrustumGrid(camera, DEPTHS_MM, BLOCK)
     scenes = in_green(red), red
     truths = [truth_on(grid, scene) for scene in scenes]
-    wanted = two_colour_temperature(*truths, WAVELENGTHS_NM).kelvin
+    wanted = two_colour_temperature(*truths, wavelengths_nm=WAVELENGTHS_NM).kelvin
     found = [
-        reconstruct(Recorder(scene, camera).with_noise(0.01, rng), grid, redraws=REDRAWS, rng=rng)
+        reconstruct(
+            Recorder(scene, camera).with_noise(0.01, rng), grid, bootstrap=BOOTSTRAP, rng=rng
+        )
         for scene in scenes
     ]
     emissions, sigmas = zip(*((one.emission, one.sigma) for one in found), strict=True)
-    soot = two_colour_temperature(*emissions, WAVELENGTHS_NM, sigmas)
+    soot = two_colour_temperature(*emissions, wavelengths_nm=WAVELENGTHS_NM, sigmas=sigmas)
     plane, (_, columns) = 1, np.nonzero(np.isfinite(soot.kelvin[1]))
     shown = slice(columns.min() - 3, columns.max() + 4)
     peak = truths[1][plane].max()

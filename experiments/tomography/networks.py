@@ -18,7 +18,7 @@ from experiments.tomography.tasks import (
     timed,
 )
 from lf_flame import LightField
-from lf_flame._common.keras_loading import load_keras
+from lf_flame.learning.keras_loading import load_keras
 from lf_flame.tomography import FrustumGrid
 
 

@@ -76,7 +76,7 @@ def bars_text(table: pd.DataFrame, record: dict) -> str:
 independent draws of the noise, its number beside the noise. Cells and places on profiles count
 where the truth exceeds 5 % of the plane's peak. Two successive draws are the two colours of a
 temperature. A bar is right that holds the truth in 93 to 97 %. Seconds are those of a
-reconstruction of 20 redraws on one thread, others beside it.
+reconstruction of 20 bootstrap draws on one thread, others beside it.
 
 {_shown(table).to_markdown(index=False)}
 """

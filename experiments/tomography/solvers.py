@@ -16,8 +16,9 @@ from experiments.tomography.phantoms import (
     truth_on,
 )
 from experiments.tomography.tasks import DEPTHS_MM, OURS, Row, relative_errors, timed
+from experiments.tomography.tikhonov import fit_tikhonov
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
-from lf_flame.tomography import FrustumGrid, ProjectionOperator, fit_tikhonov, reconstruct
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.plane_fit import VARIATION, average_blocks
 
 VARIATION_METHOD = "total variation"

@@ -1,6 +1,11 @@
 """Small operations on arrays that several parts of the package share."""
 
+from typing import TypeVar
+
 import numpy as np
+
+Number = TypeVar("Number", float, np.ndarray)
+"""A number or an array: what goes in as one comes out as the same."""
 
 
 def centred(n: int) -> np.ndarray:

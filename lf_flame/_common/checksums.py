@@ -1,9 +1,18 @@
-"""Checksums, by which a file is known again."""
+"""Checksums: of files, and of records, which hold a hash of themselves.
+
+So an accident to a file, or to a record itself, is noticed.
+"""
 
 import hashlib
+import json
 from pathlib import Path
+from typing import Any
 
-from lf_flame._common.input_files import check_regular
+from lf_flame._common.input_files import check_regular, read_record
+from lf_flame.errors import InputError
+
+SEAL = "record_sha256"
+"""Key of the hash of all the rest of a record."""
 
 
 def file_sha256(path: str | Path) -> str:
@@ -17,3 +26,33 @@ def file_sha256(path: str | Path) -> str:
     check_regular(path)
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sealed(record: dict[str, Any]) -> dict[str, Any]:
+    """Give a record as JSON values, with a hash of all of them."""
+    valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
+    return valid | {SEAL: _hash(valid)}
+
+
+def check_seal(path: Path) -> dict[str, Any]:
+    """Read a record and hold it against its own hash; records of older versions have none.
+
+    Returns
+    -------
+    dict
+        The record.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is not what was written.
+    """
+    record = read_record(path)
+    if SEAL in record and record[SEAL] != _hash(record):
+        raise InputError(f"{path} is not what was written: it does not fit its own hash.")
+    return record
+
+
+def _hash(record: dict[str, Any]) -> str:
+    rest = {key: value for key, value in record.items() if key != SEAL}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

@@ -12,21 +12,28 @@ import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
-
 from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+    from pydantic import ValidationError
 
 T = TypeVar("T")
+
+Class = TypeVar("Class", bound=type)
 
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 """Pydantic's names for a key that is not known."""
 
 MOST_NAMED, MOST_LISTED = 5, 12
 """Unknown keys that a message names, and known ones that it lists where none is alike."""
+
+
+def strict(cls: Class) -> Class:
+    """Let `build` refuse keys that a configuration dataclass has not."""
+    cls.__pydantic_config__ = {"extra": "forbid"}  # type: ignore[attr-defined]
+    return cls
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
@@ -47,6 +54,8 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
         One sentence: all keys that are not known, with those that are like them; else the first
         thing that is wrong.
     """
+    from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
+
     try:
         return TypeAdapter(kind).validate_python(values)
     except ValidationError as error:
@@ -68,6 +77,8 @@ def load_record(kind: type[T], path: str | Path) -> T:
 
 def build_record(kind: type[T], values: Any, source: str | Path) -> T:
     """Make a dataclass from parsed JSON values, their types as they stand; else as `build`."""
+    from pydantic import TypeAdapter, ValidationError
+
     try:
         # As JSON, whose lists may be tuples; of Python's own a strict check refuses that.
         return TypeAdapter(kind).validate_json(json.dumps(values), strict=True)
@@ -80,7 +91,7 @@ def to_json(config: "DataclassInstance") -> dict[str, Any]:
     return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
-def _first_problem(error: ValidationError, kind: type) -> str:
+def _first_problem(error: "ValidationError", kind: type) -> str:
     # A misspelt key is reported before the key that is missing because of it.
     unknown = [one for one in error.errors() if one["type"] in UNKNOWN]
     if unknown:

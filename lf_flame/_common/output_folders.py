@@ -11,11 +11,10 @@ from typing import Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import together, write_json
-from lf_flame._common.checksums import file_sha256
+from lf_flame._common.checksums import SEAL, check_seal, file_sha256, sealed
 from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
-from lf_flame._common.seals import SEAL, check_seal, sealed
 from lf_flame.errors import InputError
 
 LOGGER = logging.getLogger(__name__)

@@ -60,7 +60,7 @@ FITTING = cloup.option_group(
         help="Strength of the penalty on roughness (default: what the noise allows).",
     ),
     cloup.option(
-        "--redraws",
+        "--bootstrap",
         type=click.IntRange(min=0),
         default=20,
         show_default=True,
@@ -102,15 +102,15 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.axisymmetric_output import RECORD, write_flame
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
-    from lf_flame.tomography.axisymmetric import check_fit_options
+    from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
+    from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.data_checks import check_range
 
     # What takes time, reading and compiling, comes after what can be refused at once.
-    check_fit_options(options["noise"], options["strength"], options["redraws"])
+    check_fit_options(options["noise"], options["strength"], options["bootstrap"])
     lens = read_camera(camera)
     if radius is not None and not 0 < radius <= lens.focus_distance_mm:
         raise InputError(
@@ -148,7 +148,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         folder.facts |= {
             "source": recorded_path(source, folder.folder),
             "seed": seed,
-            "redraws": options["redraws"],
+            "bootstrap": options["bootstrap"],
             "warnings": found.warnings,
             "notes": [*notes, *found.unseen],
         }

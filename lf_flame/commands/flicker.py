@@ -96,8 +96,8 @@ def flicker(
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands import flicker_output as output
     from lf_flame.commands.frames import find_frames, read_frames
+    from lf_flame.flame_video import output
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.scenes.scene_files import read_camera
 
@@ -177,8 +177,8 @@ def _checked_lens(lens, slope: float | None, depth_mm: float | None):
 
 def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
     """Choose slope and size of a pixel from what was given."""
-    from lf_flame.commands.flicker_output import Measures
-    from lf_flame.tomography.flame_shape import check_measures
+    from lf_flame.flame_video.flame_shape import check_measures
+    from lf_flame.flame_video.output import Measures
 
     if lens is not None:
         lens.check_depths(depth_mm)
@@ -191,7 +191,7 @@ def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
 
 def _refuse_few(paths: list[Path]) -> None:
     """Refuse what is no video, before any frame is read."""
-    from lf_flame.tomography.flicker import LEAST_FRAMES
+    from lf_flame.flame_video.flicker import LEAST_FRAMES
 
     if len(paths) < LEAST_FRAMES:
         named = paths[0] if len(paths) == 1 else f"{len(paths)} frames"

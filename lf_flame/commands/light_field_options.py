@@ -11,10 +11,10 @@ import click
 import cloup
 
 from lf_flame._common import progress
-from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, PATH, UsablePath
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 if TYPE_CHECKING:
     from lf_flame.formats import LensletGrid

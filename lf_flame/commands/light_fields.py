@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
 from lf_flame.commands.light_field_options import (
     APPEARANCE,
@@ -22,6 +21,7 @@ from lf_flame.commands.light_field_options import (
 )
 from lf_flame.commands.options import FOLDER, PATH, UsablePath
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 
 def _pick(kind, options: dict):
@@ -204,7 +204,7 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
         check_job(job, [*slopes, *([] if background is None else [background])])
         describe_job(job, folder)
         image, surface, found = refocus_regions(
-            job.views_to_white, regions, slopes, background, dense, unet
+            job.views_to_white, regions, slopes, background=background, dense=dense, unet=unet
         )
         for region, (slope, trust) in zip(regions, found, strict=True):
             sure = f"{trust:.0%} of its pixels are certain" if dense else f"MS-SSIM {trust:.3f}"

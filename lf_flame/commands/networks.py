@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame._common.keras_loading import load_keras
 from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, UsablePath
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command()

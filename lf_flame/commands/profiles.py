@@ -37,7 +37,7 @@ def profiles(folder, out, **strips) -> None:
     FOLDER is one of `lf-flame reconstruct`. Places and heights are in mm from the optical axis, to
     the right and upwards; without any, the strips run through the middle of each plane's light.
     axial.csv and radial.csv hold a row for each place of each plane, profiles.png shows them.
-    Standard deviations need the folder's draws (`--redraws` of reconstruct). They and the bands
+    Standard deviations need the folder's draws (`--bootstrap` of reconstruct). They and the bands
     hold noise, penalty and the bias of the draws; of flames behind each other, nearer than the blur
     in depth, not all of how planes share light. Of a round flame, `lf-flame abel` gives profiles
     along the radius.
@@ -48,7 +48,7 @@ def profiles(folder, out, **strips) -> None:
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.profiles_output import (
+    from lf_flame.tomography.profile_output import (
         RECORD,
         Strips,
         read_emission,
@@ -61,7 +61,7 @@ def profiles(folder, out, **strips) -> None:
     with output_folder(out or Path("profiles") / folder.resolve().name, RECORD) as written:
         write_profiles(found, emission.depths_mm, written)
         written.facts |= {"source": recorded_path(folder, written.folder)}
-        written.facts |= {"redraws": len(emission.draws), **strips}
+        written.facts |= {"bootstrap": len(emission.draws), **strips}
     if not len(emission.draws):
         click.echo("Warning: the folder holds no draws, so the profiles have no bands.", err=True)
     click.echo(

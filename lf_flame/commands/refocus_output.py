@@ -15,8 +15,8 @@ from lf_flame.formats.images import write_image
 from lf_flame.formats.movie import write_movie
 from lf_flame.formats.stacks import write_focal_stack
 from lf_flame.refocus import SlopeSearch, all_in_focus, find_sharpest_slope
-from lf_flame.refocus.depth_from_focus import MAP_STEPS, TRUSTED
 from lf_flame.refocus.figures import regions_figure, search_figure, slope_map_figure
+from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 
 RECORD = "refocus.json"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 import cloup
 
-from lf_flame._common.keras_loading import load_keras
 from lf_flame.commands.options import FILE, FOLDER, SEED
+from lf_flame.learning.keras_loading import load_keras
 
 
 @cloup.command("train-system")

@@ -48,7 +48,7 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
     A camera sees the scene within the angle that its aperture spans, so fine detail has a depth and
     an even glow has none. Without --camera, the paper's camera.
     """
-    from lf_flame.commands.tomography_output import resolution_report
+    from lf_flame.tomography.output import resolution_report
 
     chosen, periods = _read_camera(camera), periods or PERIODS_MM
     click.echo(resolution_report(chosen, thickness_mm, periods))
@@ -127,7 +127,7 @@ FITTING = cloup.option_group(
     ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
-        "--redraws",
+        "--bootstrap",
         type=click.IntRange(min=0),
         default=20,
         show_default=True,
@@ -165,15 +165,15 @@ def reconstruct(
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.emission_folder import RECORD
-    from lf_flame.commands.tomography_output import (
+    from lf_flame.formats.coding import notes_on_coding
+    from lf_flame.tomography import FrustumGrid
+    from lf_flame.tomography import reconstruct as find_emission
+    from lf_flame.tomography.emission_folder import RECORD
+    from lf_flame.tomography.output import (
         read_thickness,
         thickness_facts,
         write_reconstruction,
     )
-    from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.tomography import FrustumGrid
-    from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.reconstruction import planes_between
 
     if bool(depths) == bool(planes):
@@ -190,7 +190,7 @@ def reconstruct(
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
-        folder.facts |= {"redraws": options["redraws"], "notes": notes}
+        folder.facts |= {"bootstrap": options["bootstrap"], "notes": notes}
         folder.facts |= thickness_facts(optical_thickness, thickness)
     for note in notes:
         click.echo(f"Note: {note}", err=True)
@@ -243,18 +243,24 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.commands.emission_folder import read_emissions
-    from lf_flame.commands.section_folder import is_section, read_sections
-    from lf_flame.commands.temperature_output import (
+    from lf_flame.tomography.axisymmetric.section_folder import is_section, read_sections
+    from lf_flame.tomography.emission_folder import read_emissions
+    from lf_flame.tomography.pyrometry import two_colour_temperature
+    from lf_flame.tomography.temperature_output import (
         RECORD,
         temperature_notes,
         write_temperature,
     )
-    from lf_flame.tomography.pyrometry import two_colour_temperature
 
     read = read_sections if is_section(first) or is_section(second) else read_emissions
     emissions, sigmas, depths = read(first, second)
-    found = two_colour_temperature(*emissions, wavelengths, sigmas, soot_exponent, calibration)
+    found = two_colour_temperature(
+        *emissions,
+        wavelengths_nm=wavelengths,
+        sigmas=sigmas,
+        soot_exponent=soot_exponent,
+        calibration=calibration,
+    )
     with output_folder(out or Path("temperature") / first.name, RECORD) as folder:
         notes = temperature_notes(found, (first, second))
         write_temperature(found, depths, folder)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lf_flame._common.checksums import check_seal
 from lf_flame._common.input_files import read_record
 from lf_flame._common.memory import OverLimitError
 from lf_flame._common.output_folders import verify_outputs
-from lf_flame._common.seals import check_seal
 from lf_flame.errors import InputError
 
 RECORDS = (

@@ -1,1 +1,5 @@
 """Data sets of simulated light fields and their refocused images, on disk."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

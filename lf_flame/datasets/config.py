@@ -7,9 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lf_flame._common.config import build, to_json
+from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
-from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding, block_of
 from lf_flame.datasets.templates import TEMPLATES, Template
 from lf_flame.errors import InputError
@@ -51,6 +50,13 @@ class DatasetConfig:
         Let the objects of each sample stand at the template's depths in an order drawn at random,
         as large in the central view as at their own depths. Unless objects hide others, the effect
         plan stays that of the objects at their own depths.
+
+    Examples
+    --------
+    >>> from lf_flame.datasets import read_config
+    >>> scene, _ = read_config("dataset.toml").draw(7)  # the scene of sample 7
+    >>> [layer.depth_mm for layer in scene.layers]
+    [20.0, 10.0, 0.0, -10.0]
     """
 
     kind: Literal["shapes", "flames"]
@@ -151,6 +157,13 @@ def read_config(path: str | Path) -> DatasetConfig:
     ------
     InputError
         If the file cannot be read or holds an unknown, missing or impossible value.
+
+    Examples
+    --------
+    >>> from lf_flame.datasets import read_config
+    >>> config = read_config("dataset.toml")
+    >>> config.kind, config.image
+    ('shapes', (24, 48))
     """
     values = read_toml(path)
     return config_from_json(values, path)

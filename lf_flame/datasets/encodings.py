@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from lf_flame._common.arrays import area_average, spread
-from lf_flame._common.strict import strict
+from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.projection import Projector
@@ -37,6 +37,15 @@ class InputEncoding:
         network's output.
     grid : int
         Views of a "grid" along each axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField
+    >>> from lf_flame.datasets import InputEncoding
+    >>> light_field = LightField(np.ones((5, 5, 24, 48)))
+    >>> InputEncoding().encode(light_field, (12, 24)).shape
+    (12, 24, 1)
     """
 
     kind: Literal["raw", "views", "grid"] = "raw"

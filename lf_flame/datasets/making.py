@@ -124,6 +124,13 @@ def make_dataset(
         object store cannot be reached.
     OSError
         If a file cannot be written; finished samples are kept.
+
+    Examples
+    --------
+    >>> from lf_flame.datasets import Dataset, make_dataset, read_config
+    >>> make_dataset(read_config("dataset.toml"), 3, "shapes.zarr")
+    >>> Dataset("shapes.zarr").targets.shape
+    (3, 4, 24, 48)
     """
     place = find_place(path)
     with place.reserved():

@@ -100,7 +100,7 @@ def _search_near(
 ) -> SlopeSearch:
     try:
         near = slope + np.linspace(-SEARCHED, SEARCHED, STEPS_SEARCHED)
-        return find_sharpest_slope(light_field, near, region)
+        return find_sharpest_slope(light_field, near, region=region)
     except InputError:  # it is somewhere else, or nowhere
         return find_sharpest_slope(light_field, region=region)
 

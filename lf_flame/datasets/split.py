@@ -12,6 +12,12 @@ def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict
     ------
     InputError
         If a part would be empty.
+
+    Examples
+    --------
+    >>> from lf_flame.datasets import split_indices
+    >>> {name: len(indices) for name, indices in split_indices(10, (0.8, 0.1, 0.1), 1).items()}
+    {'train': 8, 'validation': 1, 'test': 1}
     """
     order = np.random.default_rng(seed).permutation(n)
     first, second = round(n * shares[0]), round(n * (shares[0] + shares[1]))

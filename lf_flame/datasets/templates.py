@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lf_flame._common.strict import strict
+from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
 from lf_flame.scenes.scene import Layer, Scene

@@ -67,6 +67,16 @@ def read_array(
     ------
     InputError
         If the file cannot be read, holds other arrays, or `views` does not divide a raw array.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> np.save("views.npy", light_field.views)
+    >>> formats.read_array("views.npy")
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     with open_arrays(path) as file:
         name = _choose(file, axes)

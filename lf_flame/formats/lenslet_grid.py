@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lf_flame._common.arrays import centred
-from lf_flame._common.number import Number
+from lf_flame._common.arrays import Number, centred
 from lf_flame.errors import InputError
 
 LAYOUTS = ("rectangular", "hexagonal")
@@ -50,6 +49,13 @@ class LensletGrid:
     ------
     InputError
         If a value is out of range; the message names it.
+
+    Examples
+    --------
+    >>> from lf_flame.formats import LensletGrid
+    >>> grid = LensletGrid(pitch=10.0, centre=(29.5, 39.5))
+    >>> grid.count((60, 80))
+    (6, 8)
     """
 
     x0: float
@@ -262,6 +268,12 @@ def grid_from_pitch(
     ------
     InputError
         If a value is out of range, or the image is smaller than a micro-image.
+
+    Examples
+    --------
+    >>> from lf_flame.formats import grid_from_pitch
+    >>> grid_from_pitch((60, 80), 10.0).count((60, 80))
+    (6, 8)
     """
     if centre is not None:
         if np.shape(centre) != (2,):

@@ -43,6 +43,16 @@ def read_lenslet_image(
     InputError
         If the image cannot be read, `views` is missing or does not divide its sides, or `keep` is
         not from 1 to `views`; or if a grey image shows the 2 x 2 pattern of a colour mosaic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_lenslet_image(light_field, "lenslets.png")
+    >>> formats.read_lenslet_image("lenslets.png", 3)
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     raw = read_image(path)
     return LightField(cut_views(raw, views, path, keep))
@@ -73,7 +83,7 @@ def cut_views(
     if raw.ndim == 2 and views >= SMALLEST_MOSAIC:
         refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
     middle = slice((views - keep) // 2, (views + keep) // 2)
-    return LightField.from_raw(raw, views).views[middle, middle]
+    return LightField.from_raw(raw, views=views).views[middle, middle]
 
 
 def write_lenslet_image(
@@ -96,6 +106,16 @@ def write_lenslet_image(
     ------
     InputError
         If values, channels or the ending do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_lenslet_image(light_field, "lenslets.png")
+    >>> formats.read_lenslet_image("lenslets.png", 3)
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     raw = light_field.to_raw()
     write_image(path, raw if bits == 32 else to_levels(raw, bits), linear=linear)

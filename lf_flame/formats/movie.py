@@ -47,6 +47,12 @@ def write_movie(path: str | Path, frames: np.ndarray) -> None:
     ------
     InputError
         If it cannot be written (`check_movie`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import write_movie
+    >>> write_movie("sweep.gif", np.zeros((4, 20, 30), np.uint8))
     """
     check_movie(path)
     with atomic_write(path) as aside:

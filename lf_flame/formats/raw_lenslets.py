@@ -87,6 +87,14 @@ def decode_raw(
     InputError
         If an argument cannot be used, no micro-image lies whole in the image, or a grey image
         shows the 2 x 2 pattern of a mosaic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import decode_raw, grid_from_pitch
+    >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
+    >>> decode_raw(raw, grid_from_pitch(raw.shape, 10.0))
+    LightField(10 x 10 views of 6 x 8 pixels, grey)
     """
     views = _count_views(grid, views)
     image, white = less_dark(raw, white, dark)

@@ -84,6 +84,16 @@ def read_light_field(
     ------
     InputError
         If there is nothing of that name, it cannot be read, or an argument does not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> np.save("views.npy", light_field.views)
+    >>> formats.read_light_field("views.npy")
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -207,6 +217,16 @@ def read_raw(
     ------
     InputError
         If a file cannot be read, no grid is found, or neither white image nor pitch is given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import read_raw
+    >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
+    >>> np.save("raw.npy", raw)
+    >>> light_field, grid = read_raw("raw.npy", pitch=10.0)
+    >>> light_field
+    LightField(10 x 10 views of 6 x 8 pixels, grey)
     """
     if Path(path).is_dir():
         raise InputError(

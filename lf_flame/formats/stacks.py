@@ -66,6 +66,15 @@ def read_view_stack(
     InputError
         If the file cannot be read, its pages show no square of views and no grid is stated, or it
         is a focal stack.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tifffile
+    >>> from lf_flame.formats import read_view_stack
+    >>> tifffile.imwrite("pages.tif", np.random.default_rng(1).uniform(size=(9, 20, 30)))
+    >>> read_view_stack("pages.tif", grid=(3, 3))
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     pages, image_axes, metadata, letters = _read(path)
     if "slopes" in metadata:
@@ -94,6 +103,15 @@ def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> 
     ------
     InputError
         If stack and slopes do not fit together, or are larger than ImageJ can open.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import read_focal_stack, write_focal_stack
+    >>> write_focal_stack(np.ones((2, 20, 30), np.float32), [0.0, 1.0], "stack.tif")
+    >>> stack, slopes = read_focal_stack("stack.tif")
+    >>> stack.shape, [float(slope) for slope in slopes]
+    ((2, 20, 30), [0.0, 1.0])
     """
     stack = np.asarray(stack, np.float32)
     numbers = [float(slope) for slope in np.atleast_1d(slopes)]
@@ -137,6 +155,14 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
     ------
     InputError
         If the file cannot be read, or its pages are in more than one row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import read_focal_stack, write_focal_stack
+    >>> write_focal_stack(np.ones((2, 20, 30), np.float32), [0.0, 1.0], "stack.tif")
+    >>> read_focal_stack("stack.tif")[0].shape
+    (2, 20, 30)
     """
     pages, image_axes, metadata, _ = _read(path)
     if pages.ndim == image_axes:

@@ -152,6 +152,16 @@ def scan_view_folder(
     the lower slope, as `lf_flame.refocus` has it: the camera moves to the right, and what is near
     moves to the left. Parallel cameras then have slopes below 0 only. A folder that gives higher
     slopes to nearer things has both axes turned, which no parallax shows: read it as ``-row,-col``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_view_folder(light_field, "views")
+    >>> formats.scan_view_folder("views").shape[:2]
+    (3, 3)
     """
     path = Path(path)
     files = view_files(path)
@@ -195,7 +205,19 @@ def read_view_folder(
     *,
     grid: Grid | str | None = None,
 ) -> LightField:
-    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there."""
+    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_view_folder(light_field, "views")
+    >>> read = formats.read_view_folder("views")
+    >>> bool(np.abs(read.views - light_field.views).max() < 1e-4)  # 16 bits
+    True
+    """
     return scan_view_folder(path, order, grid=grid).read(progress)
 
 
@@ -224,6 +246,16 @@ def write_view_folder(
     ------
     InputError
         If the folder holds files, or values or channels do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_view_folder(light_field, "views")
+    >>> formats.read_view_folder("views")
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     folder = Path(folder).resolve()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

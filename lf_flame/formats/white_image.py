@@ -81,6 +81,16 @@ def estimate_grid(
     ------
     InputError
         If the image cannot be used, shows no grid, or shows another than stated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import estimate_grid
+    >>> y, x = np.mgrid[:120, :160] + 0.5
+    >>> white = np.cos(np.pi * (y / 10 - 0.5)) ** 2 * np.cos(np.pi * (x / 10 - 0.5)) ** 2
+    >>> grid = estimate_grid(white)
+    >>> round(grid.pitch, 2), grid.layout
+    (10.0, 'square')
     """
     white = _as_white(white)
     if layout is not None:

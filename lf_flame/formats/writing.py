@@ -33,6 +33,16 @@ def write_light_field(
     ------
     InputError
         If the ending is another, or values or channels do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, formats
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+
+    >>> formats.write_light_field(light_field, "light_field.npz")
+    >>> formats.read_light_field("light_field.npz")
+    LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     path = Path(path)
     suffix = path.suffix.lower()

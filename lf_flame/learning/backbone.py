@@ -15,9 +15,9 @@ import numpy as np
 
 from lf_flame._common.array_files import open_arrays
 from lf_flame._common.input_files import readable
-from lf_flame._common.keras_loading import KERAS_ERRORS
 from lf_flame.errors import InputError
 from lf_flame.learning.imagenet_weights import imagenet_file
+from lf_flame.learning.keras_loading import KERAS_ERRORS
 
 STAGES = {
     "conv3": "conv3_block4_out",

@@ -1,6 +1,10 @@
 """The paper's network (section II.C, Figure 4): frozen ResNet-50 and a decoder of its own.
 
 Images are [n, h, w, channels] in, [n, planes, h, w, 1] out, float32 in [0, 1].
+
+Other modules find layers by name, and trained networks keep the names: "backbone" and "decoder" of
+the whole model; "neck", "basis" and "planes" of the decoder, by the closed form
+(`lf_flame.learning.warm_start`) and the fast training (`array_training`, `fast_decoder`).
 """
 
 from pathlib import Path
@@ -64,6 +68,15 @@ def build_refocus_resnet50(
     ------
     InputError
         If an argument cannot be used.
+
+    Examples
+    --------
+    >>> from lf_flame.learning import build_refocus_resnet50
+    >>> model = build_refocus_resnet50(
+    ...     image=(36, 72), backbone_weights="random", backbone_depth="conv3"
+    ... )
+    >>> model.output_shape
+    (None, 4, 36, 72, 1)
     """
     shown = shown or (*image, 1)
     backbone = build_backbone(shown, backbone_weights, backbone_depth, seed)
@@ -93,6 +106,12 @@ def build_decoder(
     -------
     keras.Model
         Named "decoder"; input `features`, output (planes, h, w, 1).
+
+    Examples
+    --------
+    >>> from lf_flame.learning import build_decoder
+    >>> build_decoder((3, 6, 1024), (9, 18), planes=4).output_shape
+    (None, 4, 9, 18, 1)
     """
     if not 0 <= dropout < 1 or dropout_place not in DROPOUT_PLACES:
         raise InputError(

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
-from lf_flame._common.checksums import file_sha256
-from lf_flame._common.config import load_record, to_json
-from lf_flame._common.keras_loading import load_model
+from lf_flame._common.checksums import SEAL, file_sha256, sealed
+from lf_flame._common.config import load_record, strict, to_json
 from lf_flame._common.locks import exclusive
-from lf_flame._common.seals import SEAL, sealed
-from lf_flame._common.strict import strict
 from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import open_run
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -70,7 +68,7 @@ class NetworkCard:
     usage : str, optional
         What the network takes and makes.
     record_sha256 : str, optional
-        Hash of the card itself, see `lf_flame._common.seals`.
+        Hash of the card itself, see `lf_flame._common.checksums`.
     """
 
     title: str

@@ -81,6 +81,14 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
     ------
     InputError
         If it cannot be read, holds NaN or infinite values, or its aspect ratio is another.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.learning import read_input
+    >>> np.save("picture.npy", np.random.default_rng(1).uniform(size=(3, 3, 90, 180)))
+    >>> read_input("picture.npy", (90, 180)).image.shape
+    (90, 180)
     """
     source = Path(source)
     picture = _read_grey(source)

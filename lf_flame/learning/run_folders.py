@@ -15,12 +15,12 @@ import numpy as np
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
-from lf_flame._common.keras_loading import load_model
 from lf_flame._common.recorded_paths import recorded_places
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_model
 
 if TYPE_CHECKING:
     import keras
@@ -135,7 +135,7 @@ class TrainedRun:
         return _data_of(self.folder, self.record)
 
     def load_network(self) -> "keras.Model":
-        """Load the network; see `lf_flame._common.keras_loading.load_model`."""
+        """Load the network; see `lf_flame.learning.keras_loading.load_model`."""
         shown, image = self.config.input.shape(self.config.image), self.config.image
         shapes = shown, (len(self.slopes), *image, 1)
         return load_model(self.folder / "model.keras", shapes)

@@ -14,10 +14,9 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame._common.config import build
+from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_toml
 from lf_flame._common.recorded_paths import recorded_path
-from lf_flame._common.strict import strict
 from lf_flame.datasets.split import split_indices
 from lf_flame.datasets.store import Dataset
 from lf_flame.errors import InputError
@@ -28,7 +27,7 @@ from lf_flame.learning.imagenet_weights import ImagenetUnavailable, imagenet_fil
 from lf_flame.learning.run_folders import describe_dataset
 from lf_flame.learning.trainers import decoder_variables, make_trainer
 from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
-from lf_flame.learning.warm_start import Blocks, freeze_normalisations, warm_start
+from lf_flame.learning.warm_start import Blocks, freeze_normalisations, solve_decoder
 
 
 @strict
@@ -164,6 +163,13 @@ def read_training_config(path: str | Path, **model_options: Any) -> TrainingConf
     """Read a training configuration, with those options of the model that are not None changed.
 
     They come before what recipes say of the model.
+
+    Examples
+    --------
+    >>> from lf_flame.learning import read_training_config
+    >>> config = read_training_config("training.toml", backbone_weights="random")
+    >>> config.model.backbone_weights
+    'random'
     """
     config = build(TrainingConfig, read_toml(path), path)
     options = {name: value for name, value in model_options.items() if value is not None}
@@ -209,8 +215,8 @@ def available_weights(model: ModelConfig, recipe: Recipe) -> str:
         imagenet_file()
     except ImagenetUnavailable as error:
         choice = (
-            "BACKBONE_WEIGHTS=FILE takes them from a file (--backbone-weights without make), "
-            "BACKBONE_WEIGHTS=random does without"
+            "--backbone-weights FILE takes them from a file, --backbone-weights random does "
+            "without (as a variable of make: BACKBONE_WEIGHTS)"
         )
         if recipe.without_imagenet == "stop":
             raise ImagenetUnavailable(f"{error} {choice}.") from None
@@ -338,7 +344,7 @@ def _start(decoder: keras.Model, recipe: Recipe, stream: FeatureStream, held_out
         if new:
             pairs = [stream.kept()] if recipe.needs_all_features else stream
             blocks = Blocks(len(stream), pairs)
-            warm_start(decoder, blocks, held_out, recipe.bands, recipe.refinements)
+            solve_decoder(decoder, blocks, held_out, recipe.bands, recipe.refinements)
     arrays = {"train": stream.kept(), "validation": held_out}
     steps = -(-len(arrays["train"][0]) // recipe.batch_size)
     rate = _learning_rate(recipe, steps)

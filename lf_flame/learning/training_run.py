@@ -19,11 +19,10 @@ from tqdm import tqdm
 
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import atomic_write, write_json
-from lf_flame._common.checksums import file_sha256
+from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.locks import exclusive
-from lf_flame._common.seals import sealed
 from lf_flame.errors import InputError
 from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
 from lf_flame.learning.run_folders import is_whole, read_run_record

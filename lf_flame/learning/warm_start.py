@@ -42,7 +42,7 @@ class Blocks:
     pairs: Iterable[tuple[np.ndarray, np.ndarray]]
 
 
-def warm_start(
+def solve_decoder(
     decoder: keras.Model, training: Blocks, held_out: tuple, bands: int = 1, refinements: int = 0
 ) -> None:
     """Set all weights of the decoder from training samples.
@@ -209,7 +209,7 @@ def _set_pointwise(convolution: keras.layers.Conv2D, matrix: np.ndarray) -> None
 
 
 def freeze_normalisations(decoder: keras.Model) -> None:
-    """Let the batch normalisations keep their stored statistics, as `warm_start` sets them.
+    """Let the batch normalisations keep their stored statistics, as `solve_decoder` sets them.
 
     What tells one sample from another is a small part of the features' spread; statistics that
     change with every batch would drown it. Call it before the optimiser is built.

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.number import Number
-from lf_flame._common.strict import strict
+from lf_flame._common.arrays import Number
+from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.optics import ray_transfer
 from lf_flame.optics.sensor import Sensor
@@ -47,7 +47,7 @@ _RANGES = (
 
 
 @strict
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlenopticCamera:
     """A standard (unfocused) plenoptic camera.
 
@@ -101,6 +101,22 @@ class PlenopticCamera:
     ------
     InputError
         If a value is out of range; the message names it.
+
+    Examples
+    --------
+    >>> from lf_flame import PlenopticCamera
+    >>> camera = PlenopticCamera(
+    ...     main_lens_focal_mm=150.0,
+    ...     focus_distance_mm=326.0,
+    ...     lenslet_focal_mm=0.4,
+    ...     lenslet_pitch_mm=0.112,
+    ...     views=15,
+    ...     lenslets=(270, 540),
+    ... )
+    >>> round(camera.image_distance_mm, 2)
+    277.84
+    >>> round(camera.depth_to_slope(20.0), 2)
+    2.28
     """
 
     main_lens_focal_mm: float

@@ -68,6 +68,13 @@ def trace_footprint(
     Returns
     -------
     Footprint
+
+    Examples
+    --------
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.optics import trace_footprint
+    >>> trace_footprint(PAPER_CAMERA, 10.0, 0).centres_mm.shape  # views, lenslets
+    (15, 270)
     """
     return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour)
 

@@ -18,6 +18,12 @@ def free_space(distance_mm: float) -> np.ndarray:
     Returns
     -------
     ndarray of float64, shape (2, 2)
+
+    Examples
+    --------
+    >>> from lf_flame.optics import free_space
+    >>> free_space(2.0).tolist()
+    [[1.0, 2.0], [0.0, 1.0]]
     """
     return np.array([[1.0, distance_mm], [0.0, 1.0]])
 
@@ -33,6 +39,12 @@ def thin_lens(focal_mm: float) -> np.ndarray:
     Returns
     -------
     ndarray of float64, shape (2, 2)
+
+    Examples
+    --------
+    >>> from lf_flame.optics import thin_lens
+    >>> thin_lens(2.0).tolist()
+    [[1.0, 0.0], [-0.5, 1.0]]
     """
     return np.array([[1.0, 0.0], [-1.0 / focal_mm, 1.0]])
 
@@ -44,6 +56,13 @@ def chain(*elements: np.ndarray) -> np.ndarray:
     -------
     ndarray of float64, shape (2, 2)
         The matrix product, last element leftmost.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import chain, free_space, thin_lens
+    >>> system = chain(free_space(4.0), thin_lens(2.0), free_space(4.0))
+    >>> system[0, 1]  # object and image stand at twice the focal length
+    0.0
     """
     system = np.eye(2)
     for element in elements:
@@ -60,6 +79,12 @@ def inverse(system: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of float64, shape (2, 2)
+
+    Examples
+    --------
+    >>> from lf_flame.optics import free_space, inverse
+    >>> inverse(free_space(2.0)).tolist()
+    [[1.0, -2.0], [0.0, 1.0]]
     """
     (a, b), (c, d) = system
     return np.array([[d, -b], [-c, a]])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.strict import strict
+from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 
 STAGES = ("shot_noise", "read_noise", "saturation", "quantisation")
@@ -51,6 +51,12 @@ class Sensor:
     ------
     InputError
         If a value is out of range; the message names it.
+
+    Examples
+    --------
+    >>> from lf_flame import Sensor
+    >>> Sensor(exposure_e=8000.0, full_well_e=10000.0, read_noise_e=5.0, bits=12).bits
+    12
     """
 
     exposure_e: float
@@ -100,6 +106,17 @@ def expose(
     ------
     InputError
         If a stage is unknown or a value is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import Sensor
+    >>> from lf_flame.optics import expose
+    >>> sensor = Sensor(exposure_e=8000.0, full_well_e=10000.0)
+    >>> rng = np.random.default_rng(1)
+    >>> image = expose(np.full((100, 100), 0.5), sensor, {"shot_noise"}, rng)
+    >>> round(float(image.std()), 3)  # 4,000 electrons: 0.5 / sqrt(4000)
+    0.008
     """
     unknown = sorted(map(str, set(kept) - set(STAGES)))
     if unknown:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from lf_flame._common.number import Number
+from lf_flame._common.arrays import Number
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
@@ -199,6 +199,12 @@ def to_slope(
     ------
     InputError
         If the convention is unknown, or needs the number of views, 2 or more.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import to_slope
+    >>> to_slope(-0.4, "plenpy")
+    0.4
     """
     return _named(convention).to_slope(number, views)
 
@@ -206,7 +212,14 @@ def to_slope(
 def from_slope(
     slope: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Give the number of another program for a slope; the inverse of `to_slope`."""
+    """Give the number of another program for a slope; the inverse of `to_slope`.
+
+    Examples
+    --------
+    >>> from lf_flame.optics import from_slope
+    >>> from_slope(0.4, "plenpy")
+    -0.4
+    """
     return _named(convention).from_slope(slope, views)
 
 

@@ -7,6 +7,6 @@ shifts and averages lines of K, and blocks average them again. So a refocused im
 blocks: two narrow bands, and no light field is formed.
 """
 
-from lf_flame.projection.projector import Projector
+import lazy_loader
 
-__all__ = ["Projector"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -61,6 +61,16 @@ class Projector:
     ------
     InputError
         If a layer lies outside the field, or the plan keeps an effect that needs a light field.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
+    >>> from lf_flame.projection import Projector
+    >>> scene = Scene([Layer(np.ones((8, 8)), depth_mm=10.0, size_mm=(4.0, 4.0))])
+    >>> projector = Projector(scene, PAPER_CAMERA, plan_effects(scene, PAPER_CAMERA))
+    >>> projector.refocus([0.0, 1.17], block=(3, 3)).shape
+    (2, 90, 180)
     """
 
     def __init__(self, scene: Scene, camera: PlenopticCamera, plan: EffectPlan):

@@ -5,9 +5,9 @@ from .aperture import aperture_weights as aperture_weights
 from .aperture import f_number_aperture as f_number_aperture
 from .aperture import round_aperture as round_aperture
 from .aperture import sparse_aperture as sparse_aperture
-from .depth_from_focus import FocusMap as FocusMap
-from .depth_from_focus import all_in_focus as all_in_focus
-from .depth_from_focus import depth_from_focus as depth_from_focus
+from .focus_map import FocusMap as FocusMap
+from .focus_map import all_in_focus as all_in_focus
+from .focus_map import depth_from_focus as depth_from_focus
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
 from .methods import refocus as refocus

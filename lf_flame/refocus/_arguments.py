@@ -13,6 +13,9 @@ from lf_flame.lightfield import LightField, as_view_weights
 Views = LightField | ArrayLike
 """A light field, or its views alone."""
 
+Region = tuple[int, int, int, int]
+"""Rows and columns of lenslets, ``(t_start, t_stop, s_start, s_stop)``; stops are excluded."""
+
 READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 """Types of pixel that have kernels of their own."""
 
@@ -47,6 +50,11 @@ def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
     raise InputError(f"{name} must be real numbers, got {reprlib.repr(values)}.")
 
 
+def for_slopes(stack: np.ndarray, slopes: ArrayLike) -> np.ndarray:
+    """Give one image for each of several slopes, and the image itself for a single one."""
+    return stack[0] if np.ndim(slopes) == 0 else stack
+
+
 def as_slopes(slopes: ArrayLike) -> np.ndarray:
     slopes = np.atleast_1d(as_numbers(slopes, "slopes"))
     if slopes.ndim != 1 or slopes.size == 0 or not np.all(np.isfinite(slopes)):
@@ -55,7 +63,15 @@ def as_slopes(slopes: ArrayLike) -> np.ndarray:
 
 
 def farthest_slope(views: np.ndarray) -> float:
-    """Slope at which the outermost views are shifted by the whole image."""
+    """Slope at which the outermost views are shifted by the whole image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import farthest_slope
+    >>> farthest_slope(np.ones((5, 5, 24, 30)))
+    12.0
+    """
     sizes = zip(views.shape[:2], views.shape[2:4], strict=True)
     limits = [2 * length / (count - 1) for count, length in sizes if count > 1]
     return min(limits, default=2 * max(views.shape[2:4]))
@@ -112,6 +128,25 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
             "there; choose a wider aperture."
         )
     return both
+
+
+def as_region(region: ArrayLike, size: tuple[int, ...]) -> Region:
+    """Check a region of an image of so many lenslets, (t, s).
+
+    Raises
+    ------
+    InputError
+        If it is not four whole numbers, or does not lie in the image.
+    """
+    edges = np.asarray(region) if np.shape(region) == (4,) else np.empty(0)
+    if edges.dtype.kind in "iu":
+        top, bottom, left, right = edges.tolist()
+        if 0 <= top < bottom <= size[0] and 0 <= left < right <= size[1]:
+            return top, bottom, left, right
+    raise InputError(
+        f"A region must be (t_start, t_stop, s_start, s_stop), four whole numbers inside the "
+        f"{size[0]} x {size[1]} lenslets, got {reprlib.repr(region)}."
+    )
 
 
 def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]:

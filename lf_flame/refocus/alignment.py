@@ -3,19 +3,27 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.threads import pieces, shared
 from lf_flame.errors import InputError
-from lf_flame.refocus import _alignment_kernels
-from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views, refuse_not_finite
+from lf_flame.refocus._arguments import (
+    Views,
+    as_block,
+    as_slopes,
+    as_views,
+    refuse_not_finite,
+)
 from lf_flame.refocus.interpolation import shift_taps
 
 
 def align_views(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike,
     view_indices: Sequence[tuple[int, int]],
+    *,
     block: tuple[int, int] = (1, 1),
 ) -> np.ndarray:
     """Shift some views so that what stands at a slope is at the same place in all of them.
@@ -25,7 +33,7 @@ def align_views(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Views whose indices are not given are not read.
     slopes : float or sequence of float
         In lenslets per view step, whatever the blocks.
@@ -42,18 +50,30 @@ def align_views(
     ------
     InputError
         If an argument cannot be used, or a pixel that was read is NaN or infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> aligned = refocus.align_views(views, 0.5, [(0, 0), (2, 2), (4, 4)])
+    >>> aligned.shape
+    (3, 24, 30)
+    >>> np.allclose(aligned[1], views[2, 2])  # the central view stays where it is
+    True
     """
-    views, slopes = as_views(views), as_slopes(slopes)
+    views, steps = as_views(light_field), as_slopes(slopes)
     indices = as_view_indices(view_indices, views.shape[:2])
     block = as_block(block, views.shape[2:4])
     images, at = _as_images(views, indices)
     channels = views.shape[4] if views.ndim == 5 else 1
-    shifts = [np.outer(centred(views.shape[axis])[indices[:, axis]], slopes) for axis in (0, 1)]
+    shifts = [np.outer(centred(views.shape[axis])[indices[:, axis]], steps) for axis in (0, 1)]
     rows, row_weights = _taps(shifts[0], views.shape[2], block[0])
     columns, column_weights = _taps(shifts[1], views.shape[3], block[1])
     size = rows.shape[2], columns.shape[2]
-    out = np.empty((len(slopes), len(indices), size[0], size[1] * channels), np.float32)
-    _alignment_kernels.align_views(
+    out = np.empty((len(steps), len(indices), size[0], size[1] * channels), np.float32)
+    _align_in_blocks(
         images, at, rows, row_weights, columns * channels, column_weights, channels, out
     )
     if not np.isfinite(out).all():
@@ -110,3 +130,35 @@ def _taps(shifts: np.ndarray, length: int, block: int) -> tuple[np.ndarray, np.n
     starts = np.arange(0, length, block)[:, None] + np.arange(block + 1)
     index = np.clip(first[..., None, None] + starts, 0, length - 1)
     return index, (weights / block).astype(np.float32)
+
+
+@njit
+def _combine_rows(view, rows, weights, line):
+    """Weighted sum of rows of a view[t, x]: line[x]."""
+    line[:] = 0.0
+    for j in range(rows.size):
+        weight, row = weights[j], view[rows[j]]
+        if weight != 0.0:
+            for x in range(np.uint64(line.size)):
+                line[x] += weight * row[x]
+
+
+@shared
+def _align_in_blocks(queue, images, at, rows, row_weights, columns, column_weights, channels, out):
+    """Shift images[at[k], t, x], average them over blocks: out[n, k, i, j * channels + c].
+
+    images: the channels of a lenslet are neighbours along x.
+    rows[k, n, i, a], row_weights[k, n, a]: which rows make up row i of the output.
+    columns[k, n, j, b], column_weights[k, n, b]: the same along x, for channel 0.
+    """
+    slopes, count, height = out.shape[:3]
+    for m in pieces(queue, slopes * count * height):
+        n, k, i = m // (count * height), m // height % count, m % height
+        line = np.empty(images.shape[2], np.float32)
+        _combine_rows(images[at[k]], rows[k, n, i], row_weights[k, n], line)
+        for j in range(columns.shape[2]):
+            for c in range(channels):
+                total = np.float32(0.0)
+                for b in range(columns.shape[3]):
+                    total += column_weights[k, n, b] * line[np.uint64(columns[k, n, j, b] + c)]
+                out[n, k, i, j * channels + c] = total

@@ -4,7 +4,7 @@ The views divide the square aperture of the main lens into as many squares. A sm
 annular aperture takes of each view the part of its square that lies inside.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,8 +12,6 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus._arguments import as_numbers
-
-SHAPES = ("round", "square")
 
 
 def aperture_weights(
@@ -47,6 +45,12 @@ def aperture_weights(
     ------
     InputError
         If the numbers are out of range, or no view lies inside.
+
+    Examples
+    --------
+    >>> from lf_flame.refocus import aperture_weights
+    >>> aperture_weights((3, 3), 1.0, shape="square").tolist()
+    [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     """
     as_numbers((*views, width, ring, *centre), "Views, width, ring and centre of an aperture")
     if min(views) < 1 or not 0 < width < np.inf:
@@ -63,7 +67,7 @@ def aperture_weights(
         raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}.")
     if not np.all(np.isfinite(centre)):
         raise InputError(f"The centre of an aperture must be finite, got {tuple(centre)}.")
-    inside = _inside_disc if shape == "round" else _inside_square
+    inside = SHAPES[shape]
     weights = inside(views, width, centre)
     if ring:
         weights = np.clip(weights - inside(views, ring, centre), 0, 1)
@@ -94,6 +98,14 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     ------
     InputError
         If the numbers are out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import round_aperture
+    >>> weights = round_aperture((9, 9))
+    >>> round(weights.sum() / 81, 4), round(np.pi / 4, 4)  # a disc in its square
+    (0.7854, 0.7854)
     """
     return aperture_weights(views, diameter)
 
@@ -110,6 +122,12 @@ def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, in
     Returns
     -------
     ndarray of float64, shape (v, u), 0 or 1
+
+    Examples
+    --------
+    >>> from lf_flame.refocus import sparse_aperture
+    >>> sparse_aperture((2, 3), [(0, 0), (1, 2)]).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
     weights = np.zeros(views)
     weights[tuple(np.transpose(view_indices))] = 1
@@ -128,6 +146,12 @@ def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -
     Returns
     -------
     ndarray of float64, shape (v, u), values from 0 to 1
+
+    Examples
+    --------
+    >>> from lf_flame.refocus import annular_aperture
+    >>> annular_aperture((9, 9), 0.5)[4, 4]  # the middle is covered
+    0.0
     """
     return aperture_weights(views, outer, inner)
 
@@ -151,6 +175,14 @@ def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
     ------
     InputError
         If the views do not reach that far.
+
+    Examples
+    --------
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.refocus import f_number_aperture
+    >>> weights = f_number_aperture(PAPER_CAMERA, 8.0)
+    >>> weights.shape, bool(weights[0, 0] == 0)
+    ((15, 15), True)
     """
     own = camera.lenslet_focal_mm / (camera.views * camera.pixel_mm)
     if not own * (1 - 1e-9) <= f_number < np.inf:
@@ -183,6 +215,10 @@ def _inside_square(views: tuple[int, int], width: float, centre: tuple[float, fl
         for n, at in zip(views, centre, strict=True)
     )
     return np.clip(np.outer(down, right), 0, 1)
+
+
+SHAPES: dict[str, Callable[..., np.ndarray]] = {"round": _inside_disc, "square": _inside_square}
+"""Part of each view's square, (v, u), inside an aperture of a width about a centre, by shape."""
 
 
 def _area_to(y: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -11,10 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from lf_flame.refocus import _filling_kernels
+from lf_flame._common.threads import pieces, shared
 
 REACH = 20.0
 """Standard deviation of a vote's way, in lenslets, where the picture is even."""
+
+BLOCK = 64
+"""Columns that are worked on together."""
 
 EDGE = 0.5
 """Change of brightness, in standard deviations of the picture, as far as the reach."""
@@ -69,8 +72,8 @@ def _arriving(values: np.ndarray, votes: np.ndarray, links: list) -> np.ndarray:
     planes = np.stack([votes, votes * values])
     if votes.any():
         for down, across in links:
-            _filling_kernels.smooth_rows(planes, across)
-            _filling_kernels.smooth_columns(planes, down)
+            _smooth_rows(planes, across)
+            _smooth_columns(planes, down)
     return planes
 
 
@@ -91,3 +94,32 @@ def _links(picture: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         ways.append(1 + REACH / EDGE * change)
     deviations = REACH * np.sqrt(3) * 2.0 ** np.arange(TURNS - 1, -1, -1) / np.sqrt(4**TURNS - 1)
     return [tuple(np.exp(-np.sqrt(2) / one * way) for way in ways) for one in deviations]
+
+
+@shared
+def _smooth_rows(queue, planes, links):
+    """Smooth planes[k, t, s] along s, forth and back: links[t, s] ties s - 1 to s, from 0 to 1."""
+    width = planes.shape[2]
+    for t in pieces(queue, planes.shape[1]):
+        for k in range(planes.shape[0]):
+            line, link = planes[k, t], links[t]
+            for s in range(1, width):
+                line[s] += link[s] * (line[s - 1] - line[s])
+            for s in range(width - 2, -1, -1):
+                line[s] += link[s + 1] * (line[s + 1] - line[s])
+
+
+@shared
+def _smooth_columns(queue, planes, links):
+    """Smooth planes[k, t, s] along t, forth and back: links[t, s] ties t - 1 to t, from 0 to 1."""
+    height, width = planes.shape[1:]
+    for block in pieces(queue, (width + BLOCK - 1) // BLOCK):
+        first, last = np.uint64(block * BLOCK), np.uint64(min((block + 1) * BLOCK, width))
+        for k in range(planes.shape[0]):
+            plane = planes[k]
+            for t in range(1, height):
+                for s in range(first, last):
+                    plane[t, s] += links[t, s] * (plane[t - 1, s] - plane[t, s])
+            for t in range(height - 2, -1, -1):
+                for s in range(first, last):
+                    plane[t, s] += links[t + 1, s] * (plane[t + 1, s] - plane[t, s])

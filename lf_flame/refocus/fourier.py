@@ -18,6 +18,7 @@ from lf_flame.refocus._arguments import (
     as_views,
     as_weights,
     by_channel,
+    for_slopes,
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
@@ -36,8 +37,9 @@ OVERSAMPLING = 2
 
 
 def fourier_refocus(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike,
+    *,
     interpolation: str = "sinc",
     edges: str = "wrap",
     weights: ArrayLike | None = None,
@@ -51,7 +53,7 @@ def fourier_refocus(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
     interpolation : {"sinc", "linear", "nearest", "cubic"}, optional
     edges : {"wrap", "clamp"}, optional
@@ -64,19 +66,31 @@ def fourier_refocus(
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        One image for each slope; for a single number the image itself, without the first axis.
         Computed in float64.
 
     Raises
     ------
     InputError
         If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> exact = refocus.fourier_refocus(views, 1.0)
+    >>> middle = np.s_[4:-4, 4:-4]  # whole shifts need no interpolation
+    >>> np.allclose(exact[middle], refocus.shift_and_sum(views, 1.0)[middle], atol=1e-6)
+    True
     """
-    weights = as_weights(weights, views)
-    views, slopes = as_views(views), as_slopes(slopes)
+    weights = as_weights(weights, light_field)
+    views, steps = as_views(light_field), as_slopes(slopes)
     check_interpolation(interpolation, ("sinc", *INTERPOLATIONS))
     _check_edges(edges)
     refocus = partial(_by_phases, interpolation=interpolation, edges=edges)
-    return by_channel(refocus, views, slopes, weights)
+    return for_slopes(by_channel(refocus, views, steps, weights), slopes)
 
 
 def _check_edges(edges: str) -> None:
@@ -165,8 +179,9 @@ def _mean_by_factors(spectra: Iterable[np.ndarray], down, right) -> np.ndarray:
 
 
 def fourier_slice(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike,
+    *,
     width: int = 6,
     edges: str = "wrap",
     weights: ArrayLike | None = None,
@@ -182,7 +197,7 @@ def fourier_slice(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
     width : {2, 4, 6, 8}, optional
     edges : {"wrap", "clamp"}, optional
@@ -194,19 +209,31 @@ def fourier_slice(
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        One image for each slope; for a single number the image itself, without the first axis.
         Computed in float32.
 
     Raises
     ------
     InputError
         If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> sliced = refocus.fourier_slice(views, 0.5, width=8)
+    >>> np.allclose(sliced, refocus.fourier_refocus(views, 0.5), atol=1e-5)
+    True
     """
-    weights = as_weights(weights, views)
-    views, slopes = as_views(views), as_slopes(slopes)
+    weights = as_weights(weights, light_field)
+    views, steps = as_views(light_field), as_slopes(slopes)
     if width not in SLICE_WIDTHS:
         raise InputError(f"width must be one of {SLICE_WIDTHS} samples, got {width!r}.")
     _check_edges(edges)
-    return by_channel(partial(_by_slices, width=width, edges=edges), views, slopes, weights)
+    refocus = partial(_by_slices, width=width, edges=edges)
+    return for_slopes(by_channel(refocus, views, steps, weights), slopes)
 
 
 def _by_slices(views, slopes, weights, width: int, edges: str) -> np.ndarray:

@@ -15,8 +15,9 @@ FINEST_SLICE = 8
 
 
 def refocus(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike,
+    *,
     interpolation: str = "linear",
     method: str = "auto",
     weights: ArrayLike | None = None,
@@ -28,7 +29,7 @@ def refocus(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
         "sinc" shifts band-limited views exactly.
@@ -45,11 +46,21 @@ def refocus(
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        One image for each slope; for a single number the image itself, without the first axis.
 
     Raises
     ------
     InputError
         If an argument cannot be used, or the method does not know the interpolation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> refocus.refocus(views, 0.5, interpolation="sinc").shape
+    (24, 30)
     """
     if method not in METHODS:
         raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
@@ -59,10 +70,12 @@ def refocus(
     if (method == "space") == (interpolation == "sinc") and method != "fourier":
         raise InputError(f"The method {method!r} does not know {interpolation!r} interpolation.")
     if method == "space":
-        return shift_and_sum(views, slopes, interpolation, weights)
+        return shift_and_sum(light_field, slopes, interpolation=interpolation, weights=weights)
     # SciPy takes longer to import than Numba; who shifts in space need not wait for it.
     from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 
     if method == "fourier":
-        return fourier_refocus(views, slopes, interpolation, "clamp", weights)
-    return fourier_slice(views, slopes, FINEST_SLICE, "clamp", weights)
+        return fourier_refocus(
+            light_field, slopes, interpolation=interpolation, edges="clamp", weights=weights
+        )
+    return fourier_slice(light_field, slopes, width=FINEST_SLICE, edges="clamp", weights=weights)

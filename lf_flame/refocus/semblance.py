@@ -38,7 +38,7 @@ ROUNDING = 4 * 2.0**-24
 """Part of the brightness below which a gradient may be rounding: a few half units of float32."""
 
 
-def semblance(
+def region_semblance(
     views: np.ndarray,
     slopes: np.ndarray,
     regions: list,

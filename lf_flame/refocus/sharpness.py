@@ -15,8 +15,16 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_slopes, as_views, as_weights, farthest_slope
-from lf_flame.refocus.semblance import semblance
+from lf_flame.refocus._arguments import (
+    Region,
+    Views,
+    as_region,
+    as_slopes,
+    as_views,
+    as_weights,
+    farthest_slope,
+)
+from lf_flame.refocus.semblance import region_semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
 """Slopes searched by default, either way: at first, and at most if the peak is not inside."""
@@ -35,8 +43,6 @@ CLEAR = 3.0
 
 MOST_NOISE = 0.5
 """Part of the energy to subtract as noise at most, lest too little be left to divide by."""
-
-Region = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +85,17 @@ class SlopeSearch:
 
 
 def find_sharpest_slope(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike | None = None,
-    region: Region | None = None,
     *,
+    region: Region | None = None,
     weights: ArrayLike | None = None,
 ) -> SlopeSearch:
     """Search the slope that makes a region sharpest.
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Of colours the mean is searched.
     slopes : sequence of float, optional
         At least three, rising in equal steps. Where the steps are wide for the number of views,
@@ -111,9 +117,19 @@ def find_sharpest_slope(
         If the arguments cannot be used, if a slope shifts views by more than the image, or if the
         curve has no peak inside the range: it is flat to the rounding of float32 pixels, or still
         rises at an end.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import find_sharpest_slope
+    >>> texture = np.random.default_rng(1).uniform(size=(48, 64))
+    >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
+    >>> found = find_sharpest_slope(np.array(views))
+    >>> round(found.slope, 2)  # each view has moved by a lenslet more
+    -1.0
     """
-    weights = as_weights(weights, views)
-    views = as_views(views)
+    weights = as_weights(weights, light_field)
+    views = as_views(light_field)
     height, width = views.shape[2:4]
     whole = (0, height, 0, width)
     curves = _measure(views, slopes, [whole if region is None else region], weights)
@@ -132,19 +148,19 @@ def find_sharpest_slope(
 
 
 def find_sharpest_slopes(
-    views: Views,
+    light_field: Views,
     slopes: ArrayLike | None = None,
+    *,
     tiles: tuple[int, int] | None = None,
     regions: Iterable[Region] | None = None,
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
-    *,
     weights: ArrayLike | None = None,
 ) -> list[SlopeSearch]:
     """Search the slope of each of many regions; they share one set of refocused images.
 
     Parameters
     ----------
-    views, slopes
+    light_field, slopes
         As for `find_sharpest_slope`. The default range is one for all: it widens while any curve
         rises at an end, or most have no peak.
     tiles : (int, int), optional
@@ -167,9 +183,19 @@ def find_sharpest_slopes(
     ------
     InputError
         If the arguments cannot be used, or a slope shifts views by more than the image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import find_sharpest_slopes
+    >>> texture = np.random.default_rng(1).uniform(size=(48, 64))
+    >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
+    >>> found = find_sharpest_slopes(np.array(views), tiles=(1, 2))
+    >>> [round(one.slope, 1) for one in found]
+    [-1.0, -1.0]
     """
-    weights = as_weights(weights, views)
-    views = as_views(views)
+    weights = as_weights(weights, light_field)
+    views = as_views(light_field)
     if tiles is not None and regions is None:
         chosen = _tiles(tiles, views.shape[2:4])
     elif regions is not None and tiles is None:
@@ -275,7 +301,7 @@ def _measure(
 ) -> _Curves:  # fmt: skip
     """Measure the regions at the slopes, and between them where the number of views asks for it."""
     angular, size = views.shape[:2], views.shape[2:4]
-    regions = [_checked(region, size) for region in regions]
+    regions = [as_region(region, size) for region in regions]
     step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
     limit = farthest_slope(views)
 
@@ -283,7 +309,7 @@ def _measure(
     effective = counts.size**2 / float(np.square(counts).sum())
 
     def curves(slopes, stride=1):
-        measured = semblance(views, slopes, regions, counts, progress)
+        measured = region_semblance(views, slopes, regions, counts, progress)
         return _Curves(regions, effective, slopes, *measured, stride)
 
     if slopes is not None:
@@ -310,18 +336,6 @@ def _between(slopes: np.ndarray, step: float, limit: float) -> tuple[np.ndarray,
     filled = np.linspace(slopes[0], slopes[-1], (len(slopes) - 1) * stride + 1)
     filled[::stride] = slopes
     return filled, stride
-
-
-def _checked(region: Region, size: tuple[int, int]) -> Region:
-    if len(region) != 4 or not (
-        0 <= region[0] < region[1] <= size[0] and 0 <= region[2] < region[3] <= size[1]
-    ):
-        raise InputError(
-            f"region must be (t_start, t_stop, s_start, s_stop) inside the {size[0]} x {size[1]} "
-            f"lenslets, got {tuple(region)}."
-        )
-    top, bottom, left, right = (int(k) for k in region)
-    return top, bottom, left, right
 
 
 def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:

@@ -14,6 +14,7 @@ from lf_flame.refocus._arguments import (
     as_slopes,
     as_views,
     as_weights,
+    for_slopes,
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import shift_taps
@@ -30,7 +31,11 @@ rows. A constant, so that the bits do not depend on the number of threads."""
 
 
 def shift_and_sum(
-    views: Views, slopes: ArrayLike, interpolation: str = "linear", weights: ArrayLike | None = None
+    light_field: Views,
+    slopes: ArrayLike,
+    *,
+    interpolation: str = "linear",
+    weights: ArrayLike | None = None,
 ) -> np.ndarray:
     """Refocus by shifting in space, coordinates clamped at the edges.
 
@@ -40,7 +45,7 @@ def shift_and_sum(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Of 8 or 16 bits, float32 or float64, and contiguous, it is read without a copy.
     slopes : float or sequence of float
         One refocused image for each.
@@ -54,6 +59,7 @@ def shift_and_sum(
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
+        One image for each slope; for a single number the image itself, without the first axis.
         In the unit of the views. Eight taps at a time are summed in float32, the rest in
         float64: the error stays within some units of the last place for any number of views.
         (Views of float64 are summed in float64 throughout.)
@@ -62,16 +68,27 @@ def shift_and_sum(
     ------
     InputError
         If views, slopes, interpolation or weights cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> refocus.shift_and_sum(views, 0.5).shape
+    (24, 30)
+    >>> refocus.shift_and_sum(views, [-1.0, 0.0, 1.0]).shape
+    (3, 24, 30)
     """
-    weights = as_weights(weights, views)
-    views, slopes = as_readable(as_views(views)), as_slopes(slopes)
+    weights = as_weights(weights, light_field)
+    views, steps = as_readable(as_views(light_field)), as_slopes(slopes)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet side by side
-    stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
-    for first in range(0, len(slopes), SLOPES_AT_ONCE):
+    stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
+    for first in range(0, len(steps), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, slopes[some], interpolation, weights, stack[some])
-    return stack.reshape(len(slopes), *views.shape[2:])
+        _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
+    return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
 
 
 class ShiftPlan(NamedTuple):

@@ -52,20 +52,30 @@ class SlopeRange:
         return f"from slope {self.low:+.2f} to {self.high:+.2f}{doubt}"
 
 
-def find_slope_range(views: Views) -> SlopeRange:
+def find_slope_range(light_field: Views) -> SlopeRange:
     """Find from which slope to which a scene reaches, by tiles of its views made smaller.
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
 
     Returns
     -------
     SlopeRange
         Where no tile is certain, -3 to 3, as far as the image allows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import find_slope_range
+    >>> texture = np.random.default_rng(1).uniform(size=(96, 128))
+    >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
+    >>> found = find_slope_range(np.array(views))
+    >>> bool(found.low < -1 < found.high), found.certain
+    (True, True)
     """
-    weights = as_weights(None, views)
-    views = as_views(views)
+    weights = as_weights(None, light_field)
+    views = as_views(light_field)
     limit = farthest_slope(views)
     block = max(1, round(max(views.shape[2:4]) / SIDE))
     small = _averaged(views, block)

@@ -3,7 +3,7 @@
 A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a tilted
 (Scheimpflug) lens has in focus, is linear in it; regions of interest each get a slope of their own
 (volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238); the slope map of
-a whole scene makes an image with everything in focus (`lf_flame.refocus.depth_from_focus`).
+a whole scene makes an image with everything in focus (`lf_flame.refocus.focus_map`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,14 @@ from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import _surface_kernels
-from lf_flame.refocus._arguments import Views, as_readable, as_views, as_weights, refuse_not_finite
+from lf_flame.refocus._arguments import (
+    Views,
+    as_readable,
+    as_region,
+    as_views,
+    as_weights,
+    refuse_not_finite,
+)
 from lf_flame.refocus.interpolation import check_interpolation
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
@@ -27,7 +34,11 @@ WINDOW = 1.5
 
 
 def refocus_surface(
-    views: Views, slopes: ArrayLike, interpolation: str = "linear", weights: ArrayLike | None = None
+    light_field: Views,
+    slopes: ArrayLike,
+    *,
+    interpolation: str = "linear",
+    weights: ArrayLike | None = None,
 ) -> np.ndarray:
     """Refocus every pixel at a slope of its own.
 
@@ -36,7 +47,7 @@ def refocus_surface(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         uint8, uint16, float32 and float64 are read as they are; others become float32, or
         float64 where they are wider.
     slopes : array_like, shape (t, s) or (n, t, s)
@@ -57,9 +68,20 @@ def refocus_surface(
     ------
     InputError
         If an argument cannot be used, or a pixel that was read is NaN or infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> slopes = refocus.planar_slopes((24, 30), 0.5)
+    >>> surface = refocus.refocus_surface(views, slopes)
+    >>> np.allclose(surface, refocus.shift_and_sum(views, 0.5), atol=1e-6)
+    True
     """
-    weights = as_weights(weights, views)
-    views = as_readable(as_views(views))
+    weights = as_weights(weights, light_field)
+    views = as_readable(as_views(light_field))
     slopes = _as_slope_maps(slopes, views.shape[2:4])
     check_interpolation(interpolation)
     grey = views.ndim == 4
@@ -79,7 +101,7 @@ def refocus_surface(
 
 
 def planar_slopes(
-    shape: Sequence[int], at: float, gradient: Sequence[float] | np.ndarray = (0.0, 0.0)
+    shape: Sequence[int], at: float, *, gradient: Sequence[float] | np.ndarray = (0.0, 0.0)
 ) -> np.ndarray:
     """Slope map that is linear: a plane in object space, tilted or not.
 
@@ -100,6 +122,12 @@ def planar_slopes(
     ------
     InputError
         If a number cannot be used.
+
+    Examples
+    --------
+    >>> from lf_flame.refocus import planar_slopes
+    >>> planar_slopes((2, 3), 1.0, gradient=(0.0, 0.1)).round(3).tolist()
+    [[0.9, 1.0, 1.1], [0.9, 1.0, 1.1]]
     """
     height, width = _as_shape(shape)
     if np.shape(gradient) != (2,):
@@ -109,7 +137,7 @@ def planar_slopes(
 
 
 def tilted_plane(
-    camera: PlenopticCamera, depth_mm: float, tilt_rad: Sequence[float] | np.ndarray
+    camera: PlenopticCamera, *, depth_mm: float, tilt_rad: Sequence[float] | np.ndarray
 ) -> np.ndarray:
     """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
 
@@ -135,18 +163,29 @@ def tilted_plane(
     ------
     InputError
         If the plane does not stand in front of the main lens, or a tilt reaches pi/2.
+
+    Examples
+    --------
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.refocus import tilted_plane
+    >>> slopes = tilted_plane(PAPER_CAMERA, depth_mm=0.0, tilt_rad=(0.0, 0.2))
+    >>> slopes.shape
+    (270, 540)
+    >>> bool(slopes[0, 0] < 0 < slopes[0, -1])  # nearer on the left, farther on the right
+    True
     """
     at = camera.depth_to_slope(depth_mm)
     tilts = np.asarray(tilt_rad, float)
     if tilts.shape != (2,) or not np.all(np.abs(tilts) < np.pi / 2):
         raise InputError(f"tilt_rad must be two angles within pi/2, (t, s), got {tilt_rad}.")
     per_lenslet = np.tan(tilts) * camera.view_step_mm / (camera.focus_distance_mm + depth_mm)
-    return planar_slopes(camera.lenslets, at, per_lenslet)
+    return planar_slopes(camera.lenslets, at, gradient=per_lenslet)
 
 
 def region_slopes(
     shape: Sequence[int],
     regions: Iterable[tuple[ArrayLike, float]],
+    *,
     background: float,
     soften: float = 0.0,
 ) -> np.ndarray:
@@ -175,6 +214,12 @@ def region_slopes(
     ------
     InputError
         If a region does not lie in the image, or a number cannot be used.
+
+    Examples
+    --------
+    >>> from lf_flame.refocus import region_slopes
+    >>> region_slopes((2, 3), [((0, 2, 1, 2), 1.5)], background=0.0).tolist()
+    [[0.0, 1.5, 0.0], [0.0, 1.5, 0.0]]
     """
     shape = _as_shape(shape)
     if not 0 <= soften < np.inf:
@@ -198,20 +243,13 @@ def _as_shape(shape: Sequence[int]) -> tuple[int, int]:
 
 def _as_mask(region: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
     """Mask of a region."""
-    region = np.asarray(region)
-    if region.dtype == bool and region.shape == shape:
-        return region
-    if region.shape == (4,) and region.dtype.kind in "iu":
-        t0, t1, s0, s1 = (int(edge) for edge in region)
-        if 0 <= t0 < t1 <= shape[0] and 0 <= s0 < s1 <= shape[1]:
-            mask = np.zeros(shape, bool)
-            mask[t0:t1, s0:s1] = True
-            return mask
-    raise InputError(
-        f"A region must be (t_start, t_stop, s_start, s_stop) inside the {shape[0]} x {shape[1]} "
-        f"lenslets, or a bool mask of that shape, got "
-        f"{region.tolist() if region.size <= 4 else f'{region.dtype} of shape {region.shape}'}."
-    )
+    given = np.asarray(region)
+    if given.dtype == bool and given.shape == shape:
+        return given
+    mask = np.zeros(shape, bool)
+    top, bottom, left, right = as_region(region, shape)
+    mask[top:bottom, left:right] = True
+    return mask
 
 
 def _as_slope_maps(slopes: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,1 +1,5 @@
 """What a camera looks at: layers with textures, flames, shapes, dead leaves; scene files."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

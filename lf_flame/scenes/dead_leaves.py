@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lf_flame._common.strict import strict
+from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.scenes import _kernels
@@ -34,6 +34,13 @@ class DeadLeaves:
         Largest amplitude of a leaf's wave pattern.
     wavelength : (float, float)
         Of the pattern, in pixels, uniform in its logarithm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.scenes import DeadLeaves
+    >>> DeadLeaves().draw(np.random.default_rng(1), (8, 8)).shape
+    (8, 8)
     """
 
     leaves: int = 100

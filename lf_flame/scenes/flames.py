@@ -43,6 +43,14 @@ def draw_wrinkles(rng: np.random.Generator) -> np.ndarray:
     ndarray of float64, shape (2, WAVES, 2)
         Cosine and sine coefficients of the sway and of the change of radius; on average over
         draws each of the two has a root-mean-square of 1 over the height.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.scenes import draw_wrinkles, flame_texture
+    >>> wrinkles = draw_wrinkles(np.random.default_rng(1))
+    >>> flame_texture(20.0, 3.0, wrinkles).shape == flame_texture(20.0, 3.0).shape
+    True
     """
     amplitude = np.arange(1, WAVES + 1.0) ** (-5 / 6)
     amplitude /= np.sqrt(np.sum(amplitude**2))
@@ -78,6 +86,13 @@ def flame_texture(
     -------
     ndarray of float64, shape (rows, columns), values in [0, 1]
         Scaled so that its brightest cell is 1.
+
+    Examples
+    --------
+    >>> from lf_flame import Layer
+    >>> from lf_flame.scenes import flame_texture
+    >>> texture = flame_texture(20.0, 3.0)
+    >>> flame = Layer(texture, 10.0, (20.0, 0.1 * texture.shape[1]))
     """
     rows = round(np.clip(height_mm / cell_mm, 2, MOST_CELLS))
     columns = round(np.clip(2 * HALF_WIDTH * radius_mm / cell_mm, 3, MOST_CELLS))

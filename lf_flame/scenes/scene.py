@@ -60,6 +60,12 @@ class Layer:
     ------
     InputError
         If a value cannot be used; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import Layer
+    >>> square = Layer(np.ones((8, 8)), depth_mm=10.0, size_mm=(4.0, 4.0), centre_mm=(0.0, 3.0))
     """
 
     texture: np.ndarray
@@ -205,6 +211,14 @@ class Scene:
     InputError
         If there is none, or if two opaque layers at one depth overlap, so that neither is in
         front.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, Layer, Scene, render
+    >>> scene = Scene([Layer(np.ones((8, 8)), depth_mm=10.0, size_mm=(4.0, 4.0))])
+    >>> render(scene, PAPER_CAMERA)
+    LightField(15 x 15 views of 270 x 540 pixels, grey)
     """
 
     layers: tuple[Layer, ...]

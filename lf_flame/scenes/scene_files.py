@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 from skimage.util import img_as_float64
 
-from lf_flame._common.config import build
+from lf_flame._common.config import build, strict
 from lf_flame._common.input_files import read_record, read_toml
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import check_levels, read_pixels, read_shape
-from lf_flame._common.strict import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PAPER_CAMERA, PlenopticCamera
 from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
@@ -136,6 +135,13 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
     ------
     InputError
         If the file cannot be read, or a value in it cannot be used.
+
+    Examples
+    --------
+    >>> from lf_flame.scenes import read_scene
+    >>> scene, camera, effects = read_scene("scene.toml")
+    >>> len(scene.layers), camera.views
+    (1, 9)
     """
     entries = build(SceneFile, read_toml(path), path)
     layers: list[Layer] = []
@@ -154,7 +160,14 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 
 
 def read_camera(path: str | Path) -> PlenopticCamera:
-    """Read the camera of a TOML file of any kind, ``[camera]``, or of a simulation's record."""
+    """Read the camera of a TOML file of any kind, ``[camera]``, or of a simulation's record.
+
+    Examples
+    --------
+    >>> from lf_flame.scenes import read_camera
+    >>> read_camera("scene.toml").views
+    9
+    """
     values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
     if "camera" not in values:
         raise InputError(f"{path} has no camera: it must hold a table of that name.")

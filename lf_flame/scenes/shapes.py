@@ -45,6 +45,12 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     ------
     InputError
         If the shape is unknown.
+
+    Examples
+    --------
+    >>> from lf_flame.scenes import shape_texture
+    >>> shape_texture("circle", (4.0, 4.0), 0.5).shape
+    (8, 8)
     """
     if shape not in SHAPES:
         raise InputError(f"Unknown shape {shape!r}; known are {', '.join(SHAPES)}.")

@@ -249,6 +249,14 @@ def plan_effects(
     InputError
         If the tolerance is not above 0, an effect is unknown, or the tolerance would need more
         slabs or colours than are sensible.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects
+    >>> scene = Scene([Layer(np.ones((8, 8)), depth_mm=10.0, size_mm=(4.0, 4.0))])
+    >>> sorted(plan_effects(scene, PAPER_CAMERA).kept)
+    ['defocus']
     """
     forced = dict(effects or {})
     check_request(tolerance, forced)

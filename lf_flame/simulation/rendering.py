@@ -93,6 +93,15 @@ def render(
     InputError
         If a layer lies outside the field or behind the lens, or if the tolerance, an effect or
         the integrator cannot be had.
+
+    Examples
+    --------
+    >>> from lf_flame.scenes import read_scene
+    >>> from lf_flame import render
+    >>> scene, camera, effects = read_scene("scene.toml")
+    >>> light_field = render(scene, camera, effects=effects)
+    >>> light_field
+    LightField(9 x 9 views of 60 x 90 pixels, grey)
     """
     _check_options(integrator, rays, layout)
     with progress.stage("Looking which effects the scene calls for"):

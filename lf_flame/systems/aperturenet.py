@@ -70,6 +70,12 @@ def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> 
     -------
     keras.Model
         Input (h, w, 9), the aligned views; sides multiples of 4. Output (h, w, 1), not clipped.
+
+    Examples
+    --------
+    >>> from lf_flame.systems import build_aperturenet
+    >>> build_aperturenet(seed=1).count_params() > 10_000
+    True
     """
     # Names of layers, "shares" and "mean_in_quads" too, are those of networks trained before.
     seen = keras.Input((None, None, VIEWS), name="aligned_views")
@@ -193,5 +199,5 @@ class ApertureNet(NetworkSystem):
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         """Align them."""
-        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
+        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block=block)
         return np.moveaxis(aligned, 1, -1)

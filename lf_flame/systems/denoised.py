@@ -42,6 +42,15 @@ class Denoised(RefocusingSystem):
         Takes a grey image and the standard deviation of its noise, gives the denoised one:
         `non_local_means` or `total_variation`.
     name : str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import Denoised, ShiftAndSum
+    >>> from lf_flame.systems.denoised import total_variation
+    >>> views = np.random.default_rng(1).uniform(size=(3, 3, 20, 30))
+    >>> Denoised("denoised", ShiftAndSum(), total_variation).refocus(views, [0.0]).shape
+    (1, 20, 30)
     """
 
     def __init__(self, system: ShiftAndSum, denoise: Callable[..., np.ndarray], name: str):

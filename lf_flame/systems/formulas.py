@@ -26,6 +26,13 @@ class ShiftAndSum(RefocusingSystem):
     selection : callable, optional
         Takes the numbers of rows and columns of views, gives row and column of each view that is
         used (`lf_flame.systems.view_selection`). Default: all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import ShiftAndSum
+    >>> ShiftAndSum().refocus(np.ones((5, 5, 24, 30)), [0.0, 0.5], (2, 2)).shape
+    (2, 12, 15)
     """
 
     def __init__(
@@ -41,13 +48,21 @@ class ShiftAndSum(RefocusingSystem):
         indices = self.view_indices(*views.shape[:2])
         if max(block) > 1 and len(indices) < views.shape[0] * views.shape[1]:
             # Aligned straight into blocks: for few views faster than to average images afterwards.
-            return align_views(views, slopes, indices, block).mean(axis=1)
+            return align_views(views, slopes, indices, block=block).mean(axis=1)
         weights = sparse_aperture(views.shape[:2], indices)
         return average(shift_and_sum(views, slopes, weights=weights), block)
 
 
 class FourierSlice(RefocusingSystem):
-    """A slice through the spectrum of the light field (R. Ng, SIGGRAPH 2005)."""
+    """A slice through the spectrum of the light field (R. Ng, SIGGRAPH 2005).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import FourierSlice
+    >>> FourierSlice().refocus(np.ones((5, 5, 24, 30)), [0.0, 0.5], (2, 2)).shape
+    (2, 12, 15)
+    """
 
     name = "Fourier slice"
 

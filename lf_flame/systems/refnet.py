@@ -43,6 +43,12 @@ def build_refnet(seed: int = 0) -> keras.Model:
     keras.Model
         Input (h, w, 50), the views row by row, and how far apart they stand; output (h, w, 16),
         from 0 to 1, one image for each of `ALPHAS`.
+
+    Examples
+    --------
+    >>> from lf_flame.systems import build_refnet
+    >>> build_refnet(seed=1).count_params() > 10_000
+    True
     """
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
@@ -106,7 +112,7 @@ class RefNet(NetworkSystem):
         Slopes are in steps of the camera's views, of which the network sees but some: a last
         channel says how many lie from one that it sees to the next, halved to be about 1.
         """
-        shown = align_views(views, 0.0, self.view_indices(*views.shape[:2]), block)
+        shown = align_views(views, [0.0], self.view_indices(*views.shape[:2]), block=block)
         apart = np.full_like(shown[:, :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
         return np.moveaxis(np.concatenate([shown, apart], axis=1), 1, -1)
 

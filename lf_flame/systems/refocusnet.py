@@ -49,6 +49,12 @@ def build_refocusnet(seed: int = 0) -> keras.Model:
     keras.Model
         Input (h, w, 12), of any size: red, green and blue of one aligned view after the other.
         Output (h, w, 3), not clipped.
+
+    Examples
+    --------
+    >>> from lf_flame.systems import build_refocusnet
+    >>> build_refocusnet(seed=1).count_params() > 10_000
+    True
     """
 
     def convolution(number: int, filters: int, activation: str | None = None) -> layers.Conv2D:
@@ -137,7 +143,7 @@ class RefocusNet(NetworkSystem):
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
         """Align the four views: red, green and blue of one after the other."""
-        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block)
+        aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block=block)
         if views.ndim == 4:
             aligned = np.repeat(aligned[..., None], COLOURS, axis=-1)
         n, _, height, width, _ = aligned.shape

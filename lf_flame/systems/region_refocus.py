@@ -20,8 +20,8 @@ from lf_flame.refocus import (
     shift_and_sum,
     sparse_aperture,
 )
-from lf_flame.refocus._arguments import Views, as_views
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus._arguments import Region, Views, as_region, as_views
+from lf_flame.refocus.focus_map import TRUSTED
 from lf_flame.systems.view_selection import ARM, cross_of_views
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ SOFTEN = 5.0
 
 
 def search_region_slope(
-    views: Views, region: tuple[int, int, int, int], slopes: tuple[float, float]
+    light_field: Views, region: Region, slopes: tuple[float, float]
 ) -> tuple[float, float]:
     """Find the slope at which a region, refocused with the cross alone, looks most like the middle.
 
@@ -44,7 +44,7 @@ def search_region_slope(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         From 0 to 1.
     region : (int, int, int, int)
         First and last but one row, first and last but one column; 11 pixels or more each way.
@@ -63,7 +63,7 @@ def search_region_slope(
     InputError
         If the region does not lie in the image or is too small, or the range is empty.
     """
-    light_field, views = views, as_views(views)
+    views = as_views(light_field)
     from keras import ops
 
     from lf_flame.systems.similarity import ms_ssim, scales
@@ -92,9 +92,7 @@ def search_region_slope(
         low, high = steps[max(best - 1, 0)], steps[min(best + 1, 10)]
 
 
-def most_common_slope(
-    focus_map: FocusMap, region: tuple[int, int, int, int]
-) -> tuple[float, float]:
+def most_common_slope(focus_map: FocusMap, region: Region) -> tuple[float, float]:
     """Find the slope that most of a region's certain pixels share, to within a step of 0.1.
 
     Parameters
@@ -121,15 +119,8 @@ def most_common_slope(
     return float(counted[steps == values[counts.argmax()]].mean()), float(certain.mean())
 
 
-def _check(views: np.ndarray, region, slopes) -> None:
-    if np.shape(region) != (4,) or np.asarray(region).dtype.kind not in "iu":
-        raise InputError(f"A region must be four whole numbers, got {region!r}.")
-    t0, t1, s0, s1 = region
-    if not (0 <= t0 < t1 <= views.shape[2] and 0 <= s0 < s1 <= views.shape[3]):
-        raise InputError(
-            f"A region must be (t_start, t_stop, s_start, s_stop) inside the {views.shape[2]} x "
-            f"{views.shape[3]} pixels of the views, got {tuple(region)}."
-        )
+def _check(views: np.ndarray, region: Sequence[int], slopes: tuple[float, float]) -> None:
+    as_region(region, views.shape[2:4])
     if not -np.inf < slopes[0] < slopes[1] < np.inf:
         raise InputError(
             f"slopes to search must be two rising numbers, got {slopes[0]} and {slopes[1]}."
@@ -137,9 +128,10 @@ def _check(views: np.ndarray, region, slopes) -> None:
 
 
 def refocus_regions(
-    views: Views,
+    light_field: Views,
     regions: Iterable[Sequence[int]],
     slopes: tuple[float, float],
+    *,
     background: float | None = None,
     dense: bool = False,
     unet: "SparseUNet | None" = None,
@@ -148,7 +140,7 @@ def refocus_regions(
 
     Parameters
     ----------
-    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         From 0 to 1.
     regions : iterable of (int, int, int, int)
         See `search_region_slope`.
@@ -179,8 +171,17 @@ def refocus_regions(
     InputError
         If a region does not lie in the image, or is too small, the range is empty, or views are
         missing; with a network also if the image is smaller than it can take.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import refocus_regions
+    >>> views = np.random.default_rng(1).uniform(size=(9, 9, 48, 64))
+    >>> image, slopes, found = refocus_regions(views, [(4, 24, 4, 30)], (-1.0, 1.0), dense=True)
+    >>> image.shape, slopes.shape, len(found)
+    ((48, 64), (48, 64), 1)
     """
-    light_field, views, regions = views, as_views(views), list(regions)
+    views, regions = as_views(light_field), list(regions)
     if unet is not None:
         unet.check(views)
     for region in regions:
@@ -188,7 +189,7 @@ def refocus_regions(
     found = _region_slopes(light_field, regions, slopes, dense)
     rest = slopes[0] if background is None else background
     in_focus = [(region, slope) for region, (slope, _) in zip(regions, found, strict=True)]
-    surface = region_slopes(views.shape[2:4], in_focus, rest, SOFTEN)
+    surface = region_slopes(views.shape[2:4], in_focus, background=rest, soften=SOFTEN)
     shape = views.shape[:2]
     weights = None if dense else sparse_aperture(shape, cross_of_views(*shape))
     image = refocus_surface(light_field, surface, weights=weights)

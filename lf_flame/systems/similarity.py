@@ -1,7 +1,7 @@
 """Structural similarity that a network can be trained on, and at several scales.
 
 In Keras's operations, so that it has a gradient on every backend; tables are scored with
-scikit-image (`experiments.paper.tables`). Constants as Wang et al. have them: a Gaussian window of
+scikit-image. Constants as Wang et al. have them: a Gaussian window of
 11 x 11 pixels and standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
 """
 
@@ -31,6 +31,14 @@ def ssim(truth: Any, image: Any) -> Any:
     Returns
     -------
     tensor, shape (n,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import ssim
+    >>> image = np.random.default_rng(1).uniform(size=(1, 32, 32, 1)).astype(np.float32)
+    >>> [round(float(value), 6) for value in ssim(image, image)]
+    [1.0]
     """
     luminance, structure = _terms(truth, image)
     return ops.mean(luminance * structure, axis=(1, 2, 3))
@@ -56,6 +64,14 @@ def ms_ssim(truth: Any, image: Any) -> Any:
     ------
     InputError
         If the images are smaller than a window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.systems import ms_ssim
+    >>> image = np.random.default_rng(1).uniform(size=(1, 64, 64, 1)).astype(np.float32)
+    >>> [round(float(value), 6) for value in ms_ssim(image, image)]
+    [1.0]
     """
     count = scales(truth.shape[1:3])
     weights = np.array(SCALE_WEIGHTS[:count]) / sum(SCALE_WEIGHTS[:count]) * sum(SCALE_WEIGHTS)

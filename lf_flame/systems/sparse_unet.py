@@ -34,6 +34,12 @@ def build_unet(seed: int = 0) -> keras.Model:
     keras.Model
         Input and output (h, w, 1), sides multiples of 4; the input is added to what the last
         convolution makes.
+
+    Examples
+    --------
+    >>> from lf_flame.systems import build_unet
+    >>> build_unet(seed=1).count_params() > 10_000
+    True
     """
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 

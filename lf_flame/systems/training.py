@@ -13,12 +13,11 @@ import keras
 import numpy as np
 from tqdm import tqdm
 
-from lf_flame._common.config import build, to_json
+from lf_flame._common.config import build, strict, to_json
 from lf_flame._common.input_files import read_toml
-from lf_flame._common.keras_loading import load_model
-from lf_flame._common.strict import strict
 from lf_flame.datasets.config import config_to_json
 from lf_flame.errors import InputError
+from lf_flame.learning.keras_loading import load_model
 from lf_flame.learning.run_folders import load_run
 from lf_flame.learning.training_run import MOST_EPOCHS, Job, assign, carry_out, check_seed
 from lf_flame.systems.base import NetworkSystem

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.strict import strict
+from lf_flame._common.config import strict
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.errors import InputError
 from lf_flame.optics.sensor import Sensor, expose

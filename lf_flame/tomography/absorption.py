@@ -62,6 +62,22 @@ class AbsorbingOperator(LinearOperator):
     InputError
         If the type is another, the shape is not the grid's, or the transmissions would take more
         memory than is allowed.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.tomography import FrustumGrid
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> grid = FrustumGrid(camera, [6.0, -6.0])
+
+    >>> from lf_flame.tomography import AbsorbingOperator, ProjectionOperator
+    >>> thickness = np.zeros(grid.shape)
+    >>> dimmed = AbsorbingOperator(grid, thickness)
+    >>> light = np.ones(grid.shape, np.float32).ravel()
+    >>> bool(np.allclose(dimmed @ light, ProjectionOperator(grid) @ light, rtol=1e-5))
+    True
     """
 
     def __init__(self, grid: FrustumGrid, thickness: np.ndarray, dtype: str = "float32"):

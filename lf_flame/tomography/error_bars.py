@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import ndimage, special
 
+from lf_flame.errors import InputError
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
@@ -15,8 +16,19 @@ NOISE_BLOCK = 9
 LEVEL = 0.95
 """Confidence level of a bar."""
 
-MOST_REDRAWS = 10_000
+MOST_DRAWS = 10_000
 """Draws beyond which a number is a mistake: error bars are then known to 0.7 %."""
+
+
+def check_bootstrap(bootstrap: int) -> None:
+    """Refuse a number of draws that tells no scatter, or that nobody means.
+
+    Raises
+    ------
+    InputError
+    """
+    if not 0 <= bootstrap <= MOST_DRAWS or bootstrap == 1:
+        raise InputError(f"bootstrap must be 0, or 2 to {MOST_DRAWS}, got {bootstrap}.")
 
 
 def draw_noise(

@@ -59,6 +59,19 @@ class FrequencyGram:
     ------
     InputError
         If the matrices would take more memory than is allowed.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.tomography import FrustumGrid
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> grid = FrustumGrid(camera, [6.0, -6.0])
+
+    >>> from lf_flame.tomography import FrequencyGram
+    >>> FrequencyGram(grid).scale > 0
+    True
     """
 
     def __init__(self, grid: FrustumGrid):

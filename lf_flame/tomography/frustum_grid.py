@@ -47,6 +47,15 @@ class FrustumGrid:
     InputError
         If a depth cannot be used, the lenslets are no multiple of the block, or the camera is not
         ideal.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import FrustumGrid
+    >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=5, lenslets=(32, 40)), [6.0, -6.0])
+    >>> round(grid.cell_mm(6.0), 3)  # side of a cell
+    0.134
     """
 
     camera: PlenopticCamera

@@ -10,7 +10,7 @@ from pyproximal.optimization.primal import DouglasRachfordSplitting
 from scipy import fft
 
 from lf_flame._common import progress
-from lf_flame.tomography._frequency_kernels import multiply_frequencies
+from lf_flame._common.threads import pieces, shared
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEP = 60.0
@@ -61,7 +61,7 @@ class FrequencyFit(ProxOperator):
         torus = torus + np.float32(tau) * self._focal_stack
         spectrum = fft.rfft2(torus, workers=get_num_threads())
         solved = np.empty_like(spectrum)
-        multiply_frequencies(self._inverse, spectrum.view(np.float32), solved.view(np.float32))
+        _multiply_frequencies(self._inverse, spectrum.view(np.float32), solved.view(np.float32))
         return fft.irfft2(solved, s=self._shape[1:], workers=get_num_threads()).ravel()
 
 
@@ -229,3 +229,18 @@ class RangeFit:
         """Tell how much of the squares of the light field some cells explain."""
         seen = multiply(self.gram.matrices, spectrum)
         return 2 * self.gram.inner(self._spectrum, spectrum) - self.gram.inner(spectrum, seen)
+
+
+@shared
+def _multiply_frequencies(queue, matrices, spectrum, product):
+    """Multiply matrices[y, p, q, x] with spectrum[q, y, 2 x], real and imaginary parts in turn."""
+    rows, planes, _, columns = matrices.shape
+    for y in pieces(queue, rows):
+        for p in range(planes):
+            line = product[p, y]
+            line[:] = 0
+            for q in range(planes):
+                factors, values = matrices[y, p, q], spectrum[q, y]
+                for x in range(columns):
+                    line[2 * x] += factors[x] * values[2 * x]
+                    line[2 * x + 1] += factors[x] * values[2 * x + 1]

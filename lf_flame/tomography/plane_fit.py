@@ -206,5 +206,5 @@ def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int)
         return views
     # Aligned at slope 0: shift-and-sum's engine averages blocks at the speed of reading.
     indices = [(v, u) for v in range(camera.views) for u in range(camera.views)]
-    aligned = align_views(views, 0.0, indices, (block, block))[0]
+    aligned = align_views(views, 0.0, indices, block=(block, block))
     return aligned.reshape(*views.shape[:2], *aligned.shape[1:])

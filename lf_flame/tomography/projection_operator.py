@@ -32,6 +32,20 @@ class ProjectionOperator(LinearOperator):
     ------
     InputError
         If the type is another.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.tomography import FrustumGrid
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> grid = FrustumGrid(camera, [6.0, -6.0])
+
+    >>> from lf_flame.tomography import ProjectionOperator
+    >>> operator = ProjectionOperator(grid)
+    >>> operator.dimsd, operator.dims == grid.shape
+    ((5, 5, 32, 40), True)
     """
 
     def __init__(self, grid: FrustumGrid, dtype: str = "float32"):

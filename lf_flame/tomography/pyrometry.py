@@ -95,6 +95,7 @@ def emission_ratio(
 def two_colour_temperature(
     first: ArrayLike,
     second: ArrayLike,
+    *,
     wavelengths_nm: tuple[float, float],
     sigmas: tuple[ArrayLike, ArrayLike] | None = None,
     soot_exponent: float = 1.0,
@@ -124,6 +125,16 @@ def two_colour_temperature(
     ------
     InputError
         If shapes differ or a value cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.tomography import two_colour_temperature
+    >>> nm, kelvin = np.array([550.0, 650.0]), 1800.0
+    >>> green, red = nm**-6 / np.expm1(1.4387768775e7 / (nm * kelvin))  # Planck, soot as 1 / nm
+    >>> found = two_colour_temperature(green, red, wavelengths_nm=(550.0, 650.0))
+    >>> round(float(found.kelvin), 3)
+    1800.0
     """
     short, long = _checked_wavelengths(wavelengths_nm)
     _check_exponent(soot_exponent)

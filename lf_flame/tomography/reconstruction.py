@@ -16,7 +16,7 @@ from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_overlap, check_range, check_spacing
 from lf_flame.tomography.error_bars import (
-    MOST_REDRAWS,
+    check_bootstrap,
     noise_variance,
     redraw,
     scatter,
@@ -63,7 +63,7 @@ class Reconstruction:
     correction : ndarray of float32, shape of `emission`
         What was added to the fit, for what penalty and even cells do to a flame; zeros where
         nothing was.
-    draws : ndarray of float32, shape (redraws, planes, rows, columns)
+    draws : ndarray of float32, shape (draws, planes, rows, columns)
         Emission of light fields that were drawn anew from what was found, with noise, and with the
         penalty's prior drawn anew; of the correction each takes between none and twice. What the
         aperture cannot tell in depth is not all in their scatter.
@@ -143,6 +143,7 @@ class Reconstruction:
 def reconstruct(
     light_field: LightField,
     grid: FrustumGrid,
+    *,
     noise: float | None = None,
     strength: float | None = None,
     order: int = ROUGHNESS_ORDER,
@@ -151,11 +152,10 @@ def reconstruct(
     dark_cells: bool = True,
     corrected: bool = True,
     whole_curve: bool = False,
-    redraws: int = 0,
-    rng: np.random.Generator | None = None,
+    bootstrap: int = 0,
+    rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
     penalty: str = ROUGHNESS,
-    *,
     background: str | None = None,
 ) -> Reconstruction:
     """Find the emission of the planes of a grid that explains a light field.
@@ -189,11 +189,11 @@ def reconstruct(
         `lf_flame.tomography.plane_fit.PlaneFit.correct`.
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
-    redraws : int, optional
+    bootstrap : int, optional
         Number of light fields of the found emission that are drawn with new noise, as uneven as
         that found, and fitted again, for `Reconstruction.sigma`: 0, or 2 and more.
-    rng : numpy.random.Generator, optional
-        Needed for redraws.
+    rng : int, numpy.random.Generator or None, optional
+        Seed or generator of the bootstrap; None draws differently each time.
     optical_thickness : float, or array_like of shape (planes,) or (planes, rows, columns), optional
         Absorption along the line of sight, 0 or above, known from elsewhere: the total, spread
         evenly over the planes, or each plane's, even across it or by the pixels of the central
@@ -217,6 +217,25 @@ def reconstruct(
     ------
     InputError
         If light field and grid do not fit, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.tomography import FrustumGrid
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> grid = FrustumGrid(camera, [6.0, -6.0])
+
+    >>> y, x = np.mgrid[-1:1:32j, -1:1:40j]
+    >>> glow = np.exp(-8 * (x**2 + y**2))
+    >>> cells = np.zeros(grid.shape)
+    >>> grid.crop(cells)[...] = glow, 0.5 * glow
+    >>> light_field = render(grid.scene(cells), camera)
+    >>> from lf_flame.tomography import reconstruct
+    >>> found = reconstruct(light_field, grid, noise=0.001)
+    >>> bool(np.abs(found.emission - grid.crop(cells)).max() < 0.1)
+    True
     """
     _check_options(noise, strength, order, iterations)
     if penalty not in PENALTIES:
@@ -225,7 +244,8 @@ def reconstruct(
         noise, strength, order, nonnegative, iterations, whole_curve, dark_cells, penalty
     )
     smooth_penalty = penalty == ROUGHNESS
-    _check_redraws(redraws, rng)
+    check_bootstrap(bootstrap)
+    rng = np.random.default_rng(rng)
     light_field, camera, left_out = counted_views(light_field, grid.camera)
     grid = replace(grid, camera=camera) if left_out else grid
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
@@ -249,11 +269,11 @@ def reconstruct(
     half, few = max(1, iterations // 2), max(1, iterations // 4)
     correction = fit.correct(found, smooth, half) if twice else np.zeros_like(found.cells)
     cells, again = found.cells + correction, []
-    if rng is not None and redraws:
+    if bootstrap:
         prior = found.strength, order, found.lit_noise(seen) if smooth_penalty else 0.0
         drawn_from = smooth(cells), found.pixel_noise, level.error, prior
-        drawn_anew = redraw(operator, gram, *drawn_from, redraws, rng)
-        for one in progress.steps(drawn_anew, "error bars", redraws, "draw"):
+        drawn_anew = redraw(operator, gram, *drawn_from, bootstrap, rng)
+        for one in progress.steps(drawn_anew, "error bars", bootstrap, "draw"):
             drawn = replace(found, cells=fit.again(one, found, few))
             # The correction of each draw is its own, and any from none to twice is as likely (JCGM
             # 100, 4.3.7): how much it leaves is not known.
@@ -305,14 +325,6 @@ def _check_options(
         raise InputError(f"order must be 1, 2, 3 or 4, got {order}.")
     if iterations < 1:
         raise InputError(f"iterations must be 1 or more, got {iterations}.")
-
-
-def _check_redraws(redraws: int, rng: np.random.Generator | None) -> None:
-    if not 0 <= redraws <= MOST_REDRAWS or redraws == 1 or (redraws and rng is None):
-        raise InputError(
-            f"redraws must be 0, or 2 to {MOST_REDRAWS} with a generator rng, got {redraws} and "
-            f"{'no generator' if rng is None else 'one'}."
-        )
 
 
 def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[float]:

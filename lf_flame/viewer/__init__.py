@@ -1,1 +1,5 @@
 """Looking at light fields: a local page, a single file, a notebook, by the same scripts."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -33,6 +33,12 @@ def demo_scene(seed: int = 1) -> Scene:
     ----------
     seed : int, optional
         Of the patterns and of the flames' wrinkles.
+
+    Examples
+    --------
+    >>> from lf_flame.viewer import demo_scene
+    >>> len(demo_scene().layers)
+    4
     """
     rng = np.random.default_rng(seed)
     wall = _pattern((20.0, 46.0), 0.3, rng)
@@ -62,5 +68,12 @@ def _flame(height: float, radius: float, depth: float, right: float, rng) -> Lay
 
 
 def demo_light_field(camera: PlenopticCamera = DEMO_CAMERA) -> LightField:
-    """Render the scene."""
+    """Render the scene.
+
+    Examples
+    --------
+    >>> from lf_flame.viewer import demo_light_field
+    >>> demo_light_field()
+    LightField(9 x 9 views of 180 x 270 pixels, grey)
+    """
     return render(demo_scene(), camera)

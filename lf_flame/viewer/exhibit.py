@@ -19,7 +19,7 @@ from lf_flame.refocus import (
     farthest_slope,
     find_slope_range,
 )
-from lf_flame.refocus.depth_from_focus import MAP_STEPS, TRUSTED
+from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.viewer.coded_views import (
     MOST_BYTES,

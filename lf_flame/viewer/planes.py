@@ -171,7 +171,9 @@ class PlaneMaker:
             if self.network is not None:
                 image = self._white * self.network.refocus(views, [slope])[0]
             else:
-                image = refocus(views, [slope], self.interpolation, weights=self._weights(query))[0]
+                image = refocus(
+                    views, [slope], interpolation=self.interpolation, weights=self._weights(query)
+                )[0]
         return np.asarray(image, np.float32).reshape(*views.shape[2:4], self.channels)
 
     def _check(self, query: PlaneQuery) -> None:

@@ -58,7 +58,7 @@ class LightFieldWidget(anywidget.AnyWidget):
             self.send({"answer": asked, "error": str(error)}, [])
 
 
-def light_field_widget(
+def show(
     light_field: LightField,
     slopes: tuple[float, float] | None = None,
     camera: PlenopticCamera | None = None,
@@ -67,7 +67,7 @@ def light_field_widget(
     interpolation: str = "linear",
     network: Any = None,
 ) -> LightFieldWidget:
-    """Make a viewer for a notebook.
+    """Show a light field in a notebook, to be refocused while one drags.
 
     Parameters
     ----------
@@ -94,6 +94,14 @@ def light_field_widget(
     InputError
         If the light field cannot be shown, or the slopes, the interpolation or the network cannot
         be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import LightField, viewer
+    >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+    >>> widget = viewer.show(light_field, slopes=(-1, 1), with_map=False)
+    >>> widget.slope = 0.5  # moves the picture
     """
     chosen = choose_slopes(light_field, slopes, network)
     exhibit = Exhibit(

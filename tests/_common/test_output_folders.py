@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from lf_flame._common.atomic_files import write_text
-from lf_flame._common.checksums import file_sha256
+from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.output_folders import output_folder, verify_outputs
-from lf_flame._common.seals import sealed
 from lf_flame.errors import InputError
 
 RECORD = "work.json"

@@ -112,7 +112,7 @@ def _load(learning: bool) -> dict:
     from lf_flame.commands import cli
 
     if learning:
-        from lf_flame._common.keras_loading import load_keras
+        from lf_flame.learning.keras_loading import load_keras
 
         load_keras()
         import keras  # noqa: F401

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import tifffile
 from click.testing import CliRunner
 from PIL import Image
 
-from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.commands.cli import commands
 
 CAMERA = """
@@ -32,7 +33,7 @@ def run(*words):
 @pytest.fixture(scope="module")
 def views():
     """Views of a ball of light, exp(-(r / WIDTH)^2), as thin layers."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(48, 60))
     at = np.linspace(-3, 3, 121)
     ball = np.exp(-((at[:, None] ** 2 + at**2) / WIDTH**2))
     depths = np.arange(-2.5, 2.5, 0.1) + 0.05
@@ -55,7 +56,7 @@ def source(views, tmp_path):
 
 
 def test_ball_is_found_with_its_axis_and_written(source, tmp_path):
-    result = run("abel", *source, "--redraws", 3, "--out", tmp_path / "found")
+    result = run("abel", *source, "--bootstrap", 3, "--out", tmp_path / "found")
     assert result.exit_code == 0, result.output
     record = json.loads((tmp_path / "found" / "abel.json").read_text())
     assert record["axis_mm"] == pytest.approx(ACROSS, abs=0.03)
@@ -81,7 +82,7 @@ def test_ball_is_found_with_its_axis_and_written(source, tmp_path):
 def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_path):
     np.save(tmp_path / "dark.npy", np.full_like(views, 0.2))
     np.save(tmp_path / "bright.npy", views + np.float32(0.2))
-    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, "--redraws", 0]
+    words = ["--axis-mm", ACROSS, "--axis-depth", DEPTH, "--radius", 2.5, "--bootstrap", 0]
     sections = []
     for name, more in (("ball", []), ("bright", ["--dark", tmp_path / "dark.npy"])):
         out = tmp_path / f"{name}-found"
@@ -94,7 +95,7 @@ def test_dark_frame_is_taken_off_and_the_axis_can_be_told(source, views, tmp_pat
 
 def test_middle_view_alone_will_do(source, tmp_path):
     out = tmp_path / "found"
-    assert run("abel", *source, "--central", "--redraws", 0, "--out", out).exit_code == 0
+    assert run("abel", *source, "--central", "--bootstrap", 0, "--out", out).exit_code == 0
     section = tifffile.imread(out / "section.tif")
     assert section.max() == pytest.approx(PEAK, rel=0.2)
     assert json.loads((out / "abel.json").read_text())["views"] == "central"
@@ -104,7 +105,7 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
     lopsided = views.copy()
     lopsided[..., 26:] *= 1.5
     np.save(tmp_path / "lopsided.npy", lopsided)
-    result = run("abel", tmp_path / "lopsided.npy", *source[1:], "--redraws", 0)
+    result = run("abel", tmp_path / "lopsided.npy", *source[1:], "--bootstrap", 0)
     assert "not round" in result.output
 
 
@@ -115,12 +116,12 @@ def test_light_that_is_not_round_is_told(source, views, tmp_path):
         (["--radius", 40], "at most the field's width"),
         (["--radius", -1], "--radius must be above 0"),
         (["--radius", 1e20], "--radius must be above 0 and at most the camera's focus distance"),
-        (["--redraws", 1000000000], "redraws must be 0, or 2 to 10000"),
+        (["--bootstrap", 1000000000], "bootstrap must be 0, or 2 to 10000"),
         (["--strength", "inf"], "strength must be a finite number"),
         (["--axis-depth", 1e20], "Depths must lie above -326 mm"),
         (["--axis-mm", 99], "must stand within the field"),
         (["--block", 7], "block must be"),
-        (["--redraws", 1], "redraws must be"),
+        (["--bootstrap", 1], "bootstrap must be"),
         (["--burner", 50], "burner_mm must be within the field"),
     ],
 )
@@ -137,7 +138,7 @@ def test_one_plain_picture_will_do_where_the_depth_is_stated(views, tmp_path):
     (tmp_path / "one.toml").write_text(ONE_VIEW)
     picture = views[2, 2].clip(0) / views.max()
     Image.fromarray(np.rint(picture * 65535).astype(np.uint16)).save(tmp_path / "one.png")
-    words = ["abel", tmp_path / "one.png", "--camera", tmp_path / "one.toml", "--redraws", 0]
+    words = ["abel", tmp_path / "one.png", "--camera", tmp_path / "one.toml", "--bootstrap", 0]
     words += ["--out", tmp_path / "out"]
     assert "--axis-depth" in str(run(*words).exception)
     where = ["--axis-depth", DEPTH, "--axis-mm", ACROSS, "--radius", 2.5]

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import weakref
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,25 @@ import pytest
 from click.testing import CliRunner
 from skimage.io import imread, imsave
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, formats, render
+from lf_flame import (
+    PAPER_CAMERA,
+    InputError,
+    Layer,
+    LightField,
+    Scene,
+    formats,
+    render,
+)
 from lf_flame.commands.cli import commands
-from lf_flame.commands.flicker_output import Measures, measure_frames
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
 from lf_flame.commands.light_field_options import Reading
+from lf_flame.flame_video import measure_flame
+from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
+from lf_flame.flame_video.output import Measures, measure_frames
 from lf_flame.formats import write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
-from lf_flame.tomography import measure_flame
-from lf_flame.tomography.flame_shape import APART, CEILING, CUT, DARK
 
 CAMERA = """
 [camera]
@@ -32,7 +41,7 @@ lenslet_pitch_mm = 0.112
 views = 5
 lenslets = [48, 40]
 """
-LENS = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 40))
+LENS = replace(PAPER_CAMERA, views=5, lenslets=(48, 40))
 DEPTH_MM, FOOT_MM, CELL_MM = 6.0, 2.7, 0.04
 FRAMES, RATE_HZ, FLICKER_HZ = 24, 60.0, 11.6
 

@@ -9,11 +9,10 @@ from click.testing import CliRunner
 from PIL import Image
 from skimage.io import imread
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
-from lf_flame._common.checksums import file_sha256
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
+from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.locks import exclusive
 from lf_flame._common.output_folders import verify_outputs
-from lf_flame._common.seals import sealed
 from lf_flame.commands import cli, refocus_output
 from lf_flame.commands.light_field_options import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import Aperture
@@ -35,7 +34,7 @@ DEPTH = 3.0
 
 @pytest.fixture(scope="module")
 def camera():
-    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 48))
+    return replace(PAPER_CAMERA, views=5, lenslets=(40, 48))
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +105,14 @@ def test_numbers_of_other_programs(folder, light_field, tmp_path):
     run(folder, "--slope", -0.4, "--slope-of", "plenpy", "--out", tmp_path / "out")
     stack, slopes = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     assert slopes[0] == pytest.approx(0.5)
-    np.testing.assert_allclose(stack[0], shift_and_sum(light_field, 0.5)[0], atol=1e-6)
+    np.testing.assert_allclose(stack[0], shift_and_sum(light_field, 0.5), atol=1e-6)
 
 
 def test_apertures_and_interpolations(folder, light_field, tmp_path):
     run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6, "--ring", 0.2,
         "--out", tmp_path / "out")  # fmt: skip
     weights = round_aperture((5, 5), 0.6) - round_aperture((5, 5), 0.2)
-    expected = refocus(light_field, 0.5, "sinc", weights=weights)
+    expected = refocus(light_field, 0.5, interpolation="sinc", weights=weights)
     stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     np.testing.assert_allclose(stack, expected, atol=1e-6)
 

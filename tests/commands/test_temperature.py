@@ -86,7 +86,7 @@ def test_sections_that_do_not_fit_are_one_sentence(colours, tmp_path):
     (tmp_path / "empty").mkdir()
     for name, says in {
         "other": "--axis-mm 0.25 --axis-depth -3.0 --radius 4.0 --burner -12.5",
-        "bare": "call lf-flame abel with --redraws 20",
+        "bare": "call lf-flame abel with --bootstrap 20",
         "low": "must be of one shape",
         "nan": "finite float32",
         "damaged": "is not the file that abel.json was written for",

@@ -5,16 +5,17 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner
 
-from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.commands.cli import commands
-from lf_flame.commands.tomography_output import read_thickness, thickness_facts
 from lf_flame.scenes.flames import flame_texture
+from lf_flame.tomography.output import read_thickness, thickness_facts
 
 CAMERA = """
 [camera]
@@ -40,7 +41,7 @@ def camera_file(tmp_path):
 @pytest.fixture(scope="module")
 def flames():
     """Views of two flames, of 1 and 0.5 in brightness, at 6 and -4 mm."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(48, 60))
     texture = flame_texture(4.0, 0.4, cell_mm=0.05)
     near, far = ((-4.0, 0.5, 1.2), (6.0, 1.0, -1.0))
     layers = [
@@ -77,7 +78,7 @@ def test_half_the_views_blur_twice_as_far(camera_file):
 def test_emission_is_found_and_written(source, camera_file, tmp_path):
     out = tmp_path / "found"
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--out", out]
-    result = run("reconstruct", source, *words, "--redraws", 3)
+    result = run("reconstruct", source, *words, "--bootstrap", 3)
     assert result.exit_code == 0, result.output
     emission = tifffile.imread(out / "emission.tif")
     assert emission.shape == (2, 48, 60)
@@ -100,7 +101,7 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path):
 def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
     np.save(tmp_path / "bright.npy", flames + np.float32(0.1))
     np.save(tmp_path / "dark.npy", np.full_like(flames, 0.1))
-    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--redraws", 0]
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--bootstrap", 0]
     plain, cleaned, left = (tmp_path / name for name in ("plain", "cleaned", "left"))
     assert run("reconstruct", source, *words, "--out", plain).exit_code == 0
     bright = tmp_path / "bright.npy"
@@ -122,7 +123,7 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
         (["--depth-mm", 0, "--depth-mm", 0], "no two alike"),
         (["--depth-mm", -326], "main lens"),
         (["--depth-mm", 0, "--block", 7], "divide the 48 x 60"),
-        (["--depth-mm", 0, "--redraws", 1], "redraws must be"),
+        (["--depth-mm", 0, "--bootstrap", 1], "bootstrap must be"),
         (["--depth-mm", 0, "--noise", "nan"], "noise must be"),
         (
             ["--depth-mm", 0, "--dark", "SMALL"],
@@ -132,7 +133,7 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
         (["--depths", -6, 6, 1e-320], "at most 200 planes"),
         (["--depth-mm", 1e9], "beyond which all is as at infinity"),
         (["--depth-mm", 0, "--noise", 1e308], "at most the light field's largest"),
-        (["--depth-mm", 0, "--redraws", 10**9], "2 to 10000"),
+        (["--depth-mm", 0, "--bootstrap", 10**9], "2 to 10000"),
         (["--depth-mm", 0, "--seed", -1], "range x>=0"),
         (["--depth-mm", 0, "--optical-thickness", "thin"], "must be a number or a TIFF file"),
         (["--depth-mm", 0, "--optical-thickness", "nan"], "thickness must be finite"),
@@ -168,7 +169,7 @@ def test_absorption_is_given_back(source, camera_file, tmp_path):
     runs = {"plain": [], "planes": ["--optical-thickness", tmp_path / "tau.tif"]}
     lights = {}
     for name, option in runs.items():
-        out = ["--redraws", 0, "--out", tmp_path / name]
+        out = ["--bootstrap", 0, "--out", tmp_path / name]
         result = run("reconstruct", source, *words, *option, *out)
         assert result.exit_code == 0, result.output
         lights[name] = tifffile.imread(tmp_path / name / "emission.tif").sum(axis=(1, 2))
@@ -197,13 +198,13 @@ def test_a_figure_is_a_png(tmp_path):
     assert "must end in .png" in str(result.exception)
 
 
-def reconstruct_two_colours(camera_file, folder, redraws=4):
+def reconstruct_two_colours(camera_file, folder, bootstrap=4):
     """Emission at 550 and 650 nm of a flame at 6 mm of 1,900 K and one at -4 mm of 1,700 K."""
     words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--strength", 0.01]
     for name, colour in (("green", 550), ("red", 650)):
         scale = [float(emission_of(colour, kelvin)) for kelvin in (1900.0, 1700.0)]
         np.save(folder / f"{name}.npy", two_flames(scale))
-        out = ["--out", folder / name, "--redraws", redraws]
+        out = ["--out", folder / name, "--bootstrap", bootstrap]
         result = run("reconstruct", folder / f"{name}.npy", *words, *out)
         assert result.exit_code == 0, result.output
 
@@ -218,7 +219,7 @@ def emission_of(wavelength_nm, kelvin):
 
 
 def two_flames(brightness):
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (48, 60))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(48, 60))
     texture = flame_texture(4.0, 0.4, cell_mm=0.05)
     layers = [
         Layer(bright * texture, depth, (4.0, 2.56), (0.0, x))
@@ -255,11 +256,11 @@ def test_temperatures_of_two_flames_come_back(camera_file, tmp_path):
 @pytest.mark.slow
 def test_temperature_needs_folders_that_fit(source, camera_file, tmp_path):
     words = ["--camera", camera_file, "--strength", 0.01]
-    for name, depths, redraws in (("a", (6, -4), 2), ("b", (6, -3), 2), ("c", (6, -4), 0)):
+    for name, depths, bootstrap in (("a", (6, -4), 2), ("b", (6, -3), 2), ("c", (6, -4), 0)):
         planes = [word for depth in depths for word in ("--depth-mm", depth)]
-        out = ["--out", tmp_path / name, "--redraws", redraws]
+        out = ["--out", tmp_path / name, "--bootstrap", bootstrap]
         assert run("reconstruct", source, *words, *planes, *out).exit_code == 0
-    for first, second, says in (("a", "b", "the same planes"), ("a", "c", "--redraws 20")):
+    for first, second, says in (("a", "b", "the same planes"), ("a", "c", "--bootstrap 20")):
         result = run(
             "temperature", tmp_path / first, tmp_path / second, "--wavelengths", 550, 650,
             "--out", tmp_path / "out",

@@ -11,9 +11,8 @@ from tiny_data import DATA
 
 from lf_flame import InputError
 from lf_flame._common.atomic_files import write_json, write_text
-from lf_flame._common.checksums import file_sha256
+from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.output_folders import output_folder
-from lf_flame._common.seals import sealed
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset

@@ -121,8 +121,8 @@ def test_the_demo_is_one_file(sources):
 def test_a_notebook_has_its_widget(program):
     pytest.importorskip("anywidget", reason="needs anywidget")
     code = (
-        "from lf_flame.viewer.demo import demo_light_field\n"
-        "widget = demo_light_field().view(with_map=False)\n"
+        "from lf_flame.viewer import demo_light_field, show\n"
+        "widget = show(demo_light_field(), with_map=False)\n"
         "print(len(widget._esm), widget.metadata['views'])"
     )
     length, views = output(program(module=("-c", code))).split(" ", 1)

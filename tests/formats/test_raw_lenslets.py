@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
 from lf_flame.formats.images import write_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw_lenslets import decode_raw
 from lf_flame.formats.white_image import _flattened, _peaks, estimate_grid
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.focus_map import TRUSTED
 
 MICROSCOPE = Path(__file__).parents[3] / "shared" / "lightfields" / "guv"
 
@@ -297,7 +297,7 @@ def test_the_exact_grid_gives_the_views_back(channels, checked_board, small_came
 def test_whole_numbers_are_read_as_they_are(rng):
     for dtype in (np.uint8, np.uint16):
         raw = rng.integers(0, np.iinfo(dtype).max, (30, 40), dtype, endpoint=True)
-        expected = LightField.from_raw(raw, 5).views
+        expected = LightField.from_raw(raw, views=5).views
         decoded = decode_raw(raw, grid_from_pitch(raw.shape, 5)).views
         np.testing.assert_allclose(decoded, expected, rtol=1e-6, atol=1e-3)
 
@@ -307,7 +307,7 @@ def test_light_is_kept(rng):
     raw, grid = rng.uniform(size=(90, 120)), grid_from_pitch((90, 120), 15)
     for views in (1, 4, 7, 15, 22):
         decoded = decode_raw(raw, grid, views).views
-        expected = LightField.from_raw(raw, 15).photograph
+        expected = LightField.from_raw(raw, views=15).photograph
         np.testing.assert_allclose(decoded.mean(axis=(0, 1)), expected, rtol=1e-5)
 
 
@@ -414,7 +414,7 @@ def on_another_sensor(image, turn, scale):
 def test_another_sensor_sees_the_same(turn, scale):
     """A simulated raw image, read by a sensor that is turned, shifted and of another pitch."""
     pixels = 15
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views=pixels * FINE, lenslets=(26, 30))
+    camera = replace(PAPER_CAMERA, views=pixels * FINE, lenslets=(26, 30))
     y, x = np.indices((48, 48))
     texture = 1 + (y // 8 + x // 8) % 2 + 0.3 * np.sin(y / 3) * np.cos(x / 4)
     size = tuple(0.8 * n for n in camera.field_mm(0))
@@ -592,7 +592,7 @@ def test_a_dark_image_is_subtracted_in_every_form_of_a_light_field(tmp_path, rng
 
 @pytest.mark.skipif(not MICROSCOPE.is_dir(), reason="no real raw image beside the checkout")
 def test_a_real_raw_image_of_round_micro_images_has_a_map():
-    """Fluorescent vesicles: with the dark views about the round pupil no slope at all is certain."""
+    """Fluorescent vesicles: with dark views about the round pupil no slope is certain."""
     raw, white = (MICROSCOPE / f"{name}.tif" for name in ("Lightfield", "Radiometry"))
     found, _ = read_raw(raw, white=white)
     assert found.weights is not None

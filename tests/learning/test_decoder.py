@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from lf_flame import InputError
-from lf_flame._common.keras_loading import load_model
 from lf_flame.learning import imagenet_weights
 from lf_flame.learning.backbone import build_backbone, describe_weights
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
+from lf_flame.learning.keras_loading import load_model
 
 IMAGE = (40, 64)
 GREY = (*IMAGE, 1)

@@ -13,7 +13,7 @@ from lf_flame.learning.ridge import (
     gather_products,
     ridge_regression,
 )
-from lf_flame.learning.warm_start import Blocks, freeze_normalisations, warm_start
+from lf_flame.learning.warm_start import Blocks, freeze_normalisations, solve_decoder
 
 IMAGE, MAP = (9, 20), (3, 6, 32)
 
@@ -59,7 +59,7 @@ def test_warm_start_draws_images_it_has_not_seen(rng, neck, bands):
     decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck=neck, seed=2)
     freeze_normalisations(decoder)
     before = error(decoder, test)
-    warm_start(decoder, in_blocks(training, 30, spoilt=neck == "positions"), held_out, bands)
+    solve_decoder(decoder, in_blocks(training, 30, spoilt=neck == "positions"), held_out, bands)
     assert error(decoder, test) < 0.1 * min(before, test[1].var(axis=0).mean())
 
 
@@ -73,7 +73,7 @@ def test_normalisations_hold_the_statistics_of_the_samples_alone(rng, frozen):
         norm.momentum = momentum
     if frozen:
         freeze_normalisations(decoder)
-    warm_start(decoder, in_blocks(training, spoilt=False), smooth_scene(rng, 10))
+    solve_decoder(decoder, in_blocks(training, spoilt=False), smooth_scene(rng, 10))
     assert [norm.momentum for norm in norms] == [0.7, 0.9]
     assert [norm.trainable for norm in norms] == [not frozen] * 2
     for norm in norms:
@@ -96,7 +96,7 @@ def test_refinements_lower_the_error_of_images(rng):
     errors = []
     for refinements in (0, 1, 4):
         decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
-        warm_start(decoder, in_blocks(training), held_out, 3, refinements)
+        solve_decoder(decoder, in_blocks(training), held_out, 3, refinements)
         errors.append(error(decoder, training))
     assert errors[1] < 0.7 * errors[0]
     assert errors[2] < errors[1]
@@ -105,7 +105,7 @@ def test_refinements_lower_the_error_of_images(rng):
 def test_bands_see_only_their_part_of_the_features(rng):
     training, held_out = smooth_scene(rng, 80), smooth_scene(rng, 20)
     decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
-    warm_start(decoder, in_blocks(training), held_out, bands=2)
+    solve_decoder(decoder, in_blocks(training), held_out, bands=2)
     features = held_out[0][:1].copy()
     image = decoder.predict(features, verbose=0)
     features[:, :, :3] += 1.0
@@ -117,12 +117,12 @@ def test_bands_see_only_their_part_of_the_features(rng):
 def test_more_bands_than_columns_are_refused(rng):
     decoder = build_decoder(MAP, IMAGE, 2, neck="positions")
     with pytest.raises(InputError, match="bands must be at most 6, got 7"):
-        warm_start(decoder, in_blocks(smooth_scene(rng, 8)), smooth_scene(rng, 4), bands=7)
+        solve_decoder(decoder, in_blocks(smooth_scene(rng, 8)), smooth_scene(rng, 4), bands=7)
 
 
 def test_few_samples_leave_the_rest_of_the_numbers_unused(rng):
     decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
-    warm_start(decoder, in_blocks(smooth_scene(rng, 10)), smooth_scene(rng, 4))
+    solve_decoder(decoder, in_blocks(smooth_scene(rng, 10)), smooth_scene(rng, 4))
     kernel = keras.ops.convert_to_numpy(decoder.get_layer("basis").kernel)
     assert np.isfinite(kernel).all()
     assert np.abs(kernel[:9]).max() > 0
@@ -228,7 +228,7 @@ def test_many_samples_in_half_precision_draw_as_well(rng, monkeypatch):
     for landmarks in (2048, 300, 100):
         monkeypatch.setattr(ridge, "LANDMARKS", landmarks)
         decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
-        warm_start(decoder, in_blocks(training, 70), held_out, 3, 1)
+        solve_decoder(decoder, in_blocks(training, 70), held_out, 3, 1)
         errors.append(error(decoder, test))
     assert errors[1] == errors[0]  # as many as there are samples: nothing is rounded
     assert errors[0] != errors[2] < 1.2 * errors[0]
@@ -291,4 +291,4 @@ def test_what_memory_does_not_hold_is_refused_beforehand(rng, monkeypatch):
     decoder = build_decoder(MAP, IMAGE, 2, dropout_place="none", neck="positions", seed=2)
     words = "what is kept of 24 training samples would need 1.92e-05 GB"
     with pytest.raises(InputError, match=words):
-        warm_start(decoder, in_blocks(smooth_scene(rng, 24)), smooth_scene(rng, 4), bands=2)
+        solve_decoder(decoder, in_blocks(smooth_scene(rng, 24)), smooth_scene(rng, 4), bands=2)

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from lf_flame.refocus import _filling_kernels
+from lf_flame.refocus import filling
 from lf_flame.refocus.filling import REACH, TURNS, _links, fill_slopes
 
 SLOPES = np.linspace(-2.0, 2.0, 21)
@@ -65,9 +65,9 @@ def test_smoothing_is_the_recursion_written_out(rng):
         behind = expected[..., s + 1]
         expected[..., s] = (1 - links[:, s + 1]) * expected[..., s] + links[:, s + 1] * behind
     lying = np.ascontiguousarray(planes.swapaxes(1, 2))
-    _filling_kernels.smooth_rows(planes, links)
+    filling._smooth_rows(planes, links)
     np.testing.assert_allclose(planes, expected, rtol=1e-12)
-    _filling_kernels.smooth_columns(lying, np.ascontiguousarray(links.T))
+    filling._smooth_columns(lying, np.ascontiguousarray(links.T))
     np.testing.assert_allclose(lying.swapaxes(1, 2), expected, rtol=1e-12)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from skimage.io import imread
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame._common.arrays import centred
 from lf_flame._common.threads import as_counters
 from lf_flame.datasets.config import read_config
@@ -127,7 +127,7 @@ def test_whole_slopes_do_not_draw_the_peak(slope, rng):
 @pytest.mark.parametrize("texture", ["cells", "flame"])
 @pytest.mark.parametrize(("depth", "views"), [(17.0, 9), (-13.0, 9), (6.0, 15)])
 def test_rendered_layers_are_sharpest_at_the_slope_of_their_depth(texture, depth, views, rng):
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views, (60, 72))
+    camera = replace(PAPER_CAMERA, views=views, lenslets=(60, 72))
     if texture == "cells":
         layer = Layer(rng.uniform(size=(30, 40)), depth, (12.0, 16.0))  # larger than the field
     else:
@@ -294,7 +294,7 @@ def test_regions_together_find_what_each_finds_alone(rng):
 
     together = find_sharpest_slopes(views, slopes, regions=regions, progress=progress)
     for region, found in zip(regions, together, strict=True):
-        alone = find_sharpest_slope(views, slopes, region)
+        alone = find_sharpest_slope(views, slopes, region=region)
         assert found.slope == pytest.approx(alone.slope, abs=2e-3)
         assert found.confidence == pytest.approx(alone.confidence, abs=0.02)
         np.testing.assert_allclose(found.sharpness.max(), alone.sharpness.max(), rtol=0.02)

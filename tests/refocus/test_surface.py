@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -5,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.refocus import shift_and_sum
 from lf_flame.refocus.surface import planar_slopes, refocus_surface, region_slopes, tilted_plane
 
@@ -53,7 +55,7 @@ def test_a_surface_equals_its_plain_twin(shape, interpolation, reach, seed):
     views = rng.uniform(size=shape).astype(np.float32)
     slopes = rng.uniform(-reach, reach, size=shape[2:])
     weights = rng.integers(0, 3, size=shape[:2]) + np.eye(*shape[:2])
-    found = refocus_surface(views, slopes, interpolation, weights)
+    found = refocus_surface(views, slopes, interpolation=interpolation, weights=weights)
     expected = twin(views, slopes, interpolation, weights)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
@@ -64,8 +66,10 @@ def test_a_constant_map_is_shift_and_sum(shape, interpolation, slope, seed):
     rng = np.random.default_rng(seed)
     views = rng.uniform(0.5, 1, size=(*shape, 3)).astype(np.float32)
     weights = rng.uniform(size=shape[:2])
-    found = refocus_surface(views, planar_slopes(shape[2:], slope), interpolation, weights)
-    expected = shift_and_sum(views, slope, interpolation, weights)[0]
+    found = refocus_surface(
+        views, planar_slopes(shape[2:], slope), interpolation=interpolation, weights=weights
+    )
+    expected = shift_and_sum(views, slope, interpolation=interpolation, weights=weights)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
@@ -78,7 +82,7 @@ def test_cubic_is_exact_on_parabolas():
     # The mean over v - vc = -1, 0, 1 and u - uc = -2 .. 2 of (t + slope (v - vc))^2 and so on.
     expected = views[0, 0] + slopes**2 * (2 / 3 + 0.5 * 2)
     inside = (slice(3, -3), slice(4, -4))
-    found = refocus_surface(views, slopes, "cubic")
+    found = refocus_surface(views, slopes, interpolation="cubic")
     np.testing.assert_allclose(found[inside], expected[inside], rtol=1e-6)
 
 
@@ -124,16 +128,16 @@ def test_bits_do_not_depend_on_the_number_of_threads(rng):
         images = []
         for count in (1, before):
             numba.set_num_threads(count)
-            images.append(refocus_surface(views, slopes, "cubic"))
+            images.append(refocus_surface(views, slopes, interpolation="cubic"))
     finally:
         numba.set_num_threads(before)
     np.testing.assert_array_equal(*images)
 
 
 def test_a_tilted_plane_is_where_its_rays_meet_it():
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (41, 61))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(41, 61))
     depth, tilt = 12.0, (-0.4, 0.7)
-    slopes = tilted_plane(camera, depth, tilt)
+    slopes = tilted_plane(camera, depth_mm=depth, tilt_rad=tilt)
     for t, s in ((0, 0), (40, 60), (13, 50), (20, 30)):
         # Tangents of the ray of the middle view through this lenslet.
         y, x = ((i - c) * camera.lenslet_pitch_mm / camera.image_distance_mm
@@ -149,7 +153,7 @@ def test_a_tilted_plane_is_where_its_rays_meet_it():
 
 def test_a_tilted_plane_is_sharper_than_any_slice(rng):
     """Upright strips, each at the depth that a plane through them has in its middle."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (40, 80))
+    camera = replace(PAPER_CAMERA, views=7, lenslets=(40, 80))
     tilt, width = 1.2, 0.4
     layers = [
         Layer(rng.uniform(size=(16, 2)), x * np.tan(tilt), (4.5, width), (0.0, x))
@@ -157,7 +161,7 @@ def test_a_tilted_plane_is_sharper_than_any_slice(rng):
     ]
     views = render(Scene(layers), camera)
     middle = views.views[3, 3]
-    plane = refocus_surface(views, tilted_plane(camera, 0.0, (0.0, tilt)))
+    plane = refocus_surface(views, tilted_plane(camera, depth_mm=0.0, tilt_rad=(0.0, tilt)))
     slices = shift_and_sum(views, np.arange(-2, 2.01, 0.1))
     errors = ((slices - middle) ** 2).mean(axis=(1, 2))
     assert ((plane - middle) ** 2).mean() < 0.3 * errors.min()
@@ -176,16 +180,18 @@ def test_regions_are_refocused_at_their_slopes(rng):
 
 def test_later_regions_lie_over_earlier_ones_and_seams_soften():
     regions = [((0, 20, 0, 10), 1.0), ((5, 15, 5, 15), 2.0)]
-    hard = region_slopes((20, 40), regions, 0.0)
+    hard = region_slopes((20, 40), regions, background=0.0)
     assert hard[10, 7] == 2.0
-    soft = region_slopes((20, 40), regions, 0.0, soften=2.0)
+    soft = region_slopes((20, 40), regions, background=0.0, soften=2.0)
     assert np.abs(np.diff(soft, axis=1)).max() < 0.5 < np.abs(np.diff(hard, axis=1)).max()
     np.testing.assert_allclose(soft[:, -1], 0, atol=1e-6)
 
 
 @pytest.mark.parametrize("side", [1, 11, 30])
 def test_a_softened_region_keeps_its_slope(side):
-    soft = region_slopes((60, 60), [((20, 20 + side, 20, 20 + side), 1.0)], -2.0, soften=5.0)
+    soft = region_slopes(
+        (60, 60), [((20, 20 + side, 20, 20 + side), 1.0)], background=-2.0, soften=5.0
+    )
     np.testing.assert_allclose(soft[20 : 20 + side, 20 : 20 + side], 1.0)
     assert np.abs(np.diff(soft, axis=0)).max() < 0.5
     np.testing.assert_allclose(soft[:6], -2.0)  # twice 7 away
@@ -195,19 +201,19 @@ def test_a_softened_region_keeps_its_slope(side):
 def test_the_seam_of_two_regions_lies_between_them(later):
     """Half the image each, at opposite slopes: the softened map is odd about their border."""
     regions = [((0, 40, 0, 20), -later), ((0, 40, 20, 40), later)]
-    soft = region_slopes((40, 40), regions, 3.0, soften=4.0)
+    soft = region_slopes((40, 40), regions, background=3.0, soften=4.0)
     np.testing.assert_allclose(soft, -soft[:, ::-1], atol=1e-12)
     assert soft[20, 30] == pytest.approx(later)
 
 
 def test_a_little_softening_softens():
     regions = [((5, 15, 5, 15), 1.0)]
-    hard, soft = (region_slopes((20, 20), regions, 0.0, soften=s) for s in (0.0, 0.5))
+    hard, soft = (region_slopes((20, 20), regions, background=0.0, soften=s) for s in (0.0, 0.5))
     assert np.abs(np.diff(soft, axis=0)).max() < 0.9 < np.abs(np.diff(hard, axis=0)).max()
 
 
 def test_planar_slopes_count_from_the_middle():
-    slopes = planar_slopes((3, 5), 0.5, (0.1, -0.2))
+    slopes = planar_slopes((3, 5), 0.5, gradient=(0.1, -0.2))
     assert slopes[1, 2] == 0.5
     np.testing.assert_allclose(slopes[2, 0], 0.5 + 0.1 + 0.4)
 
@@ -223,15 +229,24 @@ FLAT = np.ones((3, 3, 4, 5))
         (lambda: refocus_surface(FLAT, np.full((4, 5), np.nan)), "finite, got 20 NaN"),
         (lambda: refocus_surface(FLAT * np.nan, np.zeros((4, 5))), "finite, got 180 NaN"),
         (lambda: refocus_surface(FLAT * 1e60, np.zeros((4, 5))), "the largest float32"),
-        (lambda: refocus_surface(FLAT, np.zeros((4, 5)), "sinc"), "got 'sinc'"),
+        (lambda: refocus_surface(FLAT, np.zeros((4, 5)), interpolation="sinc"), "got 'sinc'"),
         (lambda: refocus_surface(FLAT, np.zeros((4, 5)), weights=[1.0]), "weights must"),
         (lambda: planar_slopes((4, 0), 1.0), "two numbers of lenslets"),
-        (lambda: planar_slopes((4, 5), 1.0, 0.1), "gradient must be two numbers"),
-        (lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], 0.0), r"got \[0, 9, 0, 5\]"),
-        (lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], 0.0), r"\(5, 4\)"),
-        (lambda: region_slopes((4, 5), [], 0.0, soften=-1.0), "soften must"),
-        (lambda: region_slopes((4, 5), [], 0.0, soften=np.inf), "soften must .* got inf"),
-        (lambda: region_slopes((4, 5), [], np.inf), "got 20 NaN or infinite slopes"),
+        (lambda: planar_slopes((4, 5), 1.0, gradient=0.1), "gradient must be two numbers"),
+        (
+            lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], background=0.0),
+            r"got \[0, 9, 0, 5\]",
+        ),
+        (
+            lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], background=0.0),
+            r"\(5, 4\)",
+        ),
+        (lambda: region_slopes((4, 5), [], background=0.0, soften=-1.0), "soften must"),
+        (
+            lambda: region_slopes((4, 5), [], background=0.0, soften=np.inf),
+            "soften must .* got inf",
+        ),
+        (lambda: region_slopes((4, 5), [], background=np.inf), "got 20 NaN or infinite slopes"),
     ],
 )
 def test_bad_input_is_refused(call, message):
@@ -241,4 +256,4 @@ def test_bad_input_is_refused(call, message):
 
 def test_a_plane_seen_edge_on_is_refused(small_camera):
     with pytest.raises(InputError, match="within pi/2"):
-        tilted_plane(small_camera, 0.0, (0.0, np.pi / 2))
+        tilted_plane(small_camera, depth_mm=0.0, tilt_rad=(0.0, np.pi / 2))

@@ -11,7 +11,7 @@ from skimage import data
 
 from lf_flame import LightField
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, matching
-from lf_flame.refocus.depth_from_focus import TRUSTED
+from lf_flame.refocus.focus_map import TRUSTED
 from lf_flame.refocus.view_levels import even_levels
 
 SIZE, COUNT, MARGIN = (64, 80), 7, 16

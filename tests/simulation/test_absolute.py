@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from ray_tracer import draw_pixels, trace_pixels
 
-from lf_flame import Layer, PlenopticCamera, Scene, Sensor, render
+from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, Sensor, render
 
-BASE = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views=5, lenslets=(24, 30))
+BASE = replace(PAPER_CAMERA, views=5, lenslets=(24, 30))
 MATCHED = BASE.image_distance_mm * 0.112 / 0.4
 SHORT = replace(BASE, main_lens_focal_mm=20.0, focus_distance_mm=200.0, lenslets=(12, 100))
 """A lens so short that the ends of its array are seen at 15 degrees."""

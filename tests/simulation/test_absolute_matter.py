@@ -14,7 +14,14 @@ WIDE = (40.0, 40.0)
 
 
 def small(views=3, lenslets=(10, 12)):
-    return PlenopticCamera(F, A0, FOCAL, PITCH, views, lenslets)
+    return PlenopticCamera(
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        views=views,
+        lenslets=lenslets,
+    )
 
 
 def by_rays(scene, camera, rays=60, tolerance=1e-3, **options):

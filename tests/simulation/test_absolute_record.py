@@ -23,7 +23,14 @@ def test_the_main_lens_spreads_light_over_an_airy_disc():
     """First dark ring at 1.22 lambda N, 83.8 % of the light inside it, and none lost."""
     diameter, nm, lenslets = 0.16, 500.0, (81, 81)
     camera = PlenopticCamera(
-        F, A0, FOCAL, PITCH, 3, lenslets, aperture_diameter_mm=diameter, wavelength_nm=nm
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        views=3,
+        lenslets=lenslets,
+        aperture_diameter_mm=diameter,
+        wavelength_nm=nm,
     )
     # As if all views were lit: what is looked at is the diffraction.
     only = {"round_aperture": False, "f_number_mismatch": False, "lenslet_diffraction": False}
@@ -51,7 +58,14 @@ def test_a_lenslet_spreads_light_as_a_square_aperture():
     nm, views, lenslets = 5000.0, 41, (5, 5)
     dot = 0.4  # the main lens, seen through a lenslet, is a fifth of a pixel
     camera = PlenopticCamera(
-        F, A0, FOCAL, PITCH, views, lenslets, aperture_diameter_mm=dot, wavelength_nm=nm
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        views=views,
+        lenslets=lenslets,
+        aperture_diameter_mm=dot,
+        wavelength_nm=nm,
     )
     images = [
         render(
@@ -84,7 +98,15 @@ EXPOSURE, READ = 4000.0, 12.0
 
 def recorded(level, sensor, seed, **off):
     """Electrons that the numbers of a white field stand for, of all pixels."""
-    camera = PlenopticCamera(F, A0, FOCAL, PITCH, 5, (24, 30), sensor=sensor)
+    camera = PlenopticCamera(
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        views=5,
+        lenslets=(24, 30),
+        sensor=sensor,
+    )
     scene = Scene([Layer([[level]], 0.0, (60.0, 60.0))])
     forced = dict.fromkeys(("shot_noise", "read_noise", "saturation", "quantisation"), True) | off
     return render(scene, camera, effects=forced, seed=seed).views.astype(float).ravel() * EXPOSURE

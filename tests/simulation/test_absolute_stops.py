@@ -22,7 +22,13 @@ MATCHED = I0 * PITCH / FOCAL
 
 def small(**changes):
     optics = {"views": 5, "lenslets": (7, 9)} | changes
-    return PlenopticCamera(F, A0, FOCAL, PITCH, **optics)
+    return PlenopticCamera(
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        **optics,
+    )
 
 
 def white_image(camera, rays=40, **options):
@@ -141,7 +147,13 @@ WIDE_FIELD = {"lenslets": (12, 120), "views": 5, "falloff_corrected": False}
 
 def wide_field(**changes):
     """Rays tilted by up to 20 degrees: a lens of 20 mm before a long array."""
-    return PlenopticCamera(20.0, 200.0, FOCAL, PITCH, **WIDE_FIELD | changes)
+    return PlenopticCamera(
+        main_lens_focal_mm=20.0,
+        focus_distance_mm=200.0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        **WIDE_FIELD | changes,
+    )
 
 
 def mean_falloff(camera, pixel):
@@ -173,7 +185,14 @@ def test_a_white_image_reads_back_the_array(fault, amount):
     """Signs and sizes, found by a program that knows nothing of the simulator."""
     views = 11
     camera = PlenopticCamera(
-        F, A0, FOCAL, PITCH, views, (42, 50), aperture_diameter_mm=MATCHED, **{fault: amount}
+        main_lens_focal_mm=F,
+        focus_distance_mm=A0,
+        lenslet_focal_mm=FOCAL,
+        lenslet_pitch_mm=PITCH,
+        views=views,
+        lenslets=(42, 50),
+        aperture_diameter_mm=MATCHED,
+        **{fault: amount},
     )
     image = render(WHITE, camera, tolerance=1e-3, integrator="rays", rays=10)
     grid = estimate_grid(image.to_raw())

@@ -1,16 +1,17 @@
 """Thick layers that absorb, against radiative transfer integrated along rays."""
 
+from dataclasses import replace
 from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
 
-from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
 from lf_flame.simulation.scene_bounds import bound_scene
 from lf_flame.simulation.slabs import slab_edges, slice_scene
 
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (12, 14))
+CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(12, 14))
 SQUARED = np.square(np.mgrid[-1:1:40j, -1:1:40j]).sum(axis=0)
 FLAME = np.exp(-4 * SQUARED)
 STEPS = 2000
@@ -201,7 +202,7 @@ def test_a_strongly_absorbing_layer_is_planned(name, tolerance):
 @pytest.mark.slow
 def test_a_strongly_absorbing_flame_is_rendered():
     """Before a picture, against rays by the lenses' equations through both."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (10, 10))
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(10, 10))
     flame = thick(FLAME[::2, ::2], 50 * FLAME[::2, ::2], size=0.7)
     scene, tolerance = Scene([flame, Layer([[0.03]], 25.0, (9.0, 9.0))]), 0.05
     plan = plan_effects(scene, camera, tolerance)

@@ -1,12 +1,13 @@
 """What only the compiled kernels can show: threads, and sums that keep their digits."""
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numba
 import numpy as np
 import pytest
 
-from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame._common.threads import shared
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import shift_and_sum
@@ -162,7 +163,7 @@ def falloff(camera):
 )
 def test_every_branch_of_the_ray_kernel_also_as_plain_python(optics):
     """On so few pixels that it runs with the JIT off as well; the widest stop cuts nothing."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 6, (1, 2))
+    camera = replace(PAPER_CAMERA, views=6, lenslets=(1, 2))
     finite_width = optics.pop("finite_width", True)
     wide = Layer([[0.7]], 5.0, (90.0, 90.0))
     haze = Layer([[0.0]], -5.0, (90.0, 90.0), optical_thickness=np.log(2))

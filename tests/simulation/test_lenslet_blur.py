@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
 from lf_flame.simulation.lenslet_blur import (
     blur_on_sensor,
     lenslet_share_leaving,
@@ -17,7 +17,7 @@ ONLY_LENSLETS = {"lenslet_diffraction": True, "main_lens_diffraction": False}
 
 def sparse_camera(fill=0.8, views=4, lenslets=(5, 6), nm=650.0):
     """Pixels that leave 1 - fill of a micro-image's width open."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views, lenslets, wavelength_nm=nm)
+    camera = replace(PAPER_CAMERA, views=views, lenslets=lenslets, wavelength_nm=nm)
     if fill == 1:
         return camera
     return replace(camera, pixel_pitch_mm=fill * camera.pixel_mm)

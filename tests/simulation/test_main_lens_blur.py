@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.optics.diffraction import share_beyond
 from lf_flame.simulation.main_lens_blur import (
     blur_layer,
@@ -14,7 +14,7 @@ from lf_flame.simulation.main_lens_blur import (
     main_lens_spread_mm,
 )
 
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (16, 18), wavelength_nm=3000.0)
+CAMERA = replace(PAPER_CAMERA, views=3, lenslets=(16, 18), wavelength_nm=3000.0)
 ONLY = {"main_lens_diffraction": True, "lenslet_diffraction": False}
 ROUND = {"aperture_diameter_mm": CAMERA.aperture_mm}
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation import rays as rays_module
 from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
@@ -134,7 +134,7 @@ def opened(camera, rays, *stops):
 
 def test_two_stops_that_cut_one_side_leave_the_smaller_share():
     """Two stops at one place are the narrower one; shares that multiplied would be too dark."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (8, 9))
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(8, 9))
     alone, both = opened(camera, 3, (0.0, 60.0)), opened(camera, 3, (0.0, 60.0), (0.0, 60.5))
     assert ((alone > 0.05) & (alone < 0.95)).any()
     np.testing.assert_allclose(both, alone, atol=2e-3)
@@ -146,7 +146,7 @@ def test_two_stops_that_cut_opposite_sides_leave_what_is_between(distance_mm, di
 
     Beyond the focal plane the bundle of a pixel is upside down.
     """
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 1, (1, 801))
+    camera = replace(PAPER_CAMERA, views=1, lenslets=(1, 801))
     stops = (0.0, 60.0), (distance_mm, diameter_mm)
     coarse, fine = opened(camera, 10, *stops), opened(camera, 150, *stops)
     assert ((fine > 0.05) & (fine < 0.5)).any()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
 from lf_flame.simulation import pixel_parts
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import blank_image
@@ -15,7 +15,7 @@ from lf_flame.simulation.plan import plan_effects
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.simulation.slabs import slice_scene
 
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 4, (40, 30), wavelength_nm=900.0)
+CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(40, 30), wavelength_nm=900.0)
 ONLY = {"main_lens_diffraction": False, "lenslet_diffraction": True}
 
 

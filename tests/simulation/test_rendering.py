@@ -49,7 +49,14 @@ def test_ray_integrator_equals_rays_pushed_one_by_one(small_camera, rng, depth):
 )
 @settings(max_examples=15, deadline=None)
 def test_exact_and_ray_integrators_agree(depth, views, focal, seed):
-    camera = PlenopticCamera(focal, 326.0, 0.4, 0.112, views, (10, 12))
+    camera = PlenopticCamera(
+        main_lens_focal_mm=focal,
+        focus_distance_mm=326.0,
+        lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112,
+        views=views,
+        lenslets=(10, 12),
+    )
     layer = random_layer(np.random.default_rng(seed), depth)
     exact = render(Scene([layer]), camera).views
     errors = [
@@ -75,7 +82,7 @@ def test_the_tolerance_is_met_on_random_scenes(depths, hidden, tolerance, seed):
     rng = np.random.default_rng(seed)
     card = Layer(0.2 * rng.uniform(size=(2, 3)), depths[0], (1.0, 1.2), (0.2, 0.1), opaque=hidden)
     scene = Scene([random_layer(rng, depths[1]), card])
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
     integrator = "auto" if hidden else "rays"
     image = render(scene, camera, tolerance, integrator).views
     truth = closed_form(scene, camera)
@@ -88,7 +95,7 @@ def test_noise_behind_a_card_of_one_cell_is_rendered_at_any_tolerance(near):
     rng = np.random.default_rng(3)
     texture, card = rng.uniform(size=(60, 60)), Layer([[0.1]], near, (0.8, 0.9), opaque=True)
     scene = Scene([Layer(texture, 20.0, (2.4, 2.4)), card])
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
     truth = closed_form(scene, camera)
     for tolerance in (1e-3, 1e-6):
         image = render(scene, camera, tolerance)
@@ -115,7 +122,7 @@ def test_rays_meet_their_tolerance_in_thick_absorbers(cells, depth, thickness, t
     rng = np.random.default_rng(0)
     thick = Layer(rng.uniform(size=(cells, cells)), depth, (2.0, 2.2), thickness_mm=thickness,
                   optical_thickness=tau * rng.uniform(size=(cells, cells)))  # fmt: skip
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
     plan = replace(plan_effects(Scene([thick]), camera, tolerance), slabs=(6,))
     rays, exact = (
         render_plan(Scene([thick]), camera, plan, integrator).views.astype(float)

@@ -5,7 +5,7 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.simulation.bundle_shifts import (
     misplaced_mm,
@@ -182,7 +182,8 @@ def test_matter_inside_a_thick_layer_counts_where_it_covers_most(small_camera):
 @pytest.mark.parametrize("lens", [(20.0, 200.0), (150.0, 326.0)])
 def test_lenslets_moved_change_an_even_slope_by_nearly_their_bound(name, cause, lens):
     """Most of it comes through the neighbour, from the next place along the slope."""
-    camera = PlenopticCamera(*lens, 0.4, 0.112, 5, (12, 100), **cause)
+    optics = dict(zip(("main_lens_focal_mm", "focus_distance_mm"), lens, strict=True))
+    camera = replace(PAPER_CAMERA, **optics, views=5, lenslets=(12, 100), **cause)
     slopes = [1 - np.abs(np.linspace(-1, 1, count)) for count in (401, 801)]
     height, width = camera.field_mm(0.0)
     scene = Scene([Layer(np.outer(*slopes), 0.0, (1.5 * height, 1.5 * width))])

@@ -15,7 +15,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
+from lf_flame import (
+    PAPER_CAMERA,
+    InputError,
+    Layer,
+    Scene,
+    Sensor,
+    plan_effects,
+    render,
+)
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
@@ -25,14 +33,7 @@ from lf_flame.simulation.slabs import slice_scene
 UNIT32 = 2.0**-24
 """Unit roundoff of float32, in which images are stored."""
 
-CAMERA = PlenopticCamera(
-    main_lens_focal_mm=150.0,
-    focus_distance_mm=326.0,
-    lenslet_focal_mm=0.4,
-    lenslet_pitch_mm=0.112,
-    views=4,
-    lenslets=(10, 12),
-)
+CAMERA = replace(PAPER_CAMERA, views=4, lenslets=(10, 12))
 ONE_PIXEL = replace(CAMERA, views=1, lenslets=(1, 1))
 
 RAYS = {"integrator": "rays", "rays": 5}

@@ -78,8 +78,8 @@ def test_search_says_where_nothing_is_in_focus(name):
 def test_search_does_not_depend_on_the_brightness(exponent):
     """The same bits for any power of two. Naive: a float32 sum of squares is 0 or infinite."""
     views = planted(0.63).astype(np.float32)
-    plain = find_sharpest_slope(views, SLOPES, MIDDLE)
-    bright = find_sharpest_slope(np.ldexp(views, exponent), SLOPES, MIDDLE)
+    plain = find_sharpest_slope(views, SLOPES, region=MIDDLE)
+    bright = find_sharpest_slope(np.ldexp(views, exponent), SLOPES, region=MIDDLE)
     assert bright.slope == plain.slope
     np.testing.assert_array_equal(bright.sharpness, plain.sharpness * 2.0 ** (2 * exponent))
     assert naive_sharpest_slope(views)[0] == pytest.approx(0.63, abs=0.05)

@@ -35,12 +35,12 @@ def test_nine_views_blurred_as_wide_as_their_squares_are_all_views(system, slope
     At a pixel per view step the three views of a square's side stand a pixel apart: a box of 3.
     """
     leaves = DeadLeaves(slopes=(0.0, 0.0)).draw((9, 9), (40, 50), rng)
-    nine = align_views(leaves, slope, system.view_indices(9, 9))[0].mean(axis=0)
+    nine = align_views(leaves, slope, system.view_indices(9, 9)).mean(axis=0)
     blurred = convolve(nine, make_boxes()[:, :, 0, box], mode="nearest")
     if slope == 0:
         blurred = nine
     inner = (slice(8, -8), slice(8, -8))
-    every = shift_and_sum(leaves, slope)[0]
+    every = shift_and_sum(leaves, slope)
     np.testing.assert_allclose(blurred[inner], every[inner], atol=2e-6)
     assert slope == 0 or np.abs(nine[inner] - every[inner]).max() > 0.05
 
@@ -109,8 +109,8 @@ def test_parts_of_a_round_aperture_count_by_their_area(rng):
 
 def test_nine_views_so_weighted_are_nearer_to_those_in_a_round_aperture(system, rng):
     leaves = DeadLeaves(slopes=(0.0, 0.0)).draw((9, 9), (40, 50), rng)
-    nine = align_views(leaves, 1.0, system.view_indices(9, 9))[0]
-    truth = shift_and_sum(leaves, 1.0, weights=round_aperture((9, 9)))[0]
+    nine = align_views(leaves, 1.0, system.view_indices(9, 9))
+    truth = shift_and_sum(leaves, 1.0, weights=round_aperture((9, 9)))
     errors = [
         np.square(np.average(nine, axis=0, weights=weights) - truth)[8:-8, 8:-8].mean()
         for weights in (ROUND.ravel(), np.ones(9))
@@ -121,7 +121,7 @@ def test_nine_views_so_weighted_are_nearer_to_those_in_a_round_aperture(system, 
 def test_training_starts_close_to_shift_and_sum_and_boxes_stay(system, rng):
     views = rng.uniform(size=(3, 3, 48, 52)).astype(np.float32)
     drawn = system.refocus(views, 0.4)[0]
-    plain = align_views(views, 0.4, system.view_indices(3, 3))[0].mean(axis=0)
+    plain = align_views(views, 0.4, system.view_indices(3, 3)).mean(axis=0)
     assert np.abs(drawn - plain).max() < 0.1
     assert np.corrcoef(drawn.ravel(), plain.ravel())[0, 1] > 0.99
     assert system.parameters < 1_000_000

@@ -5,7 +5,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from lf_flame import InputError, read_light_field
-from lf_flame._common.metrics import psnr
+from lf_flame.learning.scores import psnr
 from lf_flame.refocus import align_views, shift_and_sum
 from lf_flame.systems.refocusnet import RefocusNet, build_refocusnet, load_official_weights
 
@@ -75,7 +75,7 @@ def test_colours_of_one_view_stand_side_by_side(model, rng):
     """The network sees red, green and blue of one aligned view after the other."""
     views = rng.uniform(size=(5, 5, 20, 18, 3)).astype(np.float32)
     system = RefocusNet(model, colours=3)
-    aligned = align_views(views, 0.6, system.view_indices(5, 5))[0]
+    aligned = align_views(views, 0.6, system.view_indices(5, 5))
     shown = np.concatenate(list(aligned), axis=-1)
     expected = np.clip(model.predict_on_batch(shown[None])[0], 0, 1)
     np.testing.assert_allclose(system.refocus(views, 0.6)[0], expected, atol=1e-6)
@@ -88,7 +88,7 @@ def test_grey_is_shown_as_three_equal_colours(model, rng):
     grey = system.refocus(views, [0.4, -1.0])
     assert grey.shape == (2, 20, 18)
     whole = system.model.predict_on_batch  # not clipped, so that means can be compared
-    aligned = align_views(coloured, 0.4, system.view_indices(3, 3))[0]
+    aligned = align_views(coloured, 0.4, system.view_indices(3, 3))
     image = whole(np.concatenate(list(aligned), axis=-1)[None])[0]
     np.testing.assert_allclose(grey[0], np.clip(image.mean(axis=-1), 0, 1), atol=1e-6)
 

@@ -1,9 +1,11 @@
 """A small camera and phantoms that the operator did not make."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lf_flame import Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.scenes.flames import flame_texture
 
 VIEWS = 7
@@ -11,7 +13,7 @@ VIEWS = 7
 
 @pytest.fixture(scope="session")
 def camera():
-    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, VIEWS, (72, 84))
+    return replace(PAPER_CAMERA, views=VIEWS, lenslets=(72, 84))
 
 
 @pytest.fixture(scope="session")

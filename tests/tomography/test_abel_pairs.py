@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import LightField, PlenopticCamera
+from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera
 from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
 
 RADIUS, AXIS, DEPTH = 8.0, 0.07, 0.5
@@ -92,7 +92,14 @@ def camera(kind):
     distance = 500.0 if kind == "f/4" else 1e7
     image = 1 / (1 / 50 - 1 / distance)
     pitch = 21.0 / 120 * image / distance
-    return PlenopticCamera(50.0, distance, image * pitch / 12.5, pitch, 3, (6, 120))
+    return PlenopticCamera(
+        main_lens_focal_mm=50.0,
+        focus_distance_mm=distance,
+        lenslet_focal_mm=image * pitch / 12.5,
+        lenslet_pitch_mm=pitch,
+        views=3,
+        lenslets=(6, 120),
+    )
 
 
 def photograph(transform, lens):
@@ -156,7 +163,7 @@ def test_one_view_will_do(kind):
 
 
 # A flame seen by slanting rays through an aperture wide enough to see around it.
-LENS = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (40, 44))
+LENS = replace(PAPER_CAMERA, views=5, lenslets=(40, 44))
 
 
 def ray_traced(deep=1.0, lean=0.0, wander=0.0):
@@ -235,7 +242,7 @@ def test_bars_of_95_per_cent_hold_the_truth(transform, kind):
             clean.shape
         )
         found = reconstruct_axisymmetric(
-            LightField(noisy.astype(np.float32)), grid, redraws=10, rng=rng
+            LightField(noisy.astype(np.float32)), grid, bootstrap=10, rng=rng
         )
         held.append(np.abs(found.emission - truth) <= found.bar)
     assert 0.93 < np.mean(np.array(held)[:, 3:-3, bright]) < 0.97

@@ -208,7 +208,7 @@ def test_flames_are_found_at_much_thickness_too(grid):
 def test_errors_grow_as_light_is_raised(camera, grid, noisy):
     """Of even matter: emission, error bars and covariance are each plane's, over its share."""
     thickness, rng = [0.2, 0.0, 0.6], np.random.default_rng
-    options = {"strength": 0.01, "redraws": 2}
+    options = {"strength": 0.01, "bootstrap": 2}
     plain = reconstruct(noisy(0.05), grid, rng=rng(1), **options)
     found = reconstruct(noisy(0.05), grid, rng=rng(1), optical_thickness=thickness, **options)
     share = np.array([-np.expm1(-0.2) / 0.2 * np.exp(-0.6), np.exp(-0.6), -np.expm1(-0.6) / 0.6])
@@ -222,7 +222,7 @@ def test_errors_grow_as_light_is_raised(camera, grid, noisy):
 
 @pytest.mark.parametrize("nothing", [0, [0.0, 0.0, 0.0], np.zeros((3, 72, 84))])
 def test_no_thickness_is_as_before_to_the_last_bit(grid, noisy, nothing):
-    options = {"strength": 0.01, "redraws": 2}
+    options = {"strength": 0.01, "bootstrap": 2}
     before = reconstruct(noisy(0.01), grid, rng=np.random.default_rng(0), **options)
     after = reconstruct(
         noisy(0.01), grid, rng=np.random.default_rng(0), optical_thickness=nothing, **options

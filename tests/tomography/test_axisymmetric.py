@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lf_flame import InputError, Layer, LightField, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.scenes.flames import projected_glow
 from lf_flame.tomography import (
     AxisymmetricGrid,
@@ -13,8 +13,8 @@ from lf_flame.tomography import (
     find_axis,
     reconstruct_axisymmetric,
 )
-from lf_flame.tomography.axisymmetric_fit import BandedGram, roughness_matrix
-from lf_flame.tomography.roundness import check_roundness
+from lf_flame.tomography.axisymmetric.fit import BandedGram, roughness_matrix
+from lf_flame.tomography.axisymmetric.roundness import check_roundness
 
 ACROSS, DEPTH, WIDTH, HOLLOW, TALL = 0.83, 4.0, 0.8, 2.5, 2.6
 RADIUS = 2.7
@@ -224,7 +224,7 @@ def test_grids_that_cannot_be_used_are_refused(grid, changes, words):
 
 
 def test_grid_of_too_many_nodes_is_refused():
-    large = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (400, 600))
+    large = replace(PAPER_CAMERA, views=3, lenslets=(400, 600))
     with pytest.raises(InputError, match="take larger blocks"):
         AxisymmetricGrid(large, 0.0, 0.0, 30.0)
 
@@ -232,6 +232,9 @@ def test_grid_of_too_many_nodes_is_refused():
 def test_other_light_fields_and_options_are_refused(grid, seen):
     with pytest.raises(InputError, match="must be grey, of the camera's"):
         reconstruct_axisymmetric(LightField(seen.views[:, :, :-1]), grid)
-    for options, words in (({"noise": -1.0}, "noise must be"), ({"redraws": 1}, "redraws must be")):
+    for options, words in (
+        ({"noise": -1.0}, "noise must be"),
+        ({"bootstrap": 1}, "bootstrap must be"),
+    ):
         with pytest.raises(InputError, match=words):
             reconstruct_axisymmetric(seen, grid, **options)

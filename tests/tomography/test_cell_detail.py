@@ -1,10 +1,12 @@
 """What lies within cells, against courses of light that are known there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import erf
 
-from lf_flame import Layer, PlenopticCamera, Scene, render
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.tomography import FrustumGrid, ProjectionOperator
 from lf_flame.tomography.cell_detail import FINER, SmoothStack, cell_means, smooth_course
 
@@ -47,7 +49,7 @@ def test_no_light_is_below_zero_and_darkness_stays_dark():
 @pytest.mark.parametrize("block", [1, 2])
 def test_the_stack_is_that_of_a_rendered_light_field(block):
     """Of two planes that differ: rendered from the same course, then filtered by the operator."""
-    camera = PlenopticCamera(150, 326, 0.4, 0.112, views=5, lenslets=(20, 28))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(20, 28))
     grid = FrustumGrid(camera, [4.0, -3.0], block)
     rng = np.random.default_rng(0)
     cells = rng.uniform(0, 1, grid.shape) * np.array([1.0, 0.3])[:, None, None]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from own_rays import Lens, Sheet, cells, record
 
-from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, PlenopticCamera
+from lf_flame import PAPER_CAMERA, InputError, Layer, LightField
 from lf_flame.tomography import FrustumGrid, reconstruct
 
 
@@ -95,7 +95,7 @@ def test_a_round_aperture_is_refused_and_what_to_do_is_right(views, inner):
     """Inner views, as the message says: the light field is that of rays drawn in the test."""
     lens = Lens(views=views, lenslets=(48, 60))
     # A round stop as wide as the square one: 7 / 11 and 6 / 10 are below 1 / sqrt(2).
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, views, (48, 60))
+    camera = replace(PAPER_CAMERA, views=views, lenslets=(48, 60))
     stopped = replace(camera, aperture_diameter_mm=camera.aperture_mm)
     with pytest.raises(InputError) as refused:
         FrustumGrid(stopped, [0.0])

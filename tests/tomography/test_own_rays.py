@@ -1,16 +1,18 @@
 """Emission of light fields by rays that the tests draw: what is found, and what is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from own_rays import Lens, Sheet, cells, record, slabs
 from scipy.special import erf
 
-from lf_flame import InputError, LightField, PlenopticCamera
+from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.tomography import FrustumGrid, reconstruct
 from lf_flame.tomography.pyrometry import two_colour_temperature
 
 LENS = Lens(lenslets=(40, 48))
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (40, 48))
+CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
 FLAMES = [Sheet(3.0, (0.1, -1.0), (0.9, 0.45)), Sheet(-4.0, (0.0, 1.0), (0.8, 0.4))]
 GRID = FrustumGrid(CAMERA, [3.0, -4.0])
 CLEAN = record(LENS, FLAMES)
@@ -93,7 +95,7 @@ def test_one_dim_view_is_still_named():
 def test_planes_twice_as_fine_make_it_no_worse():
     """Of a flame that is as thick as it is wide; each plane holds the light of its slab."""
     lens, wide = Lens(lenslets=(32, 32)), 1.0
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 7, (32, 32))
+    camera = replace(PAPER_CAMERA, views=7, lenslets=(32, 32))
     noisy = gaussian(record(lens, slabs(Sheet(0.0, (0.0, 0.0), (1.0, 0.8)), wide, 0.05)), 0.01)
     errors = []
     for step in (1.0, 0.5):
@@ -119,7 +121,7 @@ def test_error_bars_hold_the_truth(record_noise):
     held, found, errors = [], [], []
     for seed in range(4):
         noisy = record_noise(CLEAN, level, seed)
-        found.append(reconstruct(noisy, GRID, redraws=20, rng=np.random.default_rng(seed)))
+        found.append(reconstruct(noisy, GRID, bootstrap=20, rng=np.random.default_rng(seed)))
         off = np.abs(found[-1].emission - TRUTH)
         held.append((off <= 2.09 * found[-1].sigma)[lit])  # Student's t of 20 draws
         errors.append([np.mean(np.square(x[lit])) for x in (off, found[-1].sigma)])
@@ -132,7 +134,10 @@ def test_error_bars_hold_the_truth(record_noise):
     ratio = np.float32(planck[0] / planck[1])
     for green, red in zip(found, [*found[1:], found[0]], strict=True):
         soot = two_colour_temperature(
-            ratio * green.emission, red.emission, colours, (ratio * green.sigma, red.sigma)
+            ratio * green.emission,
+            red.emission,
+            wavelengths_nm=colours,
+            sigmas=(ratio * green.sigma, red.sigma),
         )
         known = lit & np.isfinite(soot.kelvin)
         held.append((np.abs(soot.kelvin - kelvin) <= 2.09 * soot.sigma)[known])

@@ -1,9 +1,11 @@
 """The operator is the simulation, and its adjoint is its adjoint."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lf_flame import InputError, PlenopticCamera, render
+from lf_flame import PAPER_CAMERA, InputError, render
 from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography import FrustumGrid, ProjectionOperator
 
@@ -50,7 +52,7 @@ def test_an_even_field_is_seen_evenly(camera):
 
 def test_the_adjoint_of_a_plane_in_focus_is_the_photograph():
     """At depth 0 each lenslet sees its own cell alone: the sum over views, as shift-and-sum."""
-    camera = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (8, 10))
+    camera = replace(PAPER_CAMERA, views=5, lenslets=(8, 10))
     grid = FrustumGrid(camera, [0.0])
     views = np.random.default_rng(3).random((5, 5, 8, 10)).astype(np.float32)
     back = ProjectionOperator(grid).rmatvec(views.ravel()).reshape(grid.shape)

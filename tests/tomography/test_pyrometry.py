@@ -23,7 +23,7 @@ def test_temperatures_come_back(colours, exponent):
     """To a thousandth of a kelvin, where Planck's law is far from Wien's, too."""
     kelvin = np.array([[600.0, 1200.0], [1800.0, 4500.0]])
     emissions = [soot_emission(colour, kelvin, exponent) for colour in colours]
-    found = two_colour_temperature(*emissions, colours, soot_exponent=exponent)
+    found = two_colour_temperature(*emissions, wavelengths_nm=colours, soot_exponent=exponent)
     assert found.kelvin == pytest.approx(kelvin, abs=1e-3)
     assert found.sigma is None
     ratio = emission_ratio(kelvin, colours, exponent)
@@ -32,9 +32,11 @@ def test_temperatures_come_back(colours, exponent):
 
 def test_a_camera_that_sees_one_colour_better_is_calibrated():
     emissions = [soot_emission(colour, 1700.0) for colour in COLOURS]
-    found = two_colour_temperature(3 * emissions[0], emissions[1], COLOURS, calibration=3.0)
+    found = two_colour_temperature(
+        3 * emissions[0], emissions[1], wavelengths_nm=COLOURS, calibration=3.0
+    )
     assert found.kelvin == pytest.approx(1700.0, abs=1e-3)
-    wrong = two_colour_temperature(3 * emissions[0], emissions[1], COLOURS)
+    wrong = two_colour_temperature(3 * emissions[0], emissions[1], wavelengths_nm=COLOURS)
     assert abs(wrong.kelvin - 1700) > 500 or np.isnan(wrong.kelvin)
 
 
@@ -47,7 +49,7 @@ def test_errors_are_those_of_draws():
         emission + sigma * rng.standard_normal(emission.shape)
         for emission, sigma in zip(emissions, sigmas, strict=True)
     ]
-    found = two_colour_temperature(*noisy, COLOURS, sigmas)
+    found = two_colour_temperature(*noisy, wavelengths_nm=COLOURS, sigmas=sigmas)
     assert np.mean(found.sigma) == pytest.approx(np.std(found.kelvin), rel=0.05)
     # By Wien: T^2 / (c2 (1 / l1 - 1 / l2)), times the error of the ratio.
     wien = 1800**2 / (14.387769e6 * (1 / 550 - 1 / 650)) * 0.01 * np.sqrt(2)
@@ -60,10 +62,12 @@ def test_what_has_no_ratio_has_no_temperature():
         np.array([0.0, 1.0, -1.0, 0.0, 1e9, 1.0]),
         np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0]),
     )
-    found = two_colour_temperature(first, second, COLOURS)
+    found = two_colour_temperature(first, second, wavelengths_nm=COLOURS)
     assert np.isnan(found.kelvin[:5]).all()
     bright = soot_emission(550, 1800) / soot_emission(650, 1800)
-    faint = two_colour_temperature([bright] * 2, [1.0] * 2, COLOURS, ([0.01] * 2, [0.2, 0.5]))
+    faint = two_colour_temperature(
+        [bright] * 2, [1.0] * 2, wavelengths_nm=COLOURS, sigmas=([0.01] * 2, [0.2, 0.5])
+    )
     assert faint.kelvin[0] == pytest.approx(1800, abs=1e-3)
     assert np.isnan([faint.kelvin[1], faint.sigma[1], faint.relative_error[1]]).all()
 
@@ -71,29 +75,32 @@ def test_what_has_no_ratio_has_no_temperature():
 def test_a_temperature_hides_errors_of_emission():
     """17 % in the ratio of two colours, and in one calibrated colour, at 1,800 K."""
     first, second = (soot_emission(colour, 1800.0) for colour in COLOURS)
-    two = two_colour_temperature([first], [second], COLOURS, ([0.17 * first], [0.0]))
+    two = two_colour_temperature(
+        [first], [second], wavelengths_nm=COLOURS, sigmas=([0.17 * first], [0.0])
+    )
     assert two.sigma == pytest.approx([137], abs=0.5)
     brighter = soot_emission(650.0, 1800.0 + 25) / soot_emission(650.0, 1800.0)
     assert brighter == pytest.approx(1.17, abs=0.02)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("options", "says"),
     [
-        (([1.0], [1.0], (550, 550)), "has no temperature"),
-        (([1.0], [1.0], (550, -1)), "two in nm, from 100"),
-        (([1.0], [1.0], (550,)), "two in nm, from 100"),
-        (([1.0], [1.0], (0.55, 0.65)), "in nm.*if these are micrometres, give 550 and 650"),
-        (([1.0], [1.0], (5.5e-7, 6.5e-7)), "if these are m, give 550 and 650"),
-        (([1.0], [1.0], (0.55, 650)), "two in nm"),
-        (([1.0], [1.0], (550, np.nan)), "two in nm"),
-        (([1.0], [1.0], COLOURS, None, np.inf), "soot_exponent must be from -1 to 5, got inf"),
-        (([1.0], [1.0], COLOURS, None, np.nan), "soot_exponent must be"),
-        (([1.0], [1.0], COLOURS, None, 1e9), "soot_exponent must be"),
-        (([1.0], [1.0, 2.0], COLOURS), "one shape"),
-        (([1.0], [1.0], COLOURS, None, 1.0, 0.0), "calibration"),
+        ({"wavelengths_nm": (550, 550)}, "has no temperature"),
+        ({"wavelengths_nm": (550, -1)}, "two in nm, from 100"),
+        ({"wavelengths_nm": (550,)}, "two in nm, from 100"),
+        ({"wavelengths_nm": (0.55, 0.65)}, "in nm.*if these are micrometres, give 550 and 650"),
+        ({"wavelengths_nm": (5.5e-7, 6.5e-7)}, "if these are m, give 550 and 650"),
+        ({"wavelengths_nm": (0.55, 650)}, "two in nm"),
+        ({"wavelengths_nm": (550, np.nan)}, "two in nm"),
+        ({"soot_exponent": np.inf}, "soot_exponent must be from -1 to 5, got inf"),
+        ({"soot_exponent": np.nan}, "soot_exponent must be"),
+        ({"soot_exponent": 1e9}, "soot_exponent must be"),
+        ({"second": [1.0, 2.0]}, "one shape"),
+        ({"calibration": 0.0}, "calibration"),
     ],
 )
-def test_bad_input_is_refused(arguments, says):
+def test_bad_input_is_refused(options, says):
+    given = {"first": [1.0], "second": [1.0], "wavelengths_nm": COLOURS}
     with pytest.raises(InputError, match=says):
-        two_colour_temperature(*arguments)
+        two_colour_temperature(**given | options)

@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from experiments.tomography.tikhonov import fit_tikhonov
 from lf_flame import InputError, Layer, LightField, Scene, render
-from lf_flame.tomography import (
-    FrequencyGram,
-    FrustumGrid,
-    ProjectionOperator,
-    fit_tikhonov,
-    reconstruct,
-)
+from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.total_variation import fit_total_variation
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lf_flame import LightField
-from lf_flame._common.metrics import psnr
+from lf_flame.learning.scores import psnr
 from lf_flame.refocus import aperture_weights, shift_and_sum
 from lf_flame.viewer.page import single_page
 

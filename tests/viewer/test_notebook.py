@@ -7,8 +7,9 @@ from experiments.screenshots.notebook import find_jupyter, open_notebook
 CELLS = [
     "import numpy as np\n"
     "from lf_flame import LightField\n"
+    "from lf_flame.viewer import show\n"
     "light_field = LightField(np.random.default_rng(0).uniform(size=(5, 5, 60, 90)))\n"
-    "widget = light_field.view(slopes=(-2, 2), with_map=False%s)\n"
+    "widget = show(light_field, slopes=(-2, 2), with_map=False%s)\n"
     "widget",
     "1",
     "2",

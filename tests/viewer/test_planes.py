@@ -98,7 +98,7 @@ def test_planes_hold_the_views_that_count(opened, make_exhibit, rng):
     tab = opened(exhibit)
     tab.set(slope=0.71, shape="round", width=0.9)
     weights = own.astype(np.float32) * aperture_weights((5, 4), 0.9)
-    image = refocus(views, [0.71], "cubic", weights=weights)[0]
+    image = refocus(views, [0.71], interpolation="cubic", weights=weights)[0]
     np.testing.assert_allclose(tab.read(image.shape), image, atol=1e-5)
     assert np.abs(tab.canvas() - levels_of(image)).max() <= 1
 
@@ -118,7 +118,7 @@ def test_any_interpolation_is_shown(opened, make_exhibit, interpolation):
     assert interpolation in tab.page.locator("main > p").inner_text()
     tab.set(slope=0.71, shape="round", width=0.9)
     weights = aperture_weights((4, 5), 0.9)
-    image = refocus(exhibit.light_field, [0.71], interpolation, weights=weights)[0]
+    image = refocus(exhibit.light_field, [0.71], interpolation=interpolation, weights=weights)[0]
     np.testing.assert_allclose(tab.read(image.shape), image, atol=1e-5)
     assert np.abs(tab.canvas() - levels_of(image)).max() <= 1
     linear = shift_and_sum(exhibit.light_field, [0.71], weights=weights)[0]

@@ -8,6 +8,7 @@ import pytest
 
 from lf_flame import LightField
 from lf_flame.refocus import aperture_weights, refocus, shift_and_sum
+from lf_flame.viewer import show
 from lf_flame.viewer.scripts import script_url
 
 widgets = pytest.importorskip("lf_flame.viewer.widget", reason="needs anywidget")
@@ -41,7 +42,7 @@ globalThis.end = widget.render({ model, el: document.getElementById("cell") });
 @pytest.fixture
 def widget(rng):
     views = rng.uniform(size=(5, 5, 20, 30)).astype(np.float32)
-    return LightField(views).view(slopes=(-2, 2), with_map=True)
+    return show(LightField(views), slopes=(-2, 2), with_map=True)
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def test_senseless_traits_are_refused(widget):
 
 def test_python_makes_planes_by_messages(rng, monkeypatch):
     views = rng.uniform(size=(3, 4, 12, 14)).astype(np.float32)
-    widget = LightField(views).view(slopes=(-2, 2), with_map=False, interpolation="sinc")
+    widget = show(LightField(views), slopes=(-2, 2), with_map=False, interpolation="sinc")
     sent = []
     monkeypatch.setattr(widget, "send", lambda *what: sent.append(what))
     query = "plane?slope=0.5&shape=square&width=1&ring=0&v=0&u=0&block=1"
@@ -125,7 +126,7 @@ def test_python_makes_planes_by_messages(rng, monkeypatch):
     (content, [buffer]), (refused, none), (other, _) = sent
     assert content == {"answer": query}
     image = np.frombuffer(buffer, "<f4").reshape(12, 14)
-    np.testing.assert_allclose(image, refocus(views, [0.5], "sinc")[0], atol=1e-6)
+    np.testing.assert_allclose(image, refocus(views, [0.5], interpolation="sinc")[0], atol=1e-6)
     assert refused["error"] == "slope must be a plain number."
     assert none == []
     assert other["error"].startswith("What is asked for is told by slope, shape")
@@ -133,10 +134,12 @@ def test_python_makes_planes_by_messages(rng, monkeypatch):
 
 def test_a_cell_shows_planes_that_python_makes(filled, rng):
     views = rng.uniform(size=(5, 5, 20, 30)).astype(np.float32)
-    cell = filled(LightField(views).view(slopes=(-2, 2), with_map=False, interpolation="cubic"))
+    cell = filled(show(LightField(views), slopes=(-2, 2), with_map=False, interpolation="cubic"))
     assert cell.page.evaluate("() => lfViewer.renderer.name") == "the program"
     cell.set(slope=0.61, width=0.5)
-    image = refocus(views, [0.61], "cubic", weights=aperture_weights((5, 5), 0.5, shape="square"))
+    image = refocus(
+        views, [0.61], interpolation="cubic", weights=aperture_weights((5, 5), 0.5, shape="square")
+    )
     assert np.abs(cell.canvas() - np.rint(255 * image[0].clip(0, 1))[..., None]).max() <= 1
     words = cell.page.evaluate("() => lfViewer.source.plane('slope=1').catch((x) => x.message)")
     assert words.startswith("What is asked for is told by")

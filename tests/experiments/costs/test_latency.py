@@ -24,10 +24,10 @@ from experiments.costs.precision import (
 from lf_flame import InputError
 from lf_flame._common.arrays import area_average
 from lf_flame._common.config import build
-from lf_flame._common.metrics import psnr
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
+from lf_flame.learning.scores import psnr
 from lf_flame.learning.training import TrainingConfig, train
 
 pytestmark = pytest.mark.slow

@@ -230,7 +230,7 @@ def test_whole_shifts_are_exact_and_fewer_views_keep_their_places(views, rng):
         for u in range(views):
             light_field[v, u, 12 + 2 * v - views, 20 + 2 * u - views] = 1
     slopes = np.array([2.0])
-    exact = fourier_refocus(light_field, slopes, "sinc", "clamp")
+    exact = fourier_refocus(light_field, slopes, interpolation="sinc", edges="clamp")
     methods = formula_methods(views, (1, 1))
     assert {method.family for method in methods} == set(LABELS)
     for method in methods:

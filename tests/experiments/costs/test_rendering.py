@@ -14,13 +14,13 @@ from experiments.costs import rendering_report
 from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering import measure_costs
 from experiments.costs.rendering_scenes import CONFIGS, Study, effect_trials, study_scenes
-from lf_flame import InputError, Layer, PlenopticCamera, Scene, plan_effects
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects
 from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.rendering import render
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
-CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (12, 14))
+CAMERA = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
 TRIALS = effect_trials(replace(CAMERA, views=6), 3.0)
 
 

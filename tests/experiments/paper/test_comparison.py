@@ -21,7 +21,7 @@ from experiments.paper.figures import learning_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.tables import compare_with_paper, read_tables, score_windows, write_table
 from lf_flame import InputError
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import score
 
 PAPER = Path(__file__).parents[3] / "experiments" / "paper_values.toml"
 RESULTS = Path(__file__).parents[3] / "experiments" / "results"

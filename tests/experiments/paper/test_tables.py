@@ -20,9 +20,8 @@ from experiments.paper.tables import (
     write_table,
 )
 from lf_flame import InputError
-from lf_flame._common.metrics import psnr, psnr_foreground, ssim
 from lf_flame.learning.run_folders import load_run
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import psnr, psnr_foreground, score, ssim
 
 PAPER = Path(__file__).parents[3] / "experiments" / "paper_values.toml"
 

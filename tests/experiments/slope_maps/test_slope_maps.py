@@ -25,7 +25,9 @@ def test_the_true_slopes_bring_the_views_together():
     corner[0, 0] = 1.0
     errors = []
     for off in (0.0, -0.3, 0.3):
-        image = refocus_surface(sample.views, sample.slopes + off, "cubic", corner)
+        image = refocus_surface(
+            sample.views, sample.slopes + off, interpolation="cubic", weights=corner
+        )
         errors.append(np.median(np.abs(image - sample.views[4, 4])[inside]))
     assert 1.5 * errors[0] < min(errors[1:])
 

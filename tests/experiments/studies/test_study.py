@@ -18,7 +18,7 @@ from lf_flame.datasets.store import Dataset
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import load_run, predict_test_split, training_indices
-from lf_flame.learning.scoring import score
+from lf_flame.learning.scores import score
 
 ROOT = Path(__file__).parents[3]
 PAPER = ROOT / "experiments" / "paper_values.toml"

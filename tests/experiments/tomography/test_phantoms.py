@@ -1,5 +1,7 @@
 """Phantoms hold the emission that they say, and the noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,14 +18,14 @@ from experiments.tomography.phantoms import (
     volume_flame,
 )
 from experiments.tomography.tasks import relative_errors
-from lf_flame import PlenopticCamera
+from lf_flame import PAPER_CAMERA
 from lf_flame.scenes.flames import HOLLOW_AT_BURNER, projected_glow, radius_profile
 from lf_flame.tomography import FrustumGrid
 
 
 @pytest.fixture(scope="module")
 def camera():
-    return PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (90, 120))
+    return replace(PAPER_CAMERA, views=5, lenslets=(90, 120))
 
 
 def test_a_volume_projects_as_the_closed_form_says():

@@ -1,0 +1,263 @@
+"""Shape of a flame in an image: height, tip, width and contour.
+
+A flame is what is brighter than a share of the picture's peak and joined to it; hot pixels and
+sparks do not count (`bright_spots`). Its contour runs between pixels where linear interpolation
+reaches that share.
+
+Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
+the lower edge of a picture of n rows is at n - 1/2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from skimage import measure
+
+from lf_flame.errors import InputError
+from lf_flame.flame_video.bright_spots import (
+    LEAST_PIXELS,
+    find_peak,
+    larger_flame,
+    region_of,
+)
+
+LEAST_SIGNAL = 8.0
+"""Standard deviations of noise by which a flame's peak must exceed the median of the picture. Of a
+million pixels without light the brightest has five."""
+
+LEAST_SIDE = 5
+"""Pixels along each axis of a picture, of which noise is measured."""
+
+APART_SHARE = 0.05
+"""Of the flame's area, from which light apart from it is told; noise leaves single pixels there."""
+
+CEILING_SHARE = 0.05
+"""Of the flame's area at exactly the brightest value, from which that is a ceiling. A Gaussian that
+is cut off over so much of it has a peak 4 % higher."""
+
+DARK = "Nothing stands out of the noise: there is no flame."
+SPECK = f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame."
+CUT = "The flame reaches the top or a side of the picture: it is cut off, and larger than measured."
+CEILING = (
+    "Much of the flame has exactly the same, brightest value: the picture is saturated, and the "
+    "contour too wide."
+)
+APART = "Other places are as bright and not joined to the brightest: they do not count."
+
+SPARK = "A small spot apart from the flame is brighter, a spark or hot pixels: it does not count."
+
+
+@dataclass(frozen=True, eq=False)
+class FlameShape:
+    """Shape of a flame. Lengths are in mm if the pixel size was given, else in pixels.
+
+    Without a flame all numbers are NaN and the contour is empty.
+
+    Attributes
+    ----------
+    height : float
+        From the burner to the tip.
+    tip_row : float
+        Row of the contour's highest point, in pixels of the picture.
+    width : float
+        Of the row in which the contour is widest.
+    area : float
+        Within the contour, holes included.
+    brightness : float
+        Mean of the flame's pixels.
+    contour : ndarray of float64, shape (points, 2)
+        Rows and columns along the outer contour, in pixels of the picture; the first point is the
+        last one too.
+    warnings : tuple of str
+        What makes the numbers doubtful, a sentence each, without numbers: `DARK`, `SPECK`, `CUT`,
+        `CEILING`, `APART` or `SPARK`.
+    """
+
+    height: float
+    tip_row: float
+    width: float
+    area: float
+    brightness: float
+    contour: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def is_found(self) -> bool:
+        """Whether there is a flame."""
+        return len(self.contour) > 0
+
+
+def measure_flame(
+    image: ArrayLike,
+    *,
+    level: float = 0.5,
+    pixel_mm: float = 1.0,
+    burner_row: float | None = None,
+) -> FlameShape:
+    """Measure the flame in an image.
+
+    Parameters
+    ----------
+    image : array_like, shape (rows, columns)
+        Grey, finite, black at 0; 5 x 5 pixels or more.
+    level : float, optional
+        Share of the peak at which the contour runs, above 0 and below 1.
+    pixel_mm : float, optional
+        Side of a pixel in mm where the flame is, above 0. Default: lengths are in pixels.
+    burner_row : float, optional
+        Row from which the height counts, within the picture. Default: its lower edge.
+
+    Returns
+    -------
+    FlameShape
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import measure_flame
+    >>> y, x = np.mgrid[:60, :40]
+    >>> image = np.exp(-(((y - 40) / 12) ** 2) - ((x - 20) / 5) ** 2)
+    >>> round(measure_flame(image, burner_row=50.0).height)  # to where it is half as bright
+    20
+    """
+    picture = _checked_image(image)
+    check_measures(level, pixel_mm)
+    burner = _checked_burner(burner_row, len(picture))
+    faint = max(0.0, np.median(picture) + LEAST_SIGNAL * _noise(picture))
+    if picture.max() <= faint:
+        return _no_flame(DARK)
+    peak = find_peak(picture)
+    if peak.value <= faint:
+        return _no_flame(SPECK)
+    region, spark = region_of(picture, level * peak.value, peak.place), False
+    flame = larger_flame(picture, region)
+    if flame is not None and flame.value > faint:
+        peak, spark = flame, True
+        region = region_of(picture, level * peak.value, peak.place)
+    if np.count_nonzero(region) < LEAST_PIXELS:
+        return _no_flame(SPECK)
+    threshold, picture = level * peak.value, np.minimum(picture, peak.value)
+    contour = _outer_contour(picture, region, threshold)
+    tip = float(contour[:, 0].min())
+    return FlameShape(
+        height=(burner - tip) * pixel_mm,
+        tip_row=tip,
+        width=_greatest_width(contour) * pixel_mm,
+        area=_enclosed_area(contour) * pixel_mm**2,
+        brightness=float(picture[region].mean()),
+        contour=contour,
+        warnings=_doubts(picture, region, threshold, spark),
+    )
+
+
+def check_measures(level: float, pixel_mm: float) -> None:
+    """Refuse a level or a pixel size that cannot be used.
+
+    Raises
+    ------
+    InputError
+        If the level is not between 0 and 1, or the size not above 0 and finite.
+    """
+    if not 0 < level < 1:
+        raise InputError(f"level must be a share of the peak between 0 and 1, got {level}.")
+    if not (np.isfinite(pixel_mm) and pixel_mm > 0):
+        raise InputError(f"pixel_mm must be a finite number above 0, got {pixel_mm}.")
+
+
+def _checked_image(image: ArrayLike) -> np.ndarray:
+    image = np.asarray(image)
+    if image.ndim != 2 or min(image.shape) < LEAST_SIDE or image.dtype.kind not in "biuf":
+        raise InputError(
+            f"A flame is measured in a grey image of {LEAST_SIDE} x {LEAST_SIDE} pixels or more, "
+            f"got an array of shape {image.shape} and type {image.dtype}."
+        )
+    image = image.astype(np.float64)
+    if not np.all(np.isfinite(image)):
+        raise InputError("The image of a flame must be finite, got NaN or infinite pixels.")
+    return image
+
+
+def _checked_burner(burner_row: float | None, rows: int) -> float:
+    lowest = rows - 0.5
+    if burner_row is None:
+        return lowest
+    if not -0.5 <= burner_row <= lowest:
+        raise InputError(
+            f"burner_row must lie within the picture, -0.5 to {lowest}, got {burner_row}."
+        )
+    return float(burner_row)
+
+
+def _no_flame(reason: str) -> FlameShape:
+    nan = float("nan")
+    return FlameShape(nan, nan, nan, nan, nan, np.empty((0, 2)), (reason,))
+
+
+def _noise(image: np.ndarray) -> float:
+    """Measure the noise of a pixel: by second differences along rows, of which glow has few.
+
+    Over two pixels, since refocusing makes neighbours alike. Their standard deviation is sqrt(6)
+    times a pixel's, and 1.4826 times the median of their absolute values, which a flame in part of
+    the picture hardly changes.
+    """
+    differences = image[:, 4:] - 2 * image[:, 2:-2] + image[:, :-4]
+    return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
+
+
+def _largest_apart(image: np.ndarray, region: np.ndarray, threshold: float) -> int:
+    """Find the size of the largest region apart from the flame."""
+    sizes = np.bincount(measure.label((image > threshold) & ~region, connectivity=1).ravel())
+    return int(sizes[1:].max(initial=0))
+
+
+def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> np.ndarray:
+    """Trace the outer contour of a region, closed along the edges of the picture."""
+    alone = np.where(region, image, np.minimum(image, threshold))
+    padded = np.pad(alone, 1, mode="edge")
+    # Mirrored at the threshold: the crossing is half a pixel out, which is the picture's edge.
+    around = np.minimum(padded, 2 * threshold - padded)
+    around[1:-1, 1:-1] = alone
+    found = measure.find_contours(around, threshold, fully_connected="low")
+    # The others are those of holes, and lie below the outer one's highest point.
+    return min(found, key=lambda contour: contour[:, 0].min()) - 1
+
+
+def _greatest_width(contour: np.ndarray) -> float:
+    """Find the widest row, from its first crossing of the contour to its last."""
+    crossings = contour[contour[:, 0] % 1 == 0]
+    rows = crossings[:, 0].astype(int)
+    left, right = np.full(rows.max() + 1, np.inf), np.full(rows.max() + 1, -np.inf)
+    np.minimum.at(left, rows, crossings[:, 1])
+    np.maximum.at(right, rows, crossings[:, 1])
+    return float((right - left).max())
+
+
+def _enclosed_area(contour: np.ndarray) -> float:
+    """Compute the area of a polygon, by the shoelace formula."""
+    rows, columns = contour.T
+    return float(abs(np.sum(rows[:-1] * columns[1:] - rows[1:] * columns[:-1])) / 2)
+
+
+def _doubts(
+    image: np.ndarray, region: np.ndarray, threshold: float, spark: bool
+) -> tuple[str, ...]:
+    size = np.count_nonzero(region)
+    found = []
+    if region[0].any() or region[:, [0, -1]].any():
+        found.append(CUT)
+    # Sums of equal values differ in their last digits.
+    flame = image[region]
+    ceiling = np.count_nonzero(flame >= flame.max() * (1 - 1e-6))
+    if ceiling >= max(LEAST_PIXELS, CEILING_SHARE * size):
+        found.append(CEILING)
+    if spark:
+        found.append(SPARK)
+    elif _largest_apart(image, region, threshold) >= max(LEAST_PIXELS, APART_SHARE * size):
+        found.append(APART)
+    return tuple(found)

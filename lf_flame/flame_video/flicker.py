@@ -1,0 +1,288 @@
+"""Flicker of a flame: the frequencies of a series of heights, and whether there are any.
+
+At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven
+and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out
+part of a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a
+memory, of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by
+it. Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on
+the false-alarm probability. What was found joins the drift, the noise is fitted anew, and the
+search goes on: neither a slow swing nor a strong line hides another one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame.errors import InputError
+from lf_flame.flame_video.sine_fit import SineFit, sines
+from lf_flame.flame_video.wander import Wander, fit_wander
+
+LEAST_FRAMES = 16
+"""Heights that a frequency is sought in: drift and sine alone take up seven numbers."""
+
+DRIFT = 4
+"""Numbers of the drift, a cubic."""
+
+FIRST_PERIODS = 1.5
+"""Within the duration, where the spectrum begins: a cubic looks like fewer."""
+
+LEAST_PERIODS = 3
+"""Within the duration: fewer are no rhythm. What a cubic leaves of a drift has its peak there."""
+
+OVERSAMPLING = 5
+"""Frequencies of the spectrum for each 1 / duration; fewer would miss the top of peaks."""
+
+FALSE_ALARM = 0.01
+"""Probability below which a peak is more than noise."""
+
+NEGLIGIBLE = 5e-3
+"""Scatter relative to that of the heights which is not looked into: it is what a drift that is no
+cubic, or a rhythm that is not quite even, leaves."""
+
+MOST_SINES = 8
+"""Sines that are looked for, slow swings included."""
+
+SAME_LINE = 2.0
+"""Distance in 1 / duration within which a peak belongs to a line that is known already: the rhythm
+of a flame is not quite even, so that its line is a little wider than that of a sine."""
+
+
+NEAR = 0.25
+"""Distance relative to the first line up to which others may be of the same, uneven rhythm."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A frequency that stands out of the noise.
+
+    Attributes
+    ----------
+    frequency_hz : float
+    amplitude : float
+        Amplitude of its sine, in the unit of the heights.
+    false_alarm : float
+        Probability that noise alone has such a peak somewhere in the spectrum.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    false_alarm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Flicker:
+    """Frequencies of a series of heights, and how far to trust them.
+
+    Attributes
+    ----------
+    frequency_hz : float
+        Frequency of the peak that stands out most; NaN if none stands out of the noise.
+    resolution_hz : float
+        1 / duration: what lies closer is one peak, and none is known better for certain.
+    false_alarm : float
+        Probability that noise alone has such a peak somewhere in the spectrum.
+    peak_hz : float
+        Frequency of the highest peak relative to the noise, standing out or not; NaN if heights are
+        constant or only drift.
+    amplitude : float
+        Amplitude of the sine at the peak, in the unit of the heights; NaN as `peak_hz`.
+    frequencies_hz : ndarray of float64, shape (frequencies,)
+        Frequencies of the spectrum: a period and a half in the duration at least, two frames a
+        period.
+    power : ndarray of float64, shape (frequencies,)
+        Share of the heights' variance about their drift that a sine explains, 0 to 1.
+    lines : tuple of Line
+        All frequencies that stand out, the first one that of `frequency_hz`.
+    swings_hz : tuple of float
+        Frequencies of slow swings that stand out, too, but of fewer than three periods: no rhythm.
+    noise : Wander
+        Noise that lines were held against.
+    """
+
+    frequency_hz: float
+    resolution_hz: float
+    false_alarm: float
+    peak_hz: float
+    amplitude: float
+    frequencies_hz: np.ndarray
+    power: np.ndarray
+    lines: tuple[Line, ...]
+    swings_hz: tuple[float, ...]
+    noise: Wander
+
+    def describe(self) -> str:
+        """Tell in a sentence or two what was found."""
+        alarm = f"false-alarm probability {self.false_alarm:.2g}"
+        if self.lines:
+            told = (
+                f"The flame flickers at {self.frequency_hz:.4g} Hz, resolution "
+                f"{self.resolution_hz:.2g} Hz, {alarm}."
+            )
+        elif np.isfinite(self.peak_hz):
+            told = (
+                f"No frequency stands out of the noise: the highest peak, at {self.peak_hz:.4g} "
+                f"Hz, has a {alarm}."
+            )
+        else:
+            told = "There is no flicker: the heights are constant, or only drift."
+        near, far = self._other_lines()
+        if near:
+            told += f" Peaks near it ({near}) are of an uneven rhythm, or lines of their own."
+        if far:
+            told += f" Further lines: {far}."
+        if self.swings_hz:
+            slow = ", ".join(f"{swing:.3g} Hz" for swing in self.swings_hz)
+            told += f" A slow swing ({slow}) has fewer than three periods and is no line."
+        return told
+
+    def _other_lines(self) -> tuple[str, str]:
+        """Name the lines near the first one, and the others."""
+        near: list[str] = []
+        far: list[str] = []
+        for line in self.lines[1:]:
+            is_near = abs(line.frequency_hz - self.frequency_hz) < NEAR * self.frequency_hz
+            (near if is_near else far).append(f"{line.frequency_hz:.4g} Hz")
+        return ", ".join(near), ", ".join(far)
+
+
+def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
+    """Find the frequencies of a series of heights.
+
+    Parameters
+    ----------
+    times_s : array_like, shape (frames,)
+        In s, rising; not evenly spaced by need.
+    heights : array_like, shape (frames,)
+        In any unit; frames of NaN are left out.
+
+    Returns
+    -------
+    Flicker
+        Frequencies up to half the number of frames a second, by the median distance in time; a
+        faster flicker appears at a lower frequency.
+
+    Raises
+    ------
+    InputError
+        If times and heights do not match, times do not rise, or fewer than `LEAST_FRAMES` heights
+        are known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import find_flicker
+    >>> times_s = np.arange(400) / 100
+    >>> found = find_flicker(times_s, 20 + np.sin(2 * np.pi * 12.3 * times_s))
+    >>> round(found.frequency_hz, 1)
+    12.3
+    """
+    times, values = _checked_series(times_s, heights)
+    frequencies = _frequencies(times)
+    search = _Search(times - times.mean(), values, frequencies)
+    power = SineFit(search.times, values, search.drift).power(frequencies)
+    while search.goes_on():
+        pass
+    lines, (peak, alarm, amplitude) = search.lines(), search.highest
+    if lines:
+        peak, amplitude, alarm = lines[0].frequency_hz, lines[0].amplitude, lines[0].false_alarm
+    return Flicker(
+        lines[0].frequency_hz if lines else np.nan, search.resolution, alarm, peak, amplitude,
+        frequencies, power, lines, tuple(search.swings), search.noise,
+    )  # fmt: skip
+
+
+def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    times, values = (np.asarray(one, np.float64) for one in (times_s, heights))
+    if times.ndim != 1 or times.shape != values.shape:
+        raise InputError(
+            f"Times and heights must be two series of one length, got arrays of shape "
+            f"{times.shape} and {values.shape}."
+        )
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < LEAST_FRAMES:
+        raise InputError(
+            f"A frequency needs {LEAST_FRAMES} frames with a height at least, got "
+            f"{np.count_nonzero(known)}."
+        )
+    if not (np.all(np.isfinite(times)) and np.all(np.diff(times) > 0)):
+        raise InputError("The times of frames must be finite and rise from frame to frame.")
+    return times[known], values[known]
+
+
+def _frequencies(times: np.ndarray) -> np.ndarray:
+    resolution = 1 / (times[-1] - times[0])
+    lowest = FIRST_PERIODS * resolution
+    # Right at half the sampling rate, cosine and sine cannot be told apart.
+    highest = 0.5 / np.median(np.diff(times)) - resolution / 2
+    count = max(2, 1 + int(np.ceil((highest - lowest) / resolution * OVERSAMPLING)))
+    return np.linspace(lowest, max(highest, lowest + resolution), count)
+
+
+class _Search:
+    """A search for one sine after the other; what was found joins the drift."""
+
+    def __init__(self, times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
+        self.times, self.values, self.frequencies = times, values, frequencies
+        self.resolution = 1 / (times[-1] - times[0])
+        scaled = times / np.abs(times).max()
+        self.drift = np.polynomial.legendre.legvander(scaled, DRIFT - 1)
+        self.noise = Wander(1.0, 1.0)
+        self.highest = (np.nan, 1.0, np.nan)
+        self.swings: list[float] = []
+        self._found: list[float] = []
+        self._alarms: dict[float, float] = {}
+        self._slow = np.empty((len(times), 0))
+
+    def goes_on(self) -> bool:
+        """Look for one more sine, and tell whether to go on."""
+        base = self._columns(self._found)
+        if base.shape[1] + 2 > len(self.times) / 2 or self._is_explained(base):
+            return False
+        self.noise = fit_wander(self.times, self.values, base)
+        fit = SineFit(self.times, self.values, base, self.noise)
+        power = fit.power(self.frequencies)
+        is_slow = self.frequencies < LEAST_PERIODS * self.resolution
+        if self._slow.size:  # they look like sines of somewhat more periods, too
+            power[self.frequencies < 2 * LEAST_PERIODS * self.resolution] = 0
+        top = int(power.argmax())
+        peak = fit.refined(self.frequencies, top)
+        alarm = fit.false_alarm(peak, float(np.ptp(self.frequencies)))
+        if alarm >= FALSE_ALARM:
+            if not is_slow[top] and not self._alarms:
+                self.highest = (peak, alarm, self._amplitudes([*self._found, peak])[-1])
+            return False
+        if is_slow[top] and self.swings:
+            self._slow = self._slow_curves()
+            return True
+        if is_slow[top]:
+            self.swings.append(peak)
+        elif not any(abs(peak - known) < SAME_LINE * self.resolution for known in self._alarms):
+            self._alarms[peak] = alarm
+        self._found.append(peak)
+        return len(self._found) < MOST_SINES
+
+    def _is_explained(self, base: np.ndarray) -> bool:
+        """Tell whether what is left is no more than rounding, or negligible."""
+        left = SineFit(self.times, self.values, base).scatter
+        return left <= NEGLIGIBLE**2 * np.sum((self.values - self.values.mean()) ** 2)
+
+    def _slow_curves(self) -> np.ndarray:
+        """Make cosines of up to `LEAST_PERIODS`, for a drift that a cubic and a swing are not."""
+        half_periods = np.arange(1, 2 * LEAST_PERIODS + 1)
+        return np.cos(np.pi * self.resolution * np.outer(self.times - self.times[0], half_periods))
+
+    def lines(self) -> tuple[Line, ...]:
+        """Tell the lines, in the order in which they were found."""
+        amplitudes = dict(zip(self._found, self._amplitudes(self._found), strict=True))
+        return tuple(Line(one, amplitudes[one], alarm) for one, alarm in self._alarms.items())
+
+    def _columns(self, frequencies: list[float]) -> np.ndarray:
+        found = (sines(self.times, one) for one in frequencies)
+        return np.column_stack([self.drift, self._slow, *found])
+
+    def _amplitudes(self, frequencies: list[float]) -> list[float]:
+        """Fit sines to the heights together."""
+        fitted = np.linalg.lstsq(self._columns(frequencies), self.values, rcond=None)[0]
+        pairs = fitted[len(fitted) - 2 * len(frequencies) :].reshape(-1, 2)
+        return [float(np.hypot(*pair)) for pair in pairs]

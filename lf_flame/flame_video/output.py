@@ -1,0 +1,217 @@
+"""Height and flicker of a flame as the files that a user looks at."""
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame._common import figures
+from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder
+from lf_flame.errors import InputError
+from lf_flame.flame_video.figures import PictureScale, flicker_figure
+from lf_flame.flame_video.flame_shape import measure_flame
+from lf_flame.flame_video.flicker import Flicker, find_flicker
+from lf_flame.flame_video.outliers import find_outliers
+from lf_flame.lightfield import LightField
+from lf_flame.refocus import shift_and_sum
+
+RECORD = "flicker.json"
+TABLE = "flame.csv"
+PICTURE = "flicker.png"
+
+OUTLIER = (
+    "The height is far out of what the frames beside it have, as by a spark or another object: it "
+    "is left out of the frequency."
+)
+
+CONTOURS = 5
+"""Frames whose contours the picture shows."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """How the flame of a frame is measured.
+
+    Attributes
+    ----------
+    slope : float or None
+        At which frames are refocused; None takes the middle view.
+    level : float
+        Share of the peak at which the contour runs.
+    pixel_mm : float or None
+        Size of a pixel where the flame is; None for lengths in pixels.
+    burner_row : float or None
+        From which heights count; None for the lower edge.
+    """
+
+    slope: float | None = None
+    level: float = 0.5
+    pixel_mm: float | None = None
+    burner_row: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of lengths."""
+        return "px" if self.pixel_mm is None else "mm"
+
+    def image(self, light_field: LightField) -> np.ndarray:
+        """Make the picture that is measured; grey, float64, shape (t, s)."""
+        v, u = light_field.views.shape[:2]
+        if self.slope is None:
+            image = light_field.views[(v - 1) // 2, (u - 1) // 2]
+        else:
+            image = shift_and_sum(light_field, [self.slope])[0]
+        grey = np.asarray(image, np.float64)
+        return grey.mean(axis=2) if grey.ndim == 3 else grey
+
+
+@dataclass
+class FlameSeries:
+    """What is kept of all frames: some numbers of each, one picture, and a few contours.
+
+    Attributes
+    ----------
+    times_s, heights : list of float
+        Heights are NaN where there is no flame.
+    names : list of str
+    total : ndarray of float64, shape (t, s), or float
+        Sum of the pictures.
+    contours : list of (float, ndarray)
+        Times and contours of frames spread evenly over the sequence.
+    doubts : dict of str to list of str
+        Frames by what is doubtful of them.
+    """
+
+    times_s: list[float] = field(default_factory=list)
+    heights: list[float] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    total: np.ndarray | float = 0.0
+    contours: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    doubts: dict[str, list[str]] = field(default_factory=dict)
+
+    def warnings(self) -> list[str]:
+        """Say in a sentence each what is doubtful, and of how many frames."""
+        return [
+            f"{len(names)} of {len(self.times_s)} frames, first {names[0]}: {doubt}"
+            for doubt, names in self.doubts.items()
+        ]
+
+
+def measure_frames(
+    paths: Sequence[Path],
+    frames: Iterable[LightField],
+    measures: Measures,
+    times_s: Sequence[float],
+    table: Path,
+    progress: Callable = iter,
+) -> FlameSeries:
+    """Measure frame after frame, and write a row of ``flame.csv`` for each.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Of the frames, in the same order.
+    frames : iterable of LightField
+        Of one shape; each is given up before the next is asked for.
+    measures : Measures
+    times_s : sequence of float
+        When each was taken.
+    table : Path
+        To be written.
+    progress : callable, optional
+        Wraps the pictures, as ``tqdm`` does; which would keep a frame while the next is read.
+
+    Returns
+    -------
+    FlameSeries
+    """
+    series, unit = FlameSeries(), measures.unit
+    shown = set(np.linspace(0, len(paths) - 1, CONTOURS).round().astype(int).tolist())
+    header = [
+        "frame", "time_s", f"height_{unit}", "tip_row", f"width_{unit}", f"area_{unit}2",
+        "brightness", "source", "warnings",
+    ]  # fmt: skip
+    with table.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        for number, image in enumerate(progress(map(measures.image, frames))):
+            time_s, name = float(times_s[number]), paths[number].name
+            shape = measure_flame(
+                image,
+                level=measures.level,
+                pixel_mm=measures.pixel_mm or 1.0,
+                burner_row=measures.burner_row,
+            )
+            numbers = (shape.height, shape.tip_row, shape.width, shape.area, shape.brightness)
+            written = [f"{x:.7g}" for x in numbers]
+            writer.writerow([number, f"{time_s:.15g}", *written, name, " ".join(shape.warnings)])
+            series.times_s.append(time_s)
+            series.names.append(name)
+            series.heights.append(shape.height)
+            series.total = series.total + image
+            if number in shown and shape.is_found:
+                series.contours.append((time_s, shape.contour))
+            for doubt in shape.warnings:
+                series.doubts.setdefault(doubt, []).append(name)
+    return series
+
+
+def write_flicker(
+    series: FlameSeries, measures: Measures, folder: OutputFolder
+) -> tuple[Flicker | None, list[str]]:
+    """Find the flicker; write ``flicker.png`` and what the record says.
+
+    Parameters
+    ----------
+    series : FlameSeries
+    measures : Measures
+    folder : OutputFolder
+
+    Returns
+    -------
+    Flicker or None
+        None where too few frames have a height.
+    list of str
+        Warnings.
+    """
+    times, heights = np.array(series.times_s), np.array(series.heights)
+    outliers = find_outliers(heights, least=measures.pixel_mm or 1.0)
+    for number in np.flatnonzero(outliers):
+        series.doubts.setdefault(OUTLIER, []).append(series.names[number])
+    warnings, found = series.warnings(), None
+    try:
+        found = find_flicker(times, np.where(outliers, np.nan, heights))
+    except InputError as error:  # the heights are worth having all the same
+        warnings.append(str(error))
+    mean = np.asarray(series.total) / len(times)
+    scale = PictureScale(measures.pixel_mm, measures.burner_row)
+    figure = flicker_figure(times, heights, found, mean, series.contours, scale, outliers)
+    figures.save(figure, folder.path(PICTURE))
+    known = heights[np.isfinite(heights)]
+    folder.facts |= {
+        "frames": len(times),
+        "frames_with_flame": len(known),
+        "outliers": [series.names[number] for number in np.flatnonzero(outliers)],
+        "slope": measures.slope,
+        "level": measures.level,
+        "pixel_mm": measures.pixel_mm,
+        "burner_row": measures.burner_row,
+        "unit": measures.unit,
+        "mean_height": float(known.mean()) if len(known) else None,
+        "standard_deviation_of_height": float(known.std()) if len(known) else None,
+        "flicker": None if found is None else _facts(found),
+        "warnings": warnings,
+    }
+    return found, warnings
+
+
+def _facts(found: Flicker) -> dict:
+    names = ("frequency_hz", "resolution_hz", "false_alarm", "peak_hz", "amplitude", "swings_hz")
+    return {
+        **{name: getattr(found, name) for name in names},
+        "lines": [to_json(line) for line in found.lines],
+        "noise": to_json(found.noise),
+    }

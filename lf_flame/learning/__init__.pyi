@@ -1,0 +1,14 @@
+from .decoder import build_decoder as build_decoder
+from .decoder import build_refocus_resnet50 as build_refocus_resnet50
+from .model_card import export_network as export_network
+from .model_card import load_network as load_network
+from .model_card import read_card as read_card
+from .prediction import Prediction as Prediction
+from .prediction import predict as predict
+from .prediction import read_input as read_input
+from .run_folders import TrainedRun as TrainedRun
+from .run_folders import open_run as open_run
+from .scores import score as score
+from .training import TrainingConfig as TrainingConfig
+from .training import read_training_config as read_training_config
+from .training import train as train

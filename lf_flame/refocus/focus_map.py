@@ -1,0 +1,309 @@
+"""Slope map and image with everything in focus.
+
+`all_in_focus` has the views, and asks at which slope those that see a place match the middle one
+(`lf_flame.refocus.matching`). `depth_from_focus` has a focal stack alone. Either map is then
+filled where it is not certain, along the picture (`lf_flame.refocus.filling`).
+
+Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994): at each
+pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
+stack. Sharpness is the gradient energy of the low-passed slice under a Gaussian window.
+
+The stack should come from exact shifts (`refocus` with "sinc"). With linear interpolation a slice
+is piecewise linear in the slope, with kinks where a view's shift is a whole number of lenslets, and
+the energy peaks at the kinks: planted surfaces come out wrong by more than 0.02 in the median, with
+exact shifts by less than 0.01. No low-pass mends that, nor do the modified Laplacian or the
+variance over the views.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
+
+from lf_flame._common.arrays import centred
+from lf_flame.errors import InputError
+from lf_flame.refocus._arguments import (
+    Views,
+    as_readable,
+    as_steps,
+    as_views,
+    as_weights,
+    refuse_not_finite,
+)
+from lf_flame.refocus.filling import fill_slopes
+from lf_flame.refocus.interpolation import check_interpolation
+from lf_flame.refocus.matching import ComparedViews
+from lf_flame.refocus.surface import refocus_surface
+
+LOW_PASS = 1.0
+"""Standard deviation, in lenslets, of the Gaussian before the gradient: keeps aliasing out."""
+
+FLOOR = 0.1
+"""Sharpness, as a part of its mean over the image, at which confidence is halved."""
+
+TRUSTED = 0.2
+"""Confidence from which a slope is called certain."""
+
+VOTING = 0.1
+"""Confidence from which a pixel's slope counts for itself and its surroundings: lower, as the
+votes of many find the slope of faint texture, of which no pixel is certain alone."""
+
+RESOLVED = 1.0
+"""Lenslets by which the outermost view moves between slopes that can be told apart."""
+
+DOUBT = 0.13
+"""Difference of costs that makes a slope less likely by e: what noise does under the window."""
+
+JUMP = 0.1
+"""Difference of slope between neighbours that belong to two surfaces."""
+
+TOLERANCE = 0.07
+"""Error of a slope that is called wrong in the 4D Light Field Benchmark (BadPix(0.07): Honauer,
+Johannsen, Kondermann, Goldluecke, ACCV 2016)."""
+
+MAP_STEPS = 33
+"""Slopes of the stack from which commands and pages make a slope map."""
+
+
+@dataclass(frozen=True, eq=False)
+class FocusMap:
+    """Result of `depth_from_focus` and `all_in_focus`.
+
+    Attributes
+    ----------
+    slope : ndarray of float64, shape (t, s)
+        In lenslets per view step. Where it is certain, the pixel's own, averaged with those of
+        neighbours that are within a step of the search and not beyond an edge of the picture;
+        elsewhere that of such neighbours.
+    confidence : ndarray of float64, shape (t, s)
+        0 to 1; certain from 0.2 on. From a stack: how far the peak of sharpness stands above its
+        mean over the slopes, and above the weakest texture that counts. From views: how much
+        likelier slopes near the best one are than others. 0 where the best lies at an end of the
+        slopes, at a jump of the slope, and where neighbours say another slope, off by over 0.07.
+    all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
+        Every pixel at its slope.
+    """
+
+    slope: np.ndarray
+    confidence: np.ndarray
+    all_in_focus: np.ndarray
+
+
+def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0) -> FocusMap:
+    """Find the slope at which each pixel is sharpest in a focal stack.
+
+    Parameters
+    ----------
+    stack : array_like, shape (n, t, s) or (n, t, s, channels)
+        Refocused images, best by `refocus` with "sinc" (see above).
+    slopes : sequence of float
+        Their slopes: at least three, rising in equal steps.
+    window : float, optional
+        Standard deviation, in lenslets, of the Gaussian under which sharpness is summed: smaller
+        shows finer outlines, larger needs less texture.
+
+    Returns
+    -------
+    FocusMap
+        Its image is interpolated between the two slices next to each pixel's slope.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame import refocus
+    >>> views = np.random.default_rng(1).uniform(size=(5, 5, 24, 30))
+
+    >>> slopes = np.linspace(-1, 1, 9)
+    >>> found = refocus.depth_from_focus(refocus.shift_and_sum(views, slopes), slopes)
+    >>> found.slope.shape, found.confidence.shape
+    ((24, 30), (24, 30))
+    """
+    stack, slopes = np.asarray(stack), as_steps(slopes)
+    slope, confidence = _sharpest(stack, slopes, window)
+    slope, confidence = _settled(slope, confidence, _between_slices(stack, slopes, slope), slopes)
+    return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
+
+
+def all_in_focus(
+    light_field: Views,
+    slopes: ArrayLike,
+    *,
+    window: float = 3.0,
+    interpolation: str = "linear",
+    weights: ArrayLike | None = None,
+) -> FocusMap:
+    """Find the slope map of a light field and refocus every pixel at its slope.
+
+    A pixel's slope is the one at which the views that see it match the middle one best; beside an
+    outline these are half of them, or a quarter (`lf_flame.refocus.matching`). Where that is not
+    certain, as without texture, the slope comes from around and stops at the edges of the middle
+    view (`lf_flame.refocus.filling`). The image is refocused on the surface found
+    (`refocus_surface`), not picked from slices, so that it has no seams.
+
+    Parameters
+    ----------
+    light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+    slopes : sequence of float
+        To search: at least three, rising in equal steps. A peak at the first or the last is not
+        trusted; let them reach a step beyond the scene.
+    window : float, optional
+        As in `depth_from_focus`.
+    interpolation : optional
+        As in `refocus_surface`, for the image.
+    weights : array_like, shape (v, u), optional
+        Weight of each view, 0 or above, in the match and in the image. Default: all alike. Those of
+        the light field multiply them.
+
+    Returns
+    -------
+    FocusMap
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a pixel is NaN or infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.refocus import all_in_focus
+    >>> texture = np.random.default_rng(1).uniform(size=(48, 64))
+    >>> views = [[np.roll(texture, (2 - v, 2 - u), (0, 1)) for u in range(5)] for v in range(5)]
+    >>> found = all_in_focus(np.array(views), np.linspace(-2, 2, 17))
+    >>> round(float(np.median(found.slope)), 2)  # each view has moved by a lenslet more
+    -1.0
+    """
+    weights = as_weights(weights, light_field)
+    views, slopes = as_views(light_field), as_steps(slopes)
+    check_interpolation(interpolation)
+    _check_window(window)
+    refuse_not_finite(views)
+    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
+    compared = ComparedViews(as_readable(grey), slopes, weights)
+    slope, confidence = _matched(compared, views, window, weights)
+    if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
+        slope, confidence = _matched(compared, views, window, weights)
+    image = refocus_surface(views, slope, interpolation=interpolation, weights=weights)
+    return FocusMap(slope, confidence, image)
+
+
+def _matched(
+    compared: ComparedViews, views: np.ndarray, window: float, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes at which compared views match best, and their confidence."""
+    slopes = compared.slopes
+    used = (np.abs(centred(n))[some] for n, some in zip(views.shape, _used(weights), strict=False))
+    farthest = max(steps.max() for steps in used)
+    slope, confidence = _best_match(compared.costs(window), slopes, RESOLVED / max(farthest, 0.5))
+    return _settled(slope, confidence, _middle(views, slope), slopes)
+
+
+def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of views of which any counts."""
+    return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
+
+
+def _best_match(
+    costs: np.ndarray, slopes: np.ndarray, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope at which the views match best, by a parabola through three, and its confidence.
+
+    With weights ``exp(-cost / DOUBT)``, as if costs were energies, the confidence is the weight of
+    slopes within `width` of the best, less what they would have if all slopes were alike, from 0 to
+    1. It is 0 at the ends.
+    """
+    slope, inside = _lowest(costs, slopes)
+    k, least = costs.argmin(axis=0), costs.min(axis=0)
+    reach = max(round(width / (slopes[1] - slopes[0])), 1)
+    near, total = np.zeros(k.shape), np.zeros(k.shape)
+    for i, cost in enumerate(costs):
+        weight = np.exp((least - cost) / DOUBT)
+        total += weight
+        near += np.where(np.abs(i - k) <= reach, weight, 0.0)
+    even = min((2 * reach + 1) / len(slopes), 1 - 1e-9)
+    confidence = np.maximum((near / total - even) / (1 - even), 0.0)
+    return slope, np.where(inside, confidence, 0.0)
+
+
+def _settled(
+    slope: np.ndarray, confidence: np.ndarray, picture: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes by the votes of those that are certain; confidence is kept where the two agree.
+
+    At a jump the window saw both surfaces, and which of them the pixel is on only its picture says.
+    """
+    jump = maximum_filter(slope, 3) - minimum_filter(slope, 3) > JUMP
+    confidence = np.where(jump, 0.0, confidence)
+    votes = np.where(confidence >= VOTING, confidence, 0.0)
+    filled = fill_slopes(slope, votes, gaussian_filter(picture, (1, 1, 0)[: picture.ndim]), slopes)
+    return filled, np.where(np.abs(filled - slope) <= TOLERANCE, confidence, 0.0)
+
+
+def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Take the middle view; of an even number of them the middle ones, on the surface."""
+    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
+    return refocus_surface(views, slope, weights=np.outer(down, right))
+
+
+def _check_window(window: float) -> None:
+    if not 0 < window < np.inf:
+        raise InputError(f"window must be a number of lenslets above 0, got {window}.")
+
+
+def _sharpest(
+    stack: np.ndarray, slopes: np.ndarray, window: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the sharpest slice, by a parabola through three, and its confidence."""
+    if stack.ndim not in (3, 4) or len(stack) != len(slopes) or min(stack.shape) < 1:
+        raise InputError(
+            f"A focal stack must have one image for each of the {len(slopes)} slopes, (n, t, s) or "
+            f"(n, t, s, channels), got an array of shape {stack.shape}."
+        )
+    _check_window(window)
+    refuse_not_finite(stack)
+    sharpness = np.stack([_sharpness(image, window) for image in stack])
+    slope, inside = _lowest(-sharpness, slopes)
+    peak, mean = sharpness.max(axis=0), sharpness.mean(axis=0)
+    floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
+    return slope, np.where(inside, (peak - mean) / (peak + floor), 0.0)
+
+
+def _lowest(costs: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the lowest costs[n, t, s], by a parabola through three, and if it is not an end."""
+    k = costs.argmin(axis=0)
+    middle = np.clip(k, 1, len(slopes) - 2)
+    before, least, after = (
+        np.take_along_axis(costs, (middle + i)[None], axis=0)[0].astype(float) for i in (-1, 0, 1)
+    )
+    bend = before + after - 2 * least
+    inside = (k == middle) & (bend > 0)
+    offset = np.where(inside, (before - after) / (2 * np.where(inside, bend, 1.0)), 0.0)
+    return slopes[k] + (slopes[1] - slopes[0]) * offset, inside
+
+
+def _sharpness(image: np.ndarray, window: float) -> np.ndarray:
+    """Gradient energy around each pixel, summed over channels: shape (t, s)."""
+    energy = np.zeros(image.shape[:2])
+    for channel in np.moveaxis(np.atleast_3d(image), 2, 0):
+        smooth = gaussian_filter(channel.astype(float), LOW_PASS, mode="nearest")
+        for axis in (0, 1):
+            if smooth.shape[axis] > 1:
+                energy += np.gradient(smooth, axis=axis) ** 2
+    return gaussian_filter(energy, window, mode="nearest")
+
+
+def _between_slices(stack: np.ndarray, slopes: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Image interpolated linearly between the slices next to each pixel's slope."""
+    at = np.clip((slope - slopes[0]) / (slopes[1] - slopes[0]), 0, len(slopes) - 1)
+    below = np.minimum(at.astype(int), len(slopes) - 2)
+    height, width = slope.shape
+    rows, columns = np.indices((height, width), sparse=True)
+    weight = (at - below).reshape(*slope.shape, *(1,) * (stack.ndim - 3))
+    near, far = stack[below, rows, columns], stack[below + 1, rows, columns]
+    return ((1 - weight) * near + weight * far).astype(np.float32)

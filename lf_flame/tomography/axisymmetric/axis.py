@@ -1,0 +1,255 @@
+"""The upright axis of a round flame: where it is across and in depth, and how straight."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # its parts load when they are used
+
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography.counted_views import counted_views
+
+EDGE_SHARE = 0.01
+"""Share of the brightest column at which a flame is taken to end."""
+
+MARGIN = 1.2
+"""Factor by which a radius that is read off the light is enlarged."""
+
+NOISES = 6.0
+"""Multiple of a column's noise that light must exceed besides."""
+
+BRIGHT_ROWS = 0.2
+"""Share of the brightest row from which a row tells where the axis is."""
+
+BANDS = 12
+"""Largest number of bands of rows in which the axis is looked for."""
+
+LEAST_PIXELS = 8
+"""Smallest number of columns of a view in which an axis can be found."""
+
+LEAST_ERROR = 0.01
+"""Smallest standard error of a band's middle, in pixels; pixels have a size."""
+
+
+@dataclass(frozen=True)
+class FlameAxis:
+    """Where a flame's axis is.
+
+    Attributes
+    ----------
+    across_mm : float
+        Distance from the optical axis, in mm at the axis' depth.
+    depth_mm : float
+        Depth from the focal plane.
+    radius_mm : float
+        Radius beyond which there is no light, with a margin.
+    lean_deg : float
+        Angle of the axis within the picture, from upright; above 0 if it runs towards larger
+        columns with height.
+    lopsided : float
+        Root-mean-square difference of the left and right halves of the image focused on the axis,
+        relative to that light, column by column: 0 for a flame that is round.
+    across_error_mm, depth_error_mm : float
+        Standard errors by noise; infinite for the depth if fewer than 3 view columns were seen.
+    wander_mm, wander_error_mm : float
+        Largest distance of the axis, across, from the straight line that fits it best, and the
+        standard error of that distance.
+    depth_lean_deg, depth_lean_error_deg : float
+        Angle of the axis from upright in depth, above 0 if its top is farther from the camera, and
+        its standard error: infinite if fewer than 3 view columns were seen.
+    """
+
+    across_mm: float
+    depth_mm: float
+    radius_mm: float
+    lean_deg: float
+    lopsided: float
+    across_error_mm: float = 0.0
+    depth_error_mm: float = 0.0
+    wander_mm: float = 0.0
+    wander_error_mm: float = 0.0
+    depth_lean_deg: float = 0.0
+    depth_lean_error_deg: float = 0.0
+
+
+def find_axis(
+    light_field: LightField, camera: PlenopticCamera, depth_mm: float | None = None
+) -> FlameAxis:
+    """Find the axis about which a flame is round, from where each view sees its middle.
+
+    A view sees the middle where its columns fit their mirror image best (the peak of the columns'
+    convolution with themselves, which noise does not move). How the middle moves from view to view
+    is the axis' slope, and so its depth. The same in bands of rows tells whether it is straight.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Grey, of `camera`, black at 0.
+    camera : PlenopticCamera
+    depth_mm : float, optional
+        Depth of the axis, for a light field of fewer than 3 view columns, which does not tell it.
+
+    Raises
+    ------
+    InputError
+        If there is no light, the views are too few to tell depth, hold too few pixels, or are not
+        the camera's.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import AxisymmetricGrid
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+
+    >>> import numpy as np
+    >>> from lf_flame import LightField
+    >>> from lf_flame.tomography import AxisymmetricOperator, find_axis
+    >>> glow = np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
+    >>> operator = AxisymmetricOperator(grid)
+    >>> views = np.reshape(operator @ glow.ravel(), operator.dimsd)
+    >>> abs(find_axis(LightField(views), camera).across_mm) < 0.01
+    True
+    """
+    light_field, camera, _ = counted_views(light_field, camera)
+    views = light_field.views
+    if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
+        raise InputError(
+            f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
+            f"of fewer, its depth must be stated."
+        )
+    if depth_mm is None:  # else a single view of any camera will do
+        camera.check_views(views.shape)
+    if views.shape[3] < LEAST_PIXELS:
+        raise InputError(
+            f"The axis is found in views of {LEAST_PIXELS} columns of pixels or more, got views of "
+            f"{views.shape[2]} x {views.shape[3]}."
+        )
+    columns = views.sum(axis=(0, 2), dtype=np.float64)  # view column, lenslet column
+    if not columns.max() > 0:
+        raise InputError(f"The light field holds no light: its brightest is {views.max():g}.")
+    middles = np.array([_middle(line) for line in columns])
+    at = np.arange(len(middles)) - (len(middles) - 1) / 2
+    if depth_mm is None or len(middles) > 2:
+        slope, middle = np.polyfit(at, middles, 1)
+        depth = float(camera.slope_to_depth(slope))
+    else:
+        slope, middle, depth = float(camera.depth_to_slope(depth_mm)), middles.mean(), depth_mm
+    side = camera.field_mm(depth)[1] / camera.lenslets[1]
+    # A picture for each view column, its view rows focused on the axis.
+    by_column = [LightField.trusted(views[:, u : u + 1]) for u in range(views.shape[1])]
+    pictures = np.array([shift_and_sum(one, [slope])[0] for one in by_column], np.float64)
+    picture = shift_and_sum(light_field, [slope])[0].astype(np.float64)
+    focused = picture.sum(axis=0)
+    across = middle - (views.shape[3] - 1) / 2
+    return FlameAxis(
+        across_mm=float(across * side),
+        depth_mm=depth,
+        radius_mm=min(_radius(picture, middle) * MARGIN, views.shape[3]) * side,
+        lopsided=_lopsided(focused, middle),
+        **_Bands(pictures).straightness(camera, slope, side),
+    )
+
+
+class _Bands:
+    """Middles of a flame in bands of rows, by view column, in pixels, and their errors.
+
+    Parameters
+    ----------
+    pictures : ndarray of float64, shape (view columns, rows, columns)
+    """
+
+    def __init__(self, pictures: np.ndarray):
+        light = pictures.sum(axis=(0, 2))
+        bright = np.flatnonzero(light > BRIGHT_ROWS * light.max())
+        count = int(np.clip(len(bright) // 4, 1, BANDS))
+        bands = np.array_split(bright, count)
+        self.heights = -np.array([band.mean() for band in bands])
+        self.middles = np.array([_middles(pictures[:, band]) for band in bands])
+        # Noise differs between neighbouring rows, the axis does not.
+        halves = [
+            _middles(pictures[:, band[0::2]]) - _middles(pictures[:, band[1::2]])
+            if len(band) > 1
+            else np.full(len(pictures), np.inf)
+            for band in bands
+        ]
+        self.error = np.maximum(np.sqrt(np.mean(np.square(halves), axis=1)) / 2, LEAST_ERROR)
+        self.at = np.arange(len(pictures)) - (len(pictures) - 1) / 2
+        if len(self.at) > 2:
+            # Refocusing makes rows alike: their differences are too small by one factor.
+            self.error *= max(1.0, self._scatter() / float(np.sqrt(np.mean(self.error**2))))
+
+    def _scatter(self) -> float:
+        """Scatter of middles about a line through the view columns, root-mean-square."""
+        spread = np.sum(self.at**2)
+        middle = self.middles.mean(axis=1, keepdims=True)
+        slopes = self.middles @ self.at / spread
+        rest = self.middles - middle - slopes[:, None] * self.at
+        return float(np.sqrt(np.sum(rest**2) / len(rest) / (len(self.at) - 2)))
+
+    def straightness(self, camera: PlenopticCamera, slope: float, side: float) -> dict[str, float]:
+        """Give the fields of `FlameAxis` that say how sure the axis is, and how straight."""
+        error = self.error / np.sqrt(len(self.at))
+        line, covariance = _fit_line(self.heights, self.middles.mean(axis=1), error)
+        rest = np.abs(self.middles.mean(axis=1) - np.polyval(line, self.heights))
+        worst = int(np.argmax(rest / error))
+        found = {
+            "lean_deg": float(np.degrees(np.arctan(line[0]))),
+            "across_error_mm": side * float(1 / np.sqrt(np.sum(error**-2))),
+            "wander_mm": side * float(rest[worst]),
+            "wander_error_mm": side * float(error[worst]),
+        }
+        if len(self.at) < 3:
+            return found | {"depth_error_mm": math.inf, "depth_lean_error_deg": math.inf}
+        spread = np.sum(self.at**2)
+        slopes, error = self.middles @ self.at / spread, self.error / np.sqrt(spread)
+        per_slope = abs(float(camera.slope_to_depth(slope + 1e-4) - camera.slope_to_depth(slope)))
+        per_slope /= 1e-4
+        line, covariance = _fit_line(self.heights, slopes, error)
+        found["depth_error_mm"] = per_slope * float(1 / np.sqrt(np.sum(error**-2)))
+        found["depth_lean_deg"] = float(np.degrees(np.arctan(line[0] * per_slope / side)))
+        tangent = float(np.sqrt(covariance)) * per_slope / side
+        found["depth_lean_error_deg"] = float(np.degrees(np.arctan(tangent)))
+        return found
+
+
+def _fit_line(places: np.ndarray, values: np.ndarray, error: np.ndarray) -> tuple:
+    """Fit a line; give its coefficients and the variance of its steepness, infinite for a point."""
+    if len(places) < 3:
+        return np.array([0.0, values.mean()]), np.inf
+    line = np.polyfit(places, values, 1, w=1 / error)
+    middle = np.average(places, weights=error**-2)
+    return line, 1 / np.sum(((places - middle) / error) ** 2)
+
+
+def _middles(pictures: np.ndarray) -> np.ndarray:
+    """Find the middle of each picture's light, shape (pictures, rows, columns), in pixels."""
+    return np.array([_middle(line) for line in pictures.sum(axis=1)])
+
+
+def _middle(line: np.ndarray) -> float:
+    """Find about which place a line is most like its mirror image, in pixels."""
+    own = scipy.signal.fftconvolve(line, line)
+    peak = int(np.clip(np.argmax(own), 1, len(own) - 2))
+    before, at, after = own[peak - 1 : peak + 2]
+    curved = before - 2 * at + after
+    return (peak + (0.5 * (before - after) / curved if curved < 0 else 0.0)) / 2
+
+
+def _radius(picture: np.ndarray, middle: float) -> float:
+    """Distance from the middle beyond which columns are dark, apart from noise."""
+    line = picture.sum(axis=0)
+    noise = np.sqrt(np.sum(np.square(np.diff(picture, axis=0)), axis=0) / 2)
+    # Refocusing makes rows alike, so their differences show half of the noise or more.
+    bright = np.flatnonzero(line > EDGE_SHARE * line.max() + NOISES * np.median(noise))
+    return float(np.abs(bright - middle).max()) if bright.size else len(line) / 2
+
+
+def _lopsided(line: np.ndarray, middle: float) -> float:
+    place = np.arange(len(line), dtype=float)
+    mirrored = np.interp(2 * middle - place, place, line, left=0.0, right=0.0)
+    return float(np.linalg.norm(line - mirrored) / 2 / np.linalg.norm(line))

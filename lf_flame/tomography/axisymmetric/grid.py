@@ -1,0 +1,297 @@
+"""Where the emission of a flame that is round about an upright axis is sought.
+
+The unknown is a half section: emission by height and by distance from the axis, linear between its
+nodes. Cut into slabs along the line of sight, the flame is a stack of layers, and what views see of
+them is the closed-form integral by which scenes are rendered. Both factors of a node's glow, by
+height and by radius, stay apart through all of that; so the operator is two small matrices for each
+slab, and its Gram matrix is a short sum of Kronecker products.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.scenes.scene import Layer
+from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
+from lf_flame.tomography.projection_operator import layer_bands
+
+PARALLAX = 0.25
+"""Largest displacement of a slab's faces against its middle in any view, as a share of a cell."""
+
+FINE = 3
+"""Cells of a layer between two nodes; a cell glows evenly."""
+
+SAMPLES = 4
+"""Points across a cell at which a node's glow is averaged."""
+
+PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+
+MOST_NODES = 40_000
+"""Nodes of the half section beyond which its matrices fill the memory."""
+
+WHICH_VIEWS = ("all", "central")
+
+
+@dataclass(frozen=True)
+class AxisymmetricGrid:
+    """Nodes of the half section of a flame that is round about an upright axis.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+        As `FrustumGrid` takes it.
+    axis_mm : float
+        Where the axis stands across, from the optical axis, in mm.
+    depth_mm : float
+        Depth of the axis from the focal plane, in mm.
+    radius_mm : float
+        Beyond which nothing glows.
+    block : int, optional
+        Lenslets along each axis that make one pixel; nodes are as far apart as these at the axis.
+    which : {"all", "central"}, optional
+        Views that are looked at.
+    burner_mm : float, optional
+        Height from the optical axis, upwards, below which nothing glows: a flame ends sharply at
+        its burner, and a smooth section could not. Default: it may glow at every height.
+    depth_ratio : float, optional
+        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, it is round.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import AxisymmetricGrid
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+
+    >>> grid.shape == (len(grid.heights_mm), len(grid.radii_mm))
+    True
+    """
+
+    camera: PlenopticCamera
+    axis_mm: float
+    depth_mm: float
+    radius_mm: float
+    block: int = 1
+    which: str = "all"
+    burner_mm: float | None = None
+    depth_ratio: float = 1.0
+
+    def __post_init__(self):
+        if self.which not in WHICH_VIEWS:
+            raise InputError(f"which must be one of {WHICH_VIEWS}, got {self.which!r}.")
+        if not np.isfinite([self.axis_mm, self.depth_mm, self.radius_mm]).all():
+            raise InputError(
+                f"Axis, depth and radius must be finite, got {self.axis_mm}, {self.depth_mm}, "
+                f"{self.radius_mm} mm."
+            )
+        if not 0.1 <= self.depth_ratio <= 10:
+            raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
+        half_width = self.step_mm * self._middle.shape[2] / 2
+        if abs(self.axis_mm) >= half_width:
+            raise InputError(
+                f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
+                f"{self.axis_mm} mm."
+            )
+        widest = min(2 * half_width, (self.camera.focus_distance_mm + self.depth_mm) / 2)
+        if not 4 * self.step_mm <= self.radius_mm <= widest:
+            raise InputError(
+                f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, and at most "
+                f"the field's width, {widest:.4g} mm, got {self.radius_mm}."
+            )
+        top = self._highest_mm
+        if self.burner_mm is not None and not -top < self.burner_mm < top - 4 * self.step_mm:
+            raise InputError(
+                f"burner_mm must be within the field, {-top:.3g} to {top - 4 * self.step_mm:.3g} "
+                f"mm from the optical axis, got {self.burner_mm}."
+            )
+        if np.prod(self.shape) > MOST_NODES or len(self.slab_depths_mm) > MOST_PLANES:
+            raise InputError(
+                f"{self.shape[0]} heights x {self.shape[1]} radii in {len(self.slab_depths_mm)} "
+                f"slabs are more than {MOST_NODES} nodes or {MOST_PLANES} slabs: take larger "
+                f"blocks, or a smaller radius."
+            )
+
+    @cached_property
+    def _middle(self) -> FrustumGrid:
+        return FrustumGrid(self.camera, [self.depth_mm], self.block)
+
+    @cached_property
+    def step_mm(self) -> float:
+        """Distance between nodes, along height and radius: a pixel's at the axis."""
+        return self._middle.cell_mm(self.depth_mm)
+
+    @property
+    def _highest_mm(self) -> float:
+        """Height of the highest cells that any view sees at the axis."""
+        return self.step_mm * (self._middle.shape[1] - 1) / 2
+
+    @cached_property
+    def slab_depths_mm(self) -> Sequence[float]:
+        """Depths of the slabs' middles, nearest last."""
+        # The most oblique ray: from the edge of the aperture to the edge of the field or flame.
+        aperture = self.camera.views * self.camera.view_step_mm
+        farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
+        slope = (aperture / 2 + farthest) / (self.camera.focus_distance_mm + self.depth_mm)
+        reach = self.depth_ratio * self.radius_mm
+        count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.step_mm))))
+        edges = np.linspace(reach, -reach, count + 1)
+        return tuple((self.depth_mm + (edges[1:] + edges[:-1]) / 2).tolist())
+
+    @property
+    def slab_mm(self) -> float:
+        """Thickness of a slab."""
+        return 2 * self.depth_ratio * self.radius_mm / len(self.slab_depths_mm)
+
+    def empty_slab(self, depth_mm: float) -> Layer:
+        """Give the cells of a slab, without light: from the burner, or below all views, upwards."""
+        rows, columns = len(self._cell_heights_mm), len(self._cell_places_mm)
+        cell = self.step_mm / FINE
+        down = -(self._cell_heights_mm[0] + self._cell_heights_mm[-1]) / 2
+        size = (rows * cell, columns * cell)
+        return Layer(np.zeros((rows, columns)), depth_mm, size, (float(down), self.axis_mm))
+
+    @cached_property
+    def _cell_heights_mm(self) -> np.ndarray:
+        """Heights of the cells' middles, the highest first."""
+        below = FINE if self.burner_mm is None else 0
+        count = (len(self.heights_mm) - 1) * FINE + FINE + below
+        top = self.heights_mm[0] + self.step_mm
+        return top - (np.arange(count) + 0.5) * self.step_mm / FINE
+
+    @cached_property
+    def _cell_places_mm(self) -> np.ndarray:
+        """Places of the cells' middles across, from the axis."""
+        count = 2 * FINE * len(self.radii_mm)
+        return (np.arange(count) - (count - 1) / 2) * self.step_mm / FINE
+
+    @cached_property
+    def heights_mm(self) -> np.ndarray:
+        """Heights of the nodes from the optical axis, in mm, the highest first."""
+        top = self._highest_mm
+        lowest = -top if self.burner_mm is None else self.burner_mm
+        count = int(np.ceil((top - lowest) / self.step_mm - 1e-9)) + 1
+        return lowest + np.arange(count)[::-1] * self.step_mm
+
+    @cached_property
+    def radii_mm(self) -> np.ndarray:
+        """Radii of the nodes in mm; at the next one nothing glows."""
+        return np.arange(int(np.ceil(self.radius_mm / self.step_mm - 1e-9))) * self.step_mm
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Heights and radii."""
+        return len(self.heights_mm), len(self.radii_mm)
+
+    @property
+    def view_shape(self) -> tuple[int, int, int, int]:
+        """Views and pixels that are looked at."""
+        count = self.camera.views if self.which == "all" else 1
+        return (count, count, *self._middle.pixels)
+
+    def pick(self, views: np.ndarray) -> np.ndarray:
+        """Pick the views that are looked at."""
+        middle = self.camera.views // 2
+        return views if self.which == "all" else views[middle : middle + 1, middle : middle + 1]
+
+    @cached_property
+    def by_height(self) -> list[sparse.csr_array]:
+        """What a pixel row of a view row sees of each node's height, for each slab.
+
+        Returns
+        -------
+        list of scipy.sparse.csr_array of float64, shape (views * rows, heights)
+        """
+        place = (self.heights_mm[0] - self._cell_heights_mm) / self.step_mm
+        weights = _linear_weights(place, len(self.heights_mm))
+        return [self._bands(depth, 0) @ weights for depth in self.slab_depths_mm]
+
+    @cached_property
+    def by_radius(self) -> np.ndarray:
+        """What a pixel column of a view column sees of each node's radius, for each slab.
+
+        Returns
+        -------
+        ndarray of float64, shape (slabs, views * columns, radii)
+            In mm along the line of sight.
+        """
+        return np.stack(
+            [self._bands(depth, 1) @ self._radius_weights(depth) for depth in self.slab_depths_mm]
+        )
+
+    def _bands(self, depth: float, axis: int) -> sparse.csr_array:
+        bands = layer_bands(self.empty_slab(depth), self.camera, self.block, axis)
+        if self.which == "all":
+            return bands
+        pixels = self._middle.pixels[axis]
+        first = self.camera.views // 2 * pixels
+        return bands[first : first + pixels]
+
+    def _radius_weights(self, depth: float) -> np.ndarray:
+        """Integrate each node's glow over a slab's thickness, averaged over its cells across.
+
+        The integral along depth is exact, however thick a slab is: between two nodes emission is
+        linear in the radius, and the integral of that is closed.
+
+        Returns
+        -------
+        ndarray of float64, shape (cells, radii)
+        """
+        across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
+        # In depth, as in a round flame.
+        unit = self.depth_ratio * self.step_mm
+        middle, half = (depth - self.depth_mm) / unit, self.slab_mm / 2 / unit
+        cones = _cones_to(middle + half, across, len(self.radii_mm))
+        cones -= _cones_to(middle - half, across, len(self.radii_mm))
+        # A node's glow is the second difference of three cones.
+        nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
+        return nodes.mean(axis=1) * unit
+
+
+def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
+    """Integrate cones max(0, k - r) along depth, from the axis' depth on, at places across.
+
+    Returns
+    -------
+    ndarray of float64, shape (places, nodes + 2)
+        For k of -1 to `nodes`; no cone is below 1.
+    """
+    x = np.abs(across)[:, None]
+    edge = np.arange(-1.0, nodes + 1)
+    end = np.minimum(abs(depth), np.sqrt(np.clip(np.square(edge.clip(0)) - x**2, 0, None)))
+    under = end * np.hypot(x, end) + x**2 * np.arcsinh(end / np.maximum(x, 1e-300))
+    return np.sign(depth) * (edge * end - under / 2)
+
+
+def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
+    """Average what is linear between nodes 0, 1, 2 and so on, and falls to 0 beyond the ends.
+
+    Parameters
+    ----------
+    places : ndarray, shape (cells,) or (cells, points)
+        Over whose points a cell is averaged.
+    nodes : int
+
+    Returns
+    -------
+    scipy.sparse.csr_array of float64, shape (cells, nodes)
+    """
+    places = places.reshape(len(places), -1)
+    low = np.floor(places).astype(int)
+    cell = np.broadcast_to(np.arange(len(places))[:, None], places.shape)
+    entries = []
+    for node, share in ((low, low + 1 - places), (low + 1, places - low)):
+        inside = (node >= 0) & (node < nodes)
+        entries.append((share[inside] / places.shape[1], cell[inside], node[inside]))
+    values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    return sparse.coo_array((values, (rows, columns)), shape=(len(places), nodes)).tocsr()

@@ -1,0 +1,96 @@
+"""The light field of a round flame's half section as a linear operator, and its Gram matrix."""
+
+import numpy as np
+from pylops import LinearOperator
+from scipy import sparse
+
+from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+
+
+class AxisymmetricOperator(LinearOperator):
+    """From emission at nodes, flattened (height, radius), to views (v, u, t, s).
+
+    Emission in radiance per mm of the line of sight; float64.
+
+    Parameters
+    ----------
+    grid : AxisymmetricGrid
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.tomography import AxisymmetricGrid
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+
+    >>> from lf_flame.tomography import AxisymmetricOperator
+    >>> AxisymmetricOperator(grid).dims == grid.shape
+    True
+    """
+
+    def __init__(self, grid: AxisymmetricGrid):
+        super().__init__(dtype=np.dtype(float), dims=grid.shape, dimsd=grid.view_shape)
+        self.grid = grid
+        self._down = sparse.vstack([one.T for one in grid.by_height], format="csr")
+        self._across = np.concatenate(list(grid.by_radius), axis=1)
+
+    def _matvec(self, x: np.ndarray) -> np.ndarray:
+        section = x.reshape(self.dims)
+        v, u, t, s = self.dimsd
+        lines = np.concatenate([one @ section for one in self.grid.by_height], axis=1)
+        return (lines @ self._across.T).reshape(v, t, u, s).transpose(0, 2, 1, 3).ravel()
+
+    def _rmatvec(self, y: np.ndarray) -> np.ndarray:
+        v, u, t, s = self.dimsd
+        raw = y.reshape(self.dimsd).transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        heights, radii = self.dims
+        slabs = len(self.grid.by_radius)
+        lines = (self._down @ (raw @ self._across)).reshape(slabs, heights, slabs, radii)
+        return np.einsum("khkr->hr", lines).ravel()
+
+
+def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
+    """Tell what the light field sees of every two nodes together, A'A.
+
+    Views mix heights only as far as their parallax within the flame reaches, so the matrix is
+    banded.
+
+    Returns
+    -------
+    ndarray of float64, shape (band, heights * radii)
+        Lower diagonals, as `scipy.linalg.cholesky_banded` takes them.
+    """
+    heights, radii = grid.shape
+    slabs = len(grid.by_radius)
+    stacked = sparse.hstack(grid.by_height, format="csr")
+    down = (stacked.T @ stacked).toarray().reshape(slabs, heights, slabs, heights)
+    across = np.concatenate(list(grid.by_radius), axis=1)
+    across = (across.T @ across).reshape(slabs, radii, slabs, radii)
+    across = across.transpose(0, 2, 1, 3).reshape(slabs**2, radii**2)
+    down = down.transpose(1, 3, 0, 2)  # height, height, slab, slab
+    reach = _reach(down)
+    bands = np.zeros(((reach + 1) * radii, heights * radii))
+    for step in range(reach + 1):
+        start = np.arange(heights - step)
+        blocks = down[start + step, start].reshape(-1, slabs**2) @ across
+        _add_blocks(bands, blocks.reshape(-1, radii, radii), step)
+    return bands
+
+
+def _reach(down: np.ndarray) -> int:
+    """Tell how many rows apart two heights are that one pixel still sees together."""
+    seen = np.argwhere(np.abs(down).max(axis=(2, 3)) > 0)
+    return int(np.abs(seen[:, 0] - seen[:, 1]).max())
+
+
+def _add_blocks(bands: np.ndarray, blocks: np.ndarray, step: int) -> None:
+    """Add the blocks `step` below the diagonal, (height, radius, radius), to lower diagonals."""
+    radii = blocks.shape[1]
+    for row in range(radii):
+        for column in range(radii):
+            below = step * radii + row - column
+            if below >= 0:
+                bands[below, column : column + len(blocks) * radii : radii] += blocks[
+                    :, row, column
+                ]

@@ -1,0 +1,99 @@
+"""The emission of a round flame as the files that a user looks at."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tifffile
+
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder, output_folder
+from lf_flame.tomography.axisymmetric.axis import FlameAxis
+from lf_flame.tomography.axisymmetric.figure import section_figure
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.axisymmetric.reconstruction import AxisymmetricFlame
+
+RECORD = "abel.json"
+
+
+def write_flame(
+    found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolder | str | Path
+) -> None:
+    """Write the half section as tables and pictures.
+
+    ``radial.csv`` holds all heights and radii, ``axial.csv`` the axis; ``section.tif`` the half
+    section, heights by radii, and ``sigma.tif`` its standard deviation where there are draws.
+
+    Parameters
+    ----------
+    found : AxisymmetricFlame
+    axis : FlameAxis
+        The axis that was found.
+    folder : str, Path or OutputFolder
+        A folder to fill, as `lf-flame abel` does, for `lf-flame temperature` to read.
+
+    Raises
+    ------
+    InputError
+        If a file that is not from an earlier call is in the way, or another process writes there.
+    """
+    if not isinstance(folder, OutputFolder):
+        with output_folder(folder, RECORD) as opened:
+            write_flame(found, axis, opened)
+        return
+    grid, sigma, bar = found.grid, found.sigma, found.bar
+    _write_table(
+        folder.path("radial.csv"),
+        ["height_mm", "radius_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
+        (
+            (height, radius, found.emission[i, j], *_bar(found.emission, sigma, bar, i, j))
+            for i, height in enumerate(grid.heights_mm)
+            for j, radius in enumerate(grid.radii_mm)
+        ),
+    )
+    _write_table(
+        folder.path("axial.csv"),
+        ["height_mm", "emission_per_mm", "standard_deviation", "low_95", "high_95"],
+        (
+            (height, found.emission[i, 0], *_bar(found.emission, sigma, bar, i, 0))
+            for i, height in enumerate(grid.heights_mm)
+        ),
+    )
+    tifffile.imwrite(folder.path("section.tif"), found.emission)
+    if sigma is not None:
+        tifffile.imwrite(folder.path("sigma.tif"), sigma.astype(np.float32))
+    figures.save(section_figure(found), folder.path("section.png"))
+    folder.facts |= {
+        "camera": to_json(grid.camera),
+        "axis_mm": grid.axis_mm,
+        "axis_depth_mm": grid.depth_mm,
+        "radius_mm": grid.radius_mm,
+        "burner_mm": grid.burner_mm,
+        "block": grid.block,
+        "views": grid.which,
+        "step_mm": grid.step_mm,
+        "axis_found": to_json(axis),
+        "unit": "radiance per mm of the line of sight, as of the light field",
+        "noise": found.noise,
+        "strength": found.strength,
+    }
+
+
+def _bar(emission, sigma, bar, height: int, radius: int) -> tuple:
+    """Give a node's standard deviation, and the ends of its bar of 95 %, none below 0."""
+    if sigma is None:
+        return "", "", ""
+    value, half = emission[height, radius], bar[height, radius]
+    return sigma[height, radius], max(value - half, 0), value + half
+
+
+def _write_table(path: Path, names: Sequence[str], rows: Iterable[Sequence]) -> None:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows(rows)

@@ -1,0 +1,234 @@
+"""Whether a flame is round about the axis that was stated, as far as its light field shows."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from lf_flame.tomography.axisymmetric.axis import MARGIN, FlameAxis
+from lf_flame.tomography.axisymmetric.fit import AxisymmetricFit
+from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
+
+MOST_LEAN_DEG = 1.0
+"""Lean of the axis above which a warning is due: at 25 mm of height it is half a millimetre."""
+
+MOST_DEPTH_LEAN_DEG = 5.0
+"""Lean in depth above which a warning is due."""
+
+SEEN_LEAN_DEG = 15.0
+"""Lean in depth that a light field should show; a note says where it does not."""
+
+MOST_LOPSIDED = 0.03
+"""Difference of the halves above which a flame is not round."""
+
+MOST_SHIFT = 0.1
+"""Displacement of the axis, in pixels, above which a warning is due."""
+
+MOST_OUTSIDE = 2e-3
+"""Share of the light beyond the stated radius above which a warning is due."""
+
+ERRORS = 4.0
+"""Standard errors that a departure must exceed to be more than noise."""
+
+DEPTH_RATIO = 1.5
+"""Extent in depth, relative to that across, of the flame whose light field is compared."""
+
+MOST_DEPTH_RATIO = 0.15
+"""Departure of that ratio from 1 above which a warning is due."""
+
+MODEL_ERROR = 1e-3
+"""Residual relative to the brightest pixel that the grid itself leaves."""
+
+GRID_ERROR = 5e-5
+"""The same as a flame stretched in depth would show it, where the model is right."""
+
+LEAST_RADIUS = 0.9
+"""Share of the radius to which light is seen, below which a stated one is too small."""
+
+SMOOTHED = 5
+"""Pixels along each axis over which residuals are averaged, as departures are larger than pixels
+and noise is not."""
+
+
+def check_roundness(axis: FlameAxis) -> tuple[str, ...]:
+    """Say in words why a flame is not round about an upright axis, as far as the axis shows it."""
+    found = []
+    if abs(axis.lean_deg) > MOST_LEAN_DEG:
+        found.append(
+            f"The axis leans by {axis.lean_deg:.1f} degrees: the inversion takes it for upright, "
+            f"so rotate the picture, or look at fewer heights."
+        )
+    limit = max(MOST_DEPTH_LEAN_DEG, ERRORS * axis.depth_lean_error_deg)
+    if abs(axis.depth_lean_deg) > limit:
+        found.append(
+            f"The axis leans by {axis.depth_lean_deg:.0f} degrees in depth (standard error "
+            f"{axis.depth_lean_error_deg:.1g}): the inversion takes it for upright, and emission "
+            f"is wrong where the axis is far from its mean depth."
+        )
+    if axis.lopsided > MOST_LOPSIDED:
+        found.append(
+            f"The flame's halves differ by {axis.lopsided:.1%} of its light: it is not round, and "
+            f"what is found is the round flame most like it."
+        )
+    return tuple(found)
+
+
+def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> tuple[str, ...]:
+    """Compare the axis and the radius of a grid with what the light field shows.
+
+    Parameters
+    ----------
+    axis : FlameAxis
+        As found.
+    grid : AxisymmetricGrid
+        As stated.
+    views : ndarray, shape (v, u, t, s)
+        Those that are looked at, in the grid's pixels.
+    """
+    found = []
+    least = MOST_SHIFT * grid.step_mm
+    if axis.wander_mm > max(least, ERRORS * axis.wander_error_mm):
+        found.append(
+            f"The axis is not straight: it moves by up to {axis.wander_mm:.2g} mm across with "
+            f"height, and near it emission is wrong there."
+        )
+    off = grid.axis_mm - axis.across_mm
+    if abs(off) > max(least, ERRORS * axis.across_error_mm):
+        found.append(
+            f"The axis was stated {grid.axis_mm:.3f} mm across, the light field shows it at "
+            f"{axis.across_mm:.3f} mm (standard error {axis.across_error_mm:.1g}): near the axis "
+            f"emission is wrong; leave it out to have it found."
+        )
+    half_angle = grid.camera.aperture_mm / 2 / (grid.camera.focus_distance_mm + grid.depth_mm)
+    off = grid.depth_mm - axis.depth_mm
+    # A depth moves the outermost views by its parallax.
+    if abs(off) > max(least / half_angle, ERRORS * axis.depth_error_mm):
+        found.append(
+            f"The axis was stated at a depth of {grid.depth_mm:.2f} mm, the light field shows it "
+            f"at {axis.depth_mm:.2f} mm (standard error {axis.depth_error_mm:.1g}): emission is "
+            f"smeared; leave it out to have it found."
+        )
+    edge = axis.radius_mm / MARGIN
+    if grid.radius_mm < LEAST_RADIUS * edge or _has_light_outside(grid, views):
+        found.append(
+            f"The radius was stated {grid.radius_mm:.3g} mm, but there is light out to "
+            f"{edge:.3g} mm: what glows outside is taken for emission within, so state "
+            f"{axis.radius_mm:.3g} mm, or take off a background."
+        )
+    return tuple(found)
+
+
+def _has_light_outside(grid: AxisymmetricGrid, views: np.ndarray) -> bool:
+    """Whether more light than noise is where no flame within a grid's radius shows."""
+    lit = AxisymmetricOperator(grid).matvec(np.ones(np.prod(grid.shape))).reshape(views.shape)
+    dark = lit.max(axis=(0, 2)) <= 0  # view column, column
+    rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
+    # Noise differs between neighbouring rows, the flame hardly does.
+    error = np.sqrt(np.sum(np.square(np.diff(rows))) / 2)
+    light, total = float(rows.sum()), float(views.sum(dtype=np.float64))
+    return bool(light > ERRORS * error and light > MOST_OUTSIDE * total)
+
+
+def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
+    """Say whether views differ from the best round flame by more than noise.
+
+    Noise differs from view to view, or in a single view from pixel to pixel; what a flame does that
+    is not round is seen alike by neighbours.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (v, u, t, s)
+    peak : float
+        Brightest pixel of the views.
+    """
+    if residual.shape[1] > 1:
+        smooth = ndimage.uniform_filter(residual, (0, 0, SMOOTHED, SMOOTHED), np.float64)
+        one, other = smooth[:, :-1], smooth[:, 1:]
+        independent = one.size / SMOOTHED**2
+    else:
+        one, other = residual[..., :-1, :], residual[..., 1:, :]
+        independent = one.size
+    shared = float(np.mean(one * other, dtype=np.float64))
+    power = float(np.mean(np.square(one), dtype=np.float64))
+    error = power / np.sqrt(independent)
+    if shared <= max(ERRORS * error, (3 * MODEL_ERROR * peak) ** 2):
+        return ()
+    return (
+        f"What no round flame explains is {np.sqrt(shared) / peak:.2%} of the brightest pixel, "
+        f"more than noise: the flame is not round, or axis, depth, radius, burner, camera or a "
+        f"background is wrong; error bars do not hold that.",
+    )
+
+
+class DepthRatio:
+    """Extent of a flame in depth relative to that across, as its light field shows it.
+
+    The emission that was found is stretched in depth, at the same light along the line of sight.
+    What then differs in the views, and no round flame imitates, is sought in the residual (a
+    matched filter).
+
+    Parameters
+    ----------
+    operator : AxisymmetricOperator
+    problem : AxisymmetricFit
+        Of the light field.
+    emission : ndarray, shape (heights, radii)
+    residual : ndarray, shape (v, u, t, s)
+        Light field without the best round flame, unpenalised.
+    sd : ndarray
+        Standard deviation of a pixel, of a shape that spreads over the residual's.
+
+    Attributes
+    ----------
+    ratio, error : float
+        As found, 1 for a round flame, and its standard error by noise and by the grid.
+    """
+
+    def __init__(
+        self,
+        operator: AxisymmetricOperator,
+        problem: AxisymmetricFit,
+        emission: np.ndarray,
+        residual: np.ndarray,
+        sd: np.ndarray,
+    ):
+        wide = replace(operator.grid, depth_ratio=DEPTH_RATIO)
+        seen = AxisymmetricOperator(wide).matvec(emission.ravel() / DEPTH_RATIO)
+        peak = float(seen.max())
+        seen -= operator.matvec(emission.ravel())
+        change = problem.explain(operator.rmatvec(seen))
+        change = (seen - operator.matvec(change.ravel())).reshape(residual.shape)
+        power = max(float(np.sum(np.square(change))), float(np.finfo(np.float32).tiny))
+        noise = float(np.sum(np.square(change * sd)))
+        step = DEPTH_RATIO - 1
+        size = float(np.sqrt(power / change.size))
+        grid_error = GRID_ERROR * peak / size
+        self.ratio = 1 + step * float(np.sum(change * residual)) / power
+        self.error = step * float(np.hypot(np.sqrt(noise) / power, grid_error))
+
+    def check(self) -> tuple[str, ...]:
+        """Say whether the flame is deeper or flatter than round."""
+        if abs(self.ratio - 1) <= max(MOST_DEPTH_RATIO, ERRORS * self.error):
+            return ()
+        deeper = "deeper" if self.ratio > 1 else "flatter"
+        return (
+            f"The flame is {deeper} than wide: its extent in depth is about {self.ratio:.2f} times "
+            f"that across (standard error {self.error:.1g}); emission is wrong by that factor.",
+        )
+
+
+def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
+    """Say which departures from a round, upright flame are hidden by noise."""
+    found = []
+    if ERRORS * depth.error > DEPTH_RATIO - 1:
+        found.append(
+            f"This light field would not show a flame {DEPTH_RATIO:g} times as deep as wide: "
+            f"what is found would be too large by that factor."
+        )
+    if ERRORS * axis.depth_lean_error_deg > SEEN_LEAN_DEG:
+        found.append(
+            f"This light field would not show an axis that leans by {SEEN_LEAN_DEG:g} degrees in "
+            f"depth: emission would be that of another height there."
+        )
+    return tuple(found)

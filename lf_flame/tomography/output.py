@@ -1,0 +1,188 @@
+"""Emission by depth as the files that a user looks at."""
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tifffile
+from tabulate import tabulate
+
+from lf_flame._common import figures
+from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.config import to_json
+from lf_flame._common.output_folders import OutputFolder, output_folder
+from lf_flame._common.tiff_files import TIFF_SUFFIXES, read_tiff
+from lf_flame.errors import InputError
+from lf_flame.formats import write_focal_stack
+from lf_flame.lightfield import LightField
+from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.refocus import shift_and_sum
+from lf_flame.tomography.emission_folder import CORRECTION, DRAWS, EMISSION, RECORD, SIGMA
+from lf_flame.tomography.figures import (
+    depth_figure,
+    slices_figure,
+    trust_figure,
+)
+from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
+
+if TYPE_CHECKING:
+    from lf_flame.tomography.reconstruction import Reconstruction
+
+
+def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
+    """Tell what a camera can tell of depth, as a table for the terminal."""
+    rows = [
+        (
+            f"{period:g}",
+            f"{depth_blur(camera, period):.3g}",
+            f"{depth_modes(camera, period, thickness_mm):.1f}",
+        )
+        for period in periods_mm
+    ]
+    columns = [
+        "lateral period (mm)", "blur in depth (mm)", f"numbers within {thickness_mm:g} mm of depth",
+    ]  # fmt: skip
+    table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
+    width = angular_width(camera)
+    return (
+        f"The views span {width:.4f} rad ({np.degrees(width):.1f} degrees), seen from the focal "
+        f"plane.\nDetail is blurred in depth over its lateral period divided by that.\n\n"
+        f"{table}\n\nWhere the last column is near 1, a light field says where light is across, "
+        f"and not in depth;\nwhat a reconstruction shows of it in depth comes from its prior."
+    )
+
+
+def write_reconstruction(
+    found: "Reconstruction", light_field: LightField, folder: OutputFolder | str | Path
+) -> None:
+    """Write ``emission.tif`` and what tells how far to trust it.
+
+    Also ``correction.tif`` (what was added to the fit); ``sigma.tif`` and ``draws.tif``, where
+    light fields were drawn anew; ``depth.csv`` and ``depth.png`` (light against depth),
+    ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of each view,
+    L-curve).
+
+    Parameters
+    ----------
+    found : Reconstruction
+    light_field : LightField
+        The one that was reconstructed.
+    folder : str, Path or OutputFolder
+        A folder to fill, as `lf-flame reconstruct` does, for `lf-flame temperature` and `lf-flame
+        profiles` to read.
+
+    Raises
+    ------
+    InputError
+        If a file that is not from an earlier call is in the way, or another process writes there.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import LightField, PAPER_CAMERA
+    >>> from lf_flame.tomography import EmissionFolder, FrustumGrid
+    >>> from lf_flame.tomography import reconstruct, write_reconstruction
+    >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=3, lenslets=(20, 24)), [4.0, -4.0])
+    >>> y, x = np.mgrid[-1:1:20j, -1:1:24j]
+    >>> light_field = LightField(np.broadcast_to(np.exp(-8 * (x**2 + y**2)), (3, 3, 20, 24)))
+    >>> write_reconstruction(reconstruct(light_field, grid), light_field, "emission")
+    >>> EmissionFolder("emission").depths_mm
+    [4.0, -4.0]
+    """
+    if not isinstance(folder, OutputFolder):
+        with output_folder(folder, RECORD) as opened:
+            write_reconstruction(found, light_field, opened)
+        return
+    write_focal_stack(found.emission, found.grid.slopes, folder.path(EMISSION))
+    tifffile.imwrite(folder.path(CORRECTION), found.correction)
+    if found.sigma is not None:
+        write_focal_stack(found.sigma.astype(np.float32), found.grid.slopes, folder.path(SIGMA))
+        tifffile.imwrite(folder.path(DRAWS), found.draws)
+    light, error = light_by_depth(found)
+    _write_depths(folder.path("depth.csv"), found, light, error)
+    figures.save(depth_figure(found, light, error), folder.path("depth.png"))
+    figures.save(trust_figure(found), folder.path("trust.png"))
+    figures.save(slices_figure(found, _focal_stack(found, light_field)), folder.path("slices.png"))
+    grid = found.grid
+    folder.facts |= {
+        "camera": to_json(grid.camera),
+        "depths_mm": list(grid.depths_mm),
+        "block": grid.block,
+        "cell_mm": [grid.cell_mm(depth) for depth in grid.depths_mm],
+        "unit": "radiance that each plane adds along the line of sight, as of the light field",
+        "noise": found.noise,
+        "background": found.background,
+        "background_sigma": found.background_sigma,
+        "strength": found.strength,
+        "tried": [to_json(tried) for tried in found.tried],
+        "sigma_of_linear_fit": found.sigma_linear.tolist(),
+        "warnings": list(found.warnings),
+    }
+
+
+def light_by_depth(found: "Reconstruction") -> tuple[np.ndarray, np.ndarray | None]:
+    """Add up each plane's emission over its area, and the error of that.
+
+    Returns
+    -------
+    light : ndarray of float64, shape (planes,)
+        In radiance times mm^2.
+    error : ndarray, shape (planes,), or None
+        Standard deviation, where light fields were drawn anew.
+    """
+    areas = np.array([found.grid.cell_mm(depth) ** 2 for depth in found.grid.depths_mm])
+    light = found.emission.sum(axis=(1, 2), dtype=np.float64) * areas
+    return light, None if found.light_sigma is None else found.light_sigma * areas
+
+
+def _write_depths(path: Path, found: "Reconstruction", light: np.ndarray, error) -> None:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["depth_mm", "slope", "light_radiance_mm2", "standard_deviation"])
+        for k, depth in enumerate(found.grid.depths_mm):
+            writer.writerow(
+                [depth, found.grid.slopes[k], light[k], "" if error is None else error[k]]
+            )
+
+
+def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray:
+    stack = shift_and_sum(light_field, found.grid.slopes)
+    (rows, columns), block = found.grid.pixels, found.grid.block
+    return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
+
+
+def read_thickness(given: str) -> float | np.ndarray:
+    """Read an optical thickness: a number, or a TIFF of a plane or more.
+
+    Returns
+    -------
+    float, or ndarray of float, shape (planes, rows, columns)
+
+    Raises
+    ------
+    InputError
+        If it is neither, or the file cannot be read or holds no floating-point numbers.
+    """
+    try:
+        return float(given)
+    except ValueError:
+        path = Path(given)
+    if path.suffix.lower() not in TIFF_SUFFIXES:
+        raise InputError(f"--optical-thickness must be a number or a TIFF file, got {given}.")
+    stack = read_tiff(path)
+    if stack.dtype.kind != "f" or stack.ndim < 2:
+        raise InputError(
+            f"{path} must hold planes of optical thickness as floating-point numbers, got "
+            f"{stack.dtype} of shape {stack.shape}."
+        )
+    return stack.reshape(-1, *stack.shape[-2:])
+
+
+def thickness_facts(given: str | None, thickness: float | np.ndarray | None) -> dict:
+    """Say for the record which optical thickness was given, and how much it comes to at most."""
+    if thickness is None:
+        return {"optical_thickness": None}
+    greatest = float(np.max(np.sum(thickness, axis=0))) if np.ndim(thickness) else thickness
+    return {"optical_thickness": given, "greatest_optical_thickness": greatest}

@@ -1,0 +1,254 @@
+"""Height, width and contour of flames whose shape is known in closed form."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.flame_video import measure_flame
+from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK, SPARK, SPECK
+
+SHAPE = (60, 80)
+
+
+def gaussian(row=32.3, column=41.6, sigma_row=7.1, sigma_column=4.3, shape=SHAPE):
+    rows, columns = np.indices(shape)
+    exponent = ((rows - row) / sigma_row) ** 2 + ((columns - column) / sigma_column) ** 2
+    return np.exp(-exponent / 2)
+
+
+def half_axis(sigma, level, image):
+    """Of the ellipse at a share of the brightest pixel, which is a little below the true peak."""
+    return sigma * np.sqrt(-2 * np.log(level * image.max()))
+
+
+@pytest.mark.parametrize(("level", "chord"), [(0.2, 0.01), (0.5, 0.01), (0.8, 0.015)])
+def test_a_gaussian_has_an_ellipse_for_its_contour(level, chord):
+    """But for chords in place of arcs, the more so the smaller the ellipse."""
+    image = gaussian()
+    found = measure_flame(image, level=level)
+    down, across = (half_axis(sigma, level, image) for sigma in (7.1, 4.3))
+    assert found.tip_row == pytest.approx(32.3 - down, abs=4 * chord)
+    assert found.height == pytest.approx(59.5 - (32.3 - down), abs=4 * chord)
+    assert found.width == pytest.approx(2 * across, abs=0.06)
+    assert found.area == pytest.approx(np.pi * down * across, rel=0.025)
+    rows, columns = (found.contour - (32.3, 41.6)).T
+    assert np.hypot(rows / down, columns / across) == pytest.approx(1, abs=chord)
+    assert (found.contour[0] == found.contour[-1]).all()
+    # The mean of a Gaussian above a level is (1 - level) / ln(1 / level) of its peak.
+    assert found.brightness == pytest.approx((1 - level) / np.log(1 / level), rel=0.03)
+    assert found.warnings == ()
+
+
+def test_a_ramp_has_its_tip_exactly_between_rows():
+    """Linear along height, which linear interpolation finds to rounding; wide as told."""
+    image = np.zeros(SHAPE)
+    image[20:, 30:50] = np.arange(40)[:, None] * 0.25 + 0.1
+    image[20:, [30, 49]] *= 0.5  # the outer columns reach half of what the others have
+    found = measure_flame(image, level=0.5)
+    peak = 39 * 0.25 + 0.1
+    row = 20 + (peak / 2 - 0.1) / 0.25
+    assert found.tip_row == pytest.approx(row, abs=1e-9)
+    assert found.height == pytest.approx(59.5 - row, abs=1e-9)
+    # In the last row the outer columns stand at the level itself, where the contour runs.
+    assert found.width == pytest.approx(19, abs=1e-9)
+
+
+def test_lengths_are_in_the_pixels_unit_and_count_from_the_burner():
+    image = gaussian()
+    pixels, mm = measure_flame(image), measure_flame(image, pixel_mm=0.25, burner_row=50.0)
+    assert mm.height == pytest.approx(0.25 * (pixels.height - 9.5))
+    assert mm.width == pytest.approx(0.25 * pixels.width)
+    assert mm.area == pytest.approx(0.0625 * pixels.area)
+    assert mm.tip_row == pixels.tip_row
+    assert (mm.contour == pixels.contour).all()
+
+
+def test_the_scale_of_the_radiance_does_not_matter():
+    one, other = measure_flame(gaussian()), measure_flame(1e5 * gaussian().astype(np.float32))
+    assert other.height == pytest.approx(one.height, abs=1e-5)
+    assert other.brightness == pytest.approx(1e5 * one.brightness)
+
+
+def test_noise_moves_the_tip_by_little():
+    rng = np.random.default_rng(1)
+    clean = measure_flame(gaussian()).tip_row
+    tips = [
+        measure_flame(gaussian() + 0.01 * rng.standard_normal(SHAPE)).tip_row for _ in range(20)
+    ]
+    assert tips == pytest.approx([clean] * 20, abs=0.4)
+
+
+@pytest.mark.parametrize("background", [0.0, 0.1])
+def test_a_dark_frame_has_no_flame(background):
+    """Nor has an even one."""
+    found = measure_flame(np.full(SHAPE, background))
+    assert not found.is_found
+    assert found.warnings == (DARK,)
+    assert np.isnan([found.height, found.tip_row, found.width, found.area, found.brightness]).all()
+    assert found.contour.shape == (0, 2)
+
+
+def test_noise_alone_has_no_flame_and_a_weak_flame_is_one():
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        noise = rng.standard_normal((270, 540))
+        # As refocusing leaves it: neighbours alike.
+        blurred = (noise[:, 1:] + noise[:, :-1]) / 2
+        assert measure_flame(noise).warnings == (DARK,)
+        assert measure_flame(blurred[::2]).warnings == (DARK,)
+        for cut in (np.abs(noise), np.maximum(noise, 0)):  # as some cameras do
+            assert not measure_flame(cut).is_found
+    assert measure_flame(gaussian() + 0.05 * rng.standard_normal(SHAPE)).is_found
+    for dark in (-gaussian(), gaussian() - 2):
+        assert measure_flame(dark).warnings == (DARK,)
+
+
+@pytest.mark.parametrize(("signal", "is_found"), [(7.4, False), (8.6, True)])
+def test_a_flame_has_eight_times_the_noise(signal, is_found):
+    image = 0.3 * np.random.default_rng(3).standard_normal((270, 540))
+    image[100:110, 200:210] = 0.3 * signal
+    assert measure_flame(image).is_found == is_found
+
+
+def test_a_slope_is_no_noise():
+    assert measure_flame(np.tile(np.arange(9.0), (9, 1))).is_found
+
+
+def test_a_hot_pixel_is_no_flame():
+    image = np.zeros(SHAPE)
+    image[10:13, 20] = 1.0
+    assert measure_flame(image).warnings == (SPECK,)
+    image[10:14, 20] = 1.0
+    assert measure_flame(image).is_found
+
+
+@pytest.mark.parametrize("brightness", [1.5, 4.0, 200.0])
+@pytest.mark.parametrize("place", [(5, 60), (32, 41), (40, 41), (13, 70)])
+def test_a_hot_pixel_changes_nothing(brightness, place):
+    """Brighter than the flame, apart from it, or within."""
+    clean = measure_flame(gaussian())
+    image = gaussian()
+    image[place] = brightness
+    found = measure_flame(image)
+    assert found.tip_row == pytest.approx(clean.tip_row, abs=0.2)
+    assert found.width == pytest.approx(clean.width, abs=0.2)
+    assert found.brightness == pytest.approx(clean.brightness, rel=0.05)
+    assert found.warnings == ()
+
+
+@pytest.mark.parametrize("side", [2, 3, 5])
+@pytest.mark.parametrize("brightness", [1.2, 10.0])
+def test_a_spark_that_is_brighter_than_the_flame_is_left_out_and_told(side, brightness):
+    clean = measure_flame(gaussian())
+    image = gaussian()
+    image[4 : 4 + side, 60 : 60 + side] = brightness
+    found = measure_flame(image)
+    assert found.tip_row == pytest.approx(clean.tip_row, abs=1e-9)
+    assert found.area == pytest.approx(clean.area)
+    assert found.warnings == (SPARK,)
+
+
+def test_a_small_bright_core_in_a_wide_glow_is_the_flame():
+    """What is joined to it is no other flame."""
+    image = gaussian(sigma_row=1.6, sigma_column=1.6) + 0.1 * gaussian(sigma_row=9, sigma_column=9)
+    found = measure_flame(image)
+    assert found.area < 25
+    assert SPARK not in found.warnings
+
+
+def test_of_two_spots_the_brighter_counts_and_the_other_is_told():
+    upper, lower = gaussian(row=14.0, sigma_row=4.0), gaussian(row=46.0, sigma_row=4.0)
+    alone = measure_flame(lower)
+    found = measure_flame(0.8 * upper + lower)
+    assert found.tip_row == pytest.approx(alone.tip_row, abs=1e-3)
+    assert found.area == pytest.approx(alone.area, rel=1e-3)
+    assert found.warnings == (APART,)
+    assert measure_flame(upper + 0.8 * lower).tip_row < 12
+    assert measure_flame(0.4 * upper + lower).warnings == ()  # below the level
+
+
+def test_a_spark_apart_is_not_worth_a_word():
+    image = gaussian()
+    image[3:5, 3:5] = 0.9
+    assert measure_flame(image).warnings == ()
+    image[3:9, 3:9] = 0.9
+    assert measure_flame(image).warnings == (APART,)
+
+
+def test_corners_do_not_join():
+    image = np.zeros(SHAPE)
+    image[30:40, 30:40] = 1.0
+    image[20:30, 20:30] = 0.9
+    found = measure_flame(image)
+    assert found.tip_row == pytest.approx(29.5)
+    assert APART in found.warnings
+    image[29:31, 30] = 0.9
+    assert measure_flame(image).tip_row < 29
+
+
+def test_a_hollow_flame_has_one_outer_contour():
+    rows, columns = np.indices(SHAPE)
+    radius = np.hypot(rows - 30.2, columns - 40.4)
+    found = measure_flame(np.exp(-(((radius - 14) / 3) ** 2)))
+    outer = 14 + 3 * np.sqrt(np.log(2))
+    assert found.tip_row == pytest.approx(30.2 - outer, abs=0.05)
+    assert found.width == pytest.approx(2 * outer, abs=0.1)
+    assert found.area == pytest.approx(np.pi * outer**2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "is_cut"),
+    [(2.0, 40.0, True), (30.0, 1.0, True), (30.0, 78.0, True), (57.0, 40.0, False)],
+)
+def test_a_flame_that_leaves_the_picture_is_told(row, column, is_cut):
+    """But at the lower edge, where the burner is."""
+    found = measure_flame(gaussian(row=row, column=column))
+    assert (CUT in found.warnings) == is_cut
+    assert (found.contour[0] == found.contour[-1]).all()
+    low, high = found.contour.min(axis=0), found.contour.max(axis=0)
+    assert (low >= -0.5).all()
+    assert (high <= np.array(SHAPE) - 0.5).all()
+    reached = [
+        row == 2 and low[0] == -0.5, column == 1 and low[1] == -0.5,
+        column == 78 and high[1] == 79.5, row == 57 and high[0] == 59.5,
+    ]  # fmt: skip
+    assert any(reached)
+
+
+def test_a_cut_flame_is_as_high_as_the_picture():
+    found = measure_flame(gaussian(row=0.0, sigma_row=20.0))
+    assert found.height == pytest.approx(60)
+    assert found.tip_row == pytest.approx(-0.5)
+
+
+def test_a_saturated_picture_is_told():
+    """Also after sums whose last digits differ; a few bright pixels are no ceiling."""
+    image = np.minimum(gaussian(), 0.8)
+    rounded = image * (1 + 1e-7 * np.random.default_rng(0).standard_normal(SHAPE))
+    for one in (image, rounded):
+        found = measure_flame(one)
+        assert found.warnings == (CEILING,)
+        assert found.area > 1.2 * measure_flame(gaussian()).area
+    assert measure_flame(np.minimum(gaussian(), 0.97)).warnings == ()
+    assert measure_flame(np.round(255 * gaussian()).astype(np.uint8)).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("image", "options", "message"),
+    [
+        (np.ones((4, 4, 3)), {}, "grey image"),
+        (np.ones((4, 9)), {}, "5 x 5"),
+        (np.full((5, 5), np.nan), {}, "finite"),
+        (np.ones((4, 4), complex), {}, "grey image"),
+        (gaussian(), {"level": 0.0}, "level must be"),
+        (gaussian(), {"level": 1.0}, "level must be"),
+        (gaussian(), {"level": np.nan}, "level must be"),
+        (gaussian(), {"pixel_mm": 0.0}, "pixel_mm must be"),
+        (gaussian(), {"pixel_mm": np.inf}, "pixel_mm must be"),
+        (gaussian(), {"burner_row": 60.0}, "burner_row must"),
+        (gaussian(), {"burner_row": np.nan}, "burner_row must"),
+    ],
+)
+def test_bad_input_is_refused(image, options, message):
+    with pytest.raises(InputError, match=message):
+        measure_flame(image, **options)

@@ -1,0 +1,242 @@
+"""Frequencies of sines that are known, with noise, gaps and uneven times."""
+
+import numpy as np
+import pytest
+from scipy.signal import lombscargle
+
+from lf_flame import InputError
+from lf_flame.flame_video import find_flicker
+from lf_flame.flame_video.flicker import FALSE_ALARM, LEAST_FRAMES
+
+
+def sine(times, frequency, amplitude=2.0, phase=0.7, mean=30.0):
+    return mean + amplitude * np.sin(2 * np.pi * frequency * times + phase)
+
+
+@pytest.mark.parametrize("frequency", [1.837, 12.64, 44.1])
+def test_a_sine_is_found_far_below_the_resolution(frequency):
+    times = np.arange(200) / 100 + 5
+    found = find_flicker(times, sine(times, frequency))
+    assert found.resolution_hz == pytest.approx(100 / 199)
+    assert found.frequency_hz == pytest.approx(frequency, abs=1e-3 * found.resolution_hz)
+    assert found.peak_hz == found.frequency_hz
+    assert found.amplitude == pytest.approx(2.0, rel=1e-3)
+    assert found.false_alarm < 1e-100
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_gaps_and_a_drift_leave_the_frequency(seed):
+    rng = np.random.default_rng(seed)
+    times = np.sort(rng.choice(300, 180, replace=False)) / 120
+    heights = sine(times, 11.3) + 3 * times + 1.5 * rng.standard_normal(180)
+    heights[rng.choice(180, 20, replace=False)] = np.nan
+    found = find_flicker(times, heights)
+    # Standard error of a frequency: sqrt(6 / n) / (pi T) * noise / amplitude, here 0.05 Hz.
+    assert found.frequency_hz == pytest.approx(11.3, abs=0.25)
+    assert abs(found.frequency_hz - 11.3) < found.resolution_hz
+    assert found.amplitude == pytest.approx(2.0, rel=0.3)
+    assert found.false_alarm < FALSE_ALARM
+
+
+@pytest.mark.parametrize("periods", [3.3, 4.2, 6.1])
+def test_few_periods_are_not_mistaken_for_a_drift(periods):
+    """Taking the drift out beforehand would take a part of the sine with it."""
+    times = np.linspace(0, 1, 40)
+    for phase in (0.0, 1.0, 2.0):
+        found = find_flicker(times, sine(times, periods, phase=phase) - 4 * times**2)
+        assert found.frequency_hz == pytest.approx(periods, abs=1e-3)
+
+
+def test_uneven_times_need_no_grid():
+    rng = np.random.default_rng(3)
+    times = np.sort(rng.uniform(0, 4, 250))
+    found = find_flicker(times, sine(times, 9.87) + 0.3 * rng.standard_normal(250))
+    assert found.frequency_hz == pytest.approx(9.87, abs=0.02)
+
+
+def test_the_spectrum_is_that_of_lomb_and_scargle():
+    """Where the drift is no matter, as there are many periods."""
+    rng = np.random.default_rng(4)
+    times = np.sort(rng.uniform(0, 10, 400))
+    heights = sine(times, 7.7, mean=0.0) + rng.standard_normal(400)
+    found = find_flicker(times, heights)
+    rest = heights - np.polyval(np.polyfit(times, heights, 3), times)
+    scargle = lombscargle(times, rest, 2 * np.pi * found.frequencies_hz, normalize=True)
+    assert found.power == pytest.approx(scargle, abs=0.015)
+    assert found.frequencies_hz[0] == pytest.approx(1.5 * found.resolution_hz)
+    assert found.frequencies_hz[-1] < 0.5 / np.median(np.diff(times))
+
+
+def explained_by_sine(times, heights, frequency):
+    """Fit drift and sine at once, by another solver: the share explained, and the amplitude."""
+    drift = np.vander(times - times.mean(), 4)
+    angle = 2 * np.pi * frequency * times
+    whole = np.column_stack([drift, np.cos(angle), np.sin(angle)])
+    left = [
+        heights - base @ np.linalg.lstsq(base, heights, rcond=None)[0] for base in (drift, whole)
+    ]
+    amplitude = np.hypot(*np.linalg.lstsq(whole, heights, rcond=None)[0][-2:])
+    return 1 - (left[1] @ left[1]) / (left[0] @ left[0]), amplitude
+
+
+def test_the_spectrum_is_that_of_least_squares():
+    """Where few, uneven times make sine, cosine and drift alike."""
+    rng = np.random.default_rng(7)
+    times = np.sort(rng.uniform(0, 1, 17))
+    heights = sine(times, 4.1) + 5 * times**2 + 0.1 * rng.standard_normal(17)
+    found = find_flicker(times, heights)
+    for frequency, power in zip(found.frequencies_hz, found.power, strict=True):
+        assert power == pytest.approx(explained_by_sine(times, heights, frequency)[0], abs=1e-6)
+    assert found.amplitude == pytest.approx(explained_by_sine(times, heights, found.peak_hz)[1])
+    assert np.diff(found.frequencies_hz).max() <= found.resolution_hz / 5 + 1e-9
+
+
+def test_parts_of_a_long_series_make_one_spectrum(monkeypatch):
+    times = np.arange(60) / 30
+    whole = find_flicker(times, sine(times, 5.4))
+    monkeypatch.setattr("lf_flame.flame_video.sine_fit.AT_ONCE", 7 * 60)
+    assert find_flicker(times, sine(times, 5.4)).power == pytest.approx(whole.power, abs=1e-12)
+
+
+def test_noise_alone_is_claimed_as_rarely_as_is_said():
+    rng = np.random.default_rng(5)
+    found = [
+        find_flicker(np.arange(64) / 50, rng.standard_normal(64)).false_alarm for _ in range(400)
+    ]
+    for probability in (0.01, 0.03, 0.1, 0.2):
+        claimed = np.mean(np.array(found) < probability)
+        assert claimed == pytest.approx(probability, abs=2.5 * np.sqrt(probability / 400))
+
+
+def red_noise(rng, count, kept):
+    """AR(1) noise of variance 1, by its definition."""
+    noise = np.empty(count)
+    noise[0] = rng.standard_normal()
+    for k in range(1, count):
+        noise[k] = kept * noise[k - 1] + np.sqrt(1 - kept**2) * rng.standard_normal()
+    return noise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [0.0, 0.3, 0.6, 0.9])
+def test_noise_that_wanders_is_no_flicker_and_hides_none(kept):
+    """200 draws each; at 12 Hz the sine's amplitude is the noise's standard deviation."""
+    rng, times = np.random.default_rng(21), np.arange(100) / 100
+    noise = [red_noise(rng, 100, kept) for _ in range(200)]
+    claimed = [bool(find_flicker(times, 30 + one).lines) for one in noise]
+    assert np.mean(claimed) <= 0.05
+    found = [find_flicker(times, one + sine(times, 12.0, amplitude=1.0)) for one in noise]
+    # Of 100 frames; of 200 all are found. 0.87 where red noise is near to white.
+    assert np.mean([abs(one.frequency_hz - 12) < 0.5 for one in found]) >= 0.8
+
+
+@pytest.mark.parametrize("kept", [0.6, 0.97])
+def test_a_wander_is_told_by_its_memory(kept):
+    rng = np.random.default_rng(22)
+    times = np.sort(rng.choice(600, 400, replace=False)) / 100
+    whole = red_noise(rng, 600, kept)[(100 * times).round().astype(int)]
+    found = find_flicker(times, whole)
+    assert not found.lines
+    assert found.noise.memory_s == pytest.approx(-0.01 / np.log(kept), rel=0.6)
+    assert found.noise.white_share < 0.3
+
+
+@pytest.mark.parametrize("size", [1.5, 4.0, 40.0])
+def test_a_slow_swing_hides_no_line(size):
+    """1.2 Hz within 2 s are fewer than three periods."""
+    rng, times = np.random.default_rng(23), np.arange(200) / 100
+    for phase in range(4):
+        heights = sine(times, 12.0, amplitude=1.0, phase=phase) + 0.4 * rng.standard_normal(200)
+        heights += sine(times, 1.2, amplitude=size, phase=2 * phase)
+        found = find_flicker(times, heights)
+        assert found.frequency_hz == pytest.approx(12, abs=0.1)
+        assert found.amplitude == pytest.approx(1, abs=0.15)
+        assert len(found.lines) == 1
+        if size > 2:
+            assert found.swings_hz == pytest.approx([1.2], abs=0.1)
+            assert "A slow swing (1." in found.describe()
+
+
+def test_several_lines_are_told():
+    rng, times = np.random.default_rng(24), np.arange(300) / 100
+    heights = 0.5 * rng.standard_normal(300)
+    for frequency, amplitude in ((12.0, 3.0), (24.0, 1.0), (13.4, 1.5)):
+        heights += sine(times, frequency, amplitude)
+    found = find_flicker(times, heights)
+    assert [line.frequency_hz for line in found.lines] == pytest.approx([12, 13.4, 24], abs=0.05)
+    assert [line.amplitude for line in found.lines] == pytest.approx([3, 1.5, 1], abs=0.15)
+    assert max(line.false_alarm for line in found.lines) < FALSE_ALARM
+    told = found.describe()
+    assert "Peaks near it (13.4" in told
+    assert "Further lines: 24" in told
+
+
+def test_noise_has_a_highest_peak_that_is_not_claimed():
+    found = find_flicker(np.arange(64) / 50, np.random.default_rng(8).standard_normal(64))
+    assert np.isnan(found.frequency_hz)
+    assert 0 < found.peak_hz < 25
+    assert found.describe().startswith("No frequency stands out of the noise")
+    assert found.false_alarm > FALSE_ALARM
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-14])
+def test_constant_heights_have_no_frequency(scale):
+    """Neither have those that differ by rounding, in whatever rhythm."""
+    times = np.arange(50) / 100
+    heights = 40 * (1 + scale * np.sin(2 * np.pi * 20 * times))
+    found = find_flicker(times, heights)
+    assert np.isnan(found.frequency_hz)
+    assert np.isnan(found.peak_hz)
+    assert found.false_alarm == 1
+    assert "constant" in found.describe()
+
+
+@pytest.mark.parametrize(
+    "drift", [lambda t: t, lambda t: t**2, lambda t: t**3 - t, np.exp, np.sqrt, lambda t: t**5]
+)
+def test_a_drift_is_no_flicker_and_hides_none(drift):
+    times = np.arange(100) / 50
+    drifting = 6 * drift(times) / np.ptp(drift(times))
+    assert np.isnan(find_flicker(times, 20 + drifting).frequency_hz)
+    found = find_flicker(times, sine(times, 7.3, amplitude=0.3) + drifting)
+    assert found.frequency_hz == pytest.approx(7.3, abs=0.1)
+
+
+@pytest.mark.parametrize("periods", [0.6, 1.1, 2.1])
+def test_a_few_periods_are_no_rhythm(periods):
+    times = np.arange(100) / 100
+    assert np.isnan(find_flicker(times, sine(times, periods)).frequency_hz)
+
+
+def test_a_faster_flicker_is_folded_back():
+    times = np.arange(200) / 20
+    assert find_flicker(times, sine(times, 12.0)).frequency_hz == pytest.approx(8.0, abs=0.01)
+
+
+def test_the_fewest_frames_that_do():
+    times = np.arange(LEAST_FRAMES) / 10.0
+    found = find_flicker(times, sine(times, 3.6))
+    assert found.peak_hz == pytest.approx(3.6, abs=found.resolution_hz)
+    with pytest.raises(InputError, match="needs 16 frames with a height at least, got 15"):
+        find_flicker(times, np.where(times > 0, sine(times, 3.6), np.nan))
+
+
+def test_times_far_apart_are_no_reason_to_fail():
+    times = np.array([*range(9), *range(100, 900, 100)], float)
+    found = find_flicker(times, sine(times, 0.05))
+    assert np.isfinite(found.power).all()
+
+
+@pytest.mark.parametrize(
+    ("times", "heights", "message"),
+    [
+        (np.arange(9), np.ones(10), "one length"),
+        (np.ones((9, 2)), np.ones((9, 2)), "one length"),
+        (np.arange(20)[::-1], np.ones(20), "rise"),
+        (np.zeros(20), np.ones(20), "rise"),
+        (np.full(20, np.nan), np.ones(20), "rise"),
+    ],
+)
+def test_bad_input_is_refused(times, heights, message):
+    with pytest.raises(InputError, match=message):
+        find_flicker(times, heights)

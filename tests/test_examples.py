@@ -1,0 +1,78 @@
+"""Examples in the docstrings of all public names: each has one, and it runs."""
+
+import doctest
+import inspect
+from pathlib import Path
+
+import pytest
+
+import lf_flame
+
+ROOT = Path(__file__).parents[1]
+
+ROOMS = sorted(
+    path.parent.name for path in (ROOT / "lf_flame").glob("[a-z]*/__init__.pyi")
+)  # fmt: skip
+
+SCENE = """
+[camera]
+main_lens_focal_mm = 150.0
+focus_distance_mm = 326.0
+lenslet_focal_mm = 0.4
+lenslet_pitch_mm = 0.112
+views = 9
+lenslets = [60, 90]
+
+[[layers]]
+shape = "circle"
+depth_mm = 10.0
+size_mm = [3.0, 3.0]
+"""
+
+NEEDS_A_TRAINED_NETWORK = {
+    "export_network", "load_network", "load_system", "open_run", "predict", "read_card",
+    "read_systems_config", "train", "train_system", "fresh_samples", "search_region_slope",
+    "write_flame", "estimate_grid",
+}  # fmt: skip
+"""Or takes longer than an example may: docs and tests show them."""
+
+
+def public_functions():
+    for room in ROOMS:
+        package = getattr(lf_flame, room)
+        for name in package.__all__:
+            found = getattr(package, name)
+            if inspect.isfunction(found):
+                yield f"{room}.{name}", found
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, coarse_data):
+    """The files that examples read, in the working folder."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "dataset.toml").write_text(coarse_data[0].read_text())
+    training = (ROOT / "experiments" / "shapes.toml").read_text()
+    (tmp_path / "training.toml").write_text(training)
+    monkeypatch.chdir(tmp_path)
+
+
+def examples_of(found):
+    finder = doctest.DocTestFinder(recurse=False)
+    return [test for test in finder.find(found, found.__name__) if test.examples]
+
+
+@pytest.mark.parametrize(("name", "function"), list(public_functions()), ids=lambda x: str(x)[:60])
+def test_every_public_function_has_an_example_that_runs(name, function, folder):
+    tests = examples_of(function)
+    assert tests or name.split(".")[1] in NEEDS_A_TRAINED_NETWORK
+    for test in tests:
+        assert doctest.DocTestRunner().run(test).failed == 0
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_examples_of_classes_run(room, folder):
+    package = getattr(lf_flame, room)
+    for name in package.__all__:
+        if inspect.isclass(found := getattr(package, name)):
+            for test in examples_of(found):
+                assert doctest.DocTestRunner().run(test).failed == 0
