@@ -140,7 +140,7 @@ def as_region(region: ArrayLike, size: tuple[int, ...]) -> Region:
     """
     edges = np.asarray(region) if np.shape(region) == (4,) else np.empty(0)
     if edges.dtype.kind in "iu":
-        top, bottom, left, right = edges.tolist()
+        top, bottom, left, right = (int(edge) for edge in edges)
         if 0 <= top < bottom <= size[0] and 0 <= left < right <= size[1]:
             return top, bottom, left, right
     raise InputError(
