@@ -53,8 +53,10 @@ class DatasetConfig:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from lf_flame.datasets import read_config
-    >>> scene, _ = read_config("dataset.toml").draw(7)  # the scene of sample 7
+    >>> rng = np.random.default_rng([1, 7])  # sample 7 of seed 1
+    >>> scene, _ = read_config("dataset.toml").draw(rng)
     >>> [layer.depth_mm for layer in scene.layers]
     [20.0, 10.0, 0.0, -10.0]
     """

@@ -31,7 +31,7 @@ def find_outliers(heights: ArrayLike, *, least: float = 0.0) -> np.ndarray:
     --------
     >>> import numpy as np
     >>> from lf_flame.flame_video import find_outliers
-    >>> heights = 20 + np.sin(np.arange(100) / 5)
+    >>> heights = 20 + np.random.default_rng(1).normal(0, 0.1, 100)
     >>> heights[40] = 3.0
     >>> np.flatnonzero(find_outliers(heights)).tolist()
     [40]

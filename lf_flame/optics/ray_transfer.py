@@ -61,7 +61,7 @@ def chain(*elements: np.ndarray) -> np.ndarray:
     --------
     >>> from lf_flame.optics import chain, free_space, thin_lens
     >>> system = chain(free_space(4.0), thin_lens(2.0), free_space(4.0))
-    >>> system[0, 1]  # object and image stand at twice the focal length
+    >>> float(system[0, 1])  # object and image stand at twice the focal length
     0.0
     """
     system = np.eye(2)
@@ -84,7 +84,7 @@ def inverse(system: np.ndarray) -> np.ndarray:
     --------
     >>> from lf_flame.optics import free_space, inverse
     >>> inverse(free_space(2.0)).tolist()
-    [[1.0, -2.0], [0.0, 1.0]]
+    [[1.0, -2.0], [-0.0, 1.0]]
     """
     (a, b), (c, d) = system
     return np.array([[d, -b], [-c, a]])

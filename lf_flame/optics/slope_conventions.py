@@ -203,8 +203,8 @@ def to_slope(
     Examples
     --------
     >>> from lf_flame.optics import to_slope
-    >>> to_slope(-0.4, "plenpy")
-    0.4
+    >>> to_slope(-0.4, "plenpy", views=5)
+    0.5
     """
     return _named(convention).to_slope(number, views)
 
@@ -217,7 +217,7 @@ def from_slope(
     Examples
     --------
     >>> from lf_flame.optics import from_slope
-    >>> from_slope(0.4, "plenpy")
+    >>> from_slope(0.5, "plenpy", views=5)
     -0.4
     """
     return _named(convention).from_slope(slope, views)

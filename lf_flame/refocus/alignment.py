@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import centred
 from lf_flame._common.threads import pieces, shared
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import (
+from lf_flame.refocus._arguments import for_slopes, (
     Views,
     as_block,
     as_slopes,
@@ -45,6 +45,7 @@ def align_views(
     Returns
     -------
     ndarray of float32, shape (n, views, t / block, s / block) or with a last axis of channels
+        Without the first axis for a single slope.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def align_views(
     )
     if not np.isfinite(out).all():
         refuse_not_finite(images[at])
-    return out.reshape(*out.shape[:2], *size, *views.shape[4:])
+    return for_slopes(out.reshape(*out.shape[:2], *size, *views.shape[4:]), slopes)
 
 
 def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:

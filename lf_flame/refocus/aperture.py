@@ -104,7 +104,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     >>> import numpy as np
     >>> from lf_flame.refocus import round_aperture
     >>> weights = round_aperture((9, 9))
-    >>> round(weights.sum() / 81, 4), round(np.pi / 4, 4)  # a disc in its square
+    >>> round(float(weights.sum()) / 81, 4), round(np.pi / 4, 4)  # a disc in its square
     (0.7854, 0.7854)
     """
     return aperture_weights(views, diameter)
@@ -150,7 +150,7 @@ def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -
     Examples
     --------
     >>> from lf_flame.refocus import annular_aperture
-    >>> annular_aperture((9, 9), 0.5)[4, 4]  # the middle is covered
+    >>> float(annular_aperture((9, 9), 0.5)[4, 4])  # the middle is covered
     0.0
     """
     return aperture_weights(views, outer, inner)

@@ -39,8 +39,8 @@ class DeadLeaves:
     --------
     >>> import numpy as np
     >>> from lf_flame.scenes import DeadLeaves
-    >>> DeadLeaves().draw(np.random.default_rng(1), (8, 8)).shape
-    (8, 8)
+    >>> DeadLeaves().draw((5, 5), (40, 60), np.random.default_rng(1))
+    LightField(5 x 5 views of 40 x 60 pixels, grey)
     """
 
     leaves: int = 100

@@ -135,6 +135,13 @@ def assume(
     ------
     InputError
         If a word is none of these, or a value is out of range.
+
+    Examples
+    --------
+    >>> from lf_flame import PAPER_CAMERA
+    >>> from lf_flame.simulation import assume
+    >>> assume(PAPER_CAMERA, ["550nm", "f/4"]).wavelength_nm
+    550.0
     """
     for word in words:
         camera = replace(camera, **_assumed_fields(camera, word, stated))

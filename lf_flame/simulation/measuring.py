@@ -49,6 +49,16 @@ def measure_changes(
     -------
     dict of str to float
         Root-mean-square change over the image, relative to its brightest pixel without the effect.
+
+    Examples
+    --------
+    >>> from lf_flame import plan_effects
+    >>> from lf_flame.scenes import read_scene
+    >>> from lf_flame.simulation import measure_changes
+    >>> scene, camera, _ = read_scene("scene.toml")
+    >>> changes = measure_changes(scene, camera, plan_effects(scene, camera))
+    >>> 0.01 < changes["defocus"] < 0.1
+    True
     """
     asked = [effect for effect in plan.effects if _can_be_measured(effect)]
     return {effect.name: _change(scene, camera, plan, effect, seed) for effect in progress(asked)}

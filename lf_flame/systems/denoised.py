@@ -49,7 +49,7 @@ class Denoised(RefocusingSystem):
     >>> from lf_flame.systems import Denoised, ShiftAndSum
     >>> from lf_flame.systems.denoised import total_variation
     >>> views = np.random.default_rng(1).uniform(size=(3, 3, 20, 30))
-    >>> Denoised("denoised", ShiftAndSum(), total_variation).refocus(views, [0.0]).shape
+    >>> Denoised(ShiftAndSum(), total_variation, "denoised").refocus(views, [0.0]).shape
     (1, 20, 30)
     """
 

@@ -45,7 +45,7 @@ class EmissionFolder:
 
     Parameters
     ----------
-    folder : Path
+    folder : str or Path
 
     Attributes
     ----------
@@ -58,8 +58,8 @@ class EmissionFolder:
         If the folder has no such record, or one without hashes.
     """
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: str | Path):
+        self.folder = folder = Path(folder)
         record = load_record(EmissionRecord, folder / RECORD)
         if not isinstance(record.files, dict):
             raise InputError(

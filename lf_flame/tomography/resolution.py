@@ -49,7 +49,7 @@ def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
     >>> from lf_flame import PAPER_CAMERA
     >>> from lf_flame.tomography import depth_blur
     >>> round(depth_blur(PAPER_CAMERA, 1.0), 1)  # mm in depth, for detail of 1 mm across
-    4.5
+    4.2
     """
     return _checked(period_mm) / angular_width(camera)
 
@@ -75,7 +75,7 @@ def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float)
     >>> from lf_flame import PAPER_CAMERA
     >>> from lf_flame.tomography import depth_modes
     >>> round(depth_modes(PAPER_CAMERA, 1.0, 20.0), 1)  # numbers within 20 mm of depth
-    5.5
+    5.8
     """
     limit = 2 * camera.focus_distance_mm
     if not 0 <= thickness_mm < limit:

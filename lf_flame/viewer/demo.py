@@ -38,7 +38,7 @@ def demo_scene(seed: int = 1) -> Scene:
     --------
     >>> from lf_flame.viewer import demo_scene
     >>> len(demo_scene().layers)
-    4
+    5
     """
     rng = np.random.default_rng(seed)
     wall = _pattern((20.0, 46.0), 0.3, rng)

@@ -1,18 +1,13 @@
 """Data sets built in an object store, a server on this machine that speaks S3."""
 
 import hashlib
-import json
 
 import pytest
-from click.testing import CliRunner
 from tiny_data import DATA
 
 from lf_flame import InputError
-from lf_flame.commands.cli import commands
-from lf_flame.datasets.clusters import cluster_executor
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
-from lf_flame.datasets.places import find_place
 from lf_flame.datasets.store import Dataset
 
 s3fs = pytest.importorskip("s3fs")
@@ -73,20 +68,9 @@ def copied(store, name, tmp_path):
     return tmp_path / name
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_store_holds_the_bytes_of_a_folder(config, store, in_folder, tmp_path, workers):
-    name = f"by-{workers}.zarr"
-    make_dataset(config, SAMPLES, f"s3://flames/{name}", workers)
-    assert hashes(copied(store, name, tmp_path)) == hashes(in_folder)
+def test_a_store_holds_the_bytes_of_a_folder_though_it_was_cut(config, store, in_folder, tmp_path):
+    """And what is there stays: another data set, a finished one, anything else."""
 
-
-def test_a_cluster_builds_in_a_store(config, store, in_folder, tmp_path):
-    with cluster_executor(local=2) as executor:
-        make_dataset(config, SAMPLES, "s3://flames/cluster.zarr", executor=executor)
-    assert hashes(copied(store, "cluster.zarr", tmp_path)) == hashes(in_folder)
-
-
-def test_a_run_that_was_cut_goes_on(config, store, in_folder, tmp_path):
     def cut(finished, _done, _total):
         yield next(iter(finished))
         raise KeyboardInterrupt
@@ -95,59 +79,27 @@ def test_a_run_that_was_cut_goes_on(config, store, in_folder, tmp_path):
         seen.append(done)
         yield from finished
 
-    seen = []
+    seen, url = [], "s3://flames/cut.zarr"
     with pytest.raises(KeyboardInterrupt):
-        make_dataset(config, SAMPLES, "s3://flames/cut.zarr", progress=cut)
+        make_dataset(config, SAMPLES, url, progress=cut)
     with pytest.raises(InputError, match=r"cut\.zarr was begun with another configuration"):
-        make_dataset(config, SAMPLES + 1, "s3://flames/cut.zarr")
-    make_dataset(config, SAMPLES, "s3://flames/cut.zarr", progress=count)
+        make_dataset(config, SAMPLES + 1, url)
+    make_dataset(config, SAMPLES, url, workers=2, progress=count)
     assert seen == [16]
     assert hashes(copied(store, "cut.zarr", tmp_path)) == hashes(in_folder)
-
-
-def test_what_is_there_stays(config, store):
+    with pytest.raises(InputError, match=r"s3://flames/cut\.zarr exists"):
+        make_dataset(config, SAMPLES, url)
     store.pipe("flames/thesis/chapter.txt", b"years of work")
     with pytest.raises(InputError, match="s3://flames/thesis is in the way"):
         make_dataset(config, SAMPLES, "s3://flames/thesis")
-    assert store.cat("flames/thesis/chapter.txt") == b"years of work"
     assert store.find("flames/thesis") == ["flames/thesis/chapter.txt"]
-    make_dataset(config, 1, "s3://flames/one.zarr")
-    with pytest.raises(InputError, match=r"s3://flames/one\.zarr exists"):
-        make_dataset(config, 1, "s3://flames/one.zarr")
 
 
-def test_a_changed_attribute_is_noticed_before_work_goes_on(config, store):
-    def cut(finished, _done, _total):
-        yield next(iter(finished))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        make_dataset(config, SAMPLES, "s3://flames/changed.zarr", progress=cut)
-    file = "flames/changed.zarr/zarr.json"
-    text = store.cat(file).decode()
-    store.pipe(file, text.replace('"depths_mm": [', '"depths_mm": [1.5, ', 1).encode())
-    with pytest.raises(InputError, match="attributes"):
-        make_dataset(config, SAMPLES, "s3://flames/changed.zarr")
-
-
-@pytest.mark.parametrize("text", ["[]", '{"more": 1}', '{"attributes": []}', "{", '{"zarr": 5}'])
+@pytest.mark.parametrize("text", ["[]", '{"attributes": []}', "{"])
 def test_damaged_metadata_are_one_sentence(config, store, text):
     store.pipe("flames/damaged/zarr.json", text.encode())
     with pytest.raises(InputError, match=r"flames/damaged"):
         make_dataset(config, 1, "s3://flames/damaged")
-    store.rm("flames/damaged", recursive=True)
-
-
-def test_what_is_no_fault_of_the_store_is_not_laid_to_it(config, store):
-    def killed(_finished, _done, _total):
-        raise ChildProcessError("A worker process was killed")
-
-    def mistaken(_finished, _done, _total):
-        raise ValueError("ours")
-
-    for number, (fault, kind) in enumerate([(killed, ChildProcessError), (mistaken, ValueError)]):
-        with pytest.raises(kind):
-            make_dataset(config, 1, f"s3://flames/fault-{number}.zarr", progress=fault)
 
 
 @pytest.mark.parametrize(
@@ -161,34 +113,3 @@ def test_what_is_no_fault_of_the_store_is_not_laid_to_it(config, store):
 def test_what_cannot_be_reached_is_one_sentence(config, store, url, said):
     with pytest.raises(InputError, match=said):
         make_dataset(config, 1, url)
-
-
-def test_no_server_is_one_sentence(config, store, monkeypatch):
-    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
-    s3fs.S3FileSystem.clear_instance_cache()
-    with pytest.raises(InputError, match="cannot be reached"):
-        find_place("s3://flames/b.zarr").attributes()
-    s3fs.S3FileSystem.clear_instance_cache()
-
-
-def test_the_command_takes_a_url(store, in_folder, tmp_path):
-    template = DATA["template"]
-    sections = [
-        ("", {key: DATA[key] for key in ("kind", "seed", "image")} | {"samples.tiny": SAMPLES}),
-        ("[camera]", DATA["camera"]),
-        (
-            "[template]",
-            {key: DATA["template"][key] for key in DATA["template"] if key != "objects"},
-        ),
-        ("[[template.objects]]", template["objects"][0]),
-    ]
-    lines = [
-        line
-        for header, values in sections
-        for line in (header, *(f"{key} = {json.dumps(value)}" for key, value in values.items()))
-    ]
-    (tmp_path / "tiny.toml").write_text("\n".join(lines))
-    arguments = [str(tmp_path / "tiny.toml"), "--preset", "tiny", "--out", "s3://flames/c.zarr"]
-    done = CliRunner().invoke(commands, ["dataset", *arguments, "--workers", "1"])
-    assert done.exit_code == 0, done.output
-    assert hashes(copied(store, "c.zarr", tmp_path)) == hashes(in_folder)
