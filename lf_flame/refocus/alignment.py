@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import centred
 from lf_flame._common.threads import pieces, shared
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import for_slopes, (
+from lf_flame.refocus._arguments import (
     Views,
     as_block,
     as_slopes,
     as_views,
+    for_slopes,
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import shift_taps
