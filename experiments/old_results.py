@@ -39,14 +39,14 @@ CODE = {
 
 
 def age(name: str, revision: str) -> str:
-    """Commits since a revision that changed the code of the result `name`, in words."""
+    """Count the commits since a revision that changed the code of the result `name`."""
     paths = next((paths for start, paths in CODE.items() if name.startswith(start)), TABLES)
     command = ["git", "log", "--format=%cs", f"{revision.removesuffix('+')}..HEAD", "--"]
     found = subprocess.run([*command, *paths.split()], cwd=ROOT, capture_output=True, text=True)
     if found.returncode:
         return "git does not know this revision"
     dates, edited = found.stdout.split(), ", of edited files" * revision.endswith("+")
-    return (f"{len(dates)} commits since, last {dates[0]}" if dates else "current") + edited
+    return (f"commits since: {len(dates)}, last {dates[0]}" if dates else "current") + edited
 
 
 @cloup.command()

@@ -14,7 +14,8 @@ def test_folders_that_results_rest_on_exist():
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"), [("lf_flame/viewer/page.py", "1 commits since"), ("README.md", "current")]
+    ("changed", "told"),
+    [("lf_flame/viewer/page.py", "commits since: 1, last 20"), ("README.md", "current")],
 )
 def test_a_result_is_old_when_its_code_has_changed(tmp_path, monkeypatch, changed, told):
     def git(*words):
