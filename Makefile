@@ -49,7 +49,7 @@ endif
 .PHONY: help install installs weights dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: hard-cases flames flames-by-networks results texts mutants campaign lint types clean
+.PHONY: flames flames-by-networks error-bars viewer-benchmark mutants campaign lint types clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -121,11 +121,24 @@ compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## se
 	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
-hard-cases: | $(INSTALLED)  ## compute hard cases exactly, by the obvious formula, and by lf_flame
-	$(EXPERIMENT) hard-cases --out results/hard_cases
+# Records of one command without options, into the results folder of that name.
+RECORDS := bounds dataset-making effects hard-cases screenshots slope-maps system-scenes
+.PHONY: $(RECORDS)
+bounds:  ## hold the bounds of the effect plan against random scenes (half an hour)
+dataset-making:  ## measure how fast data sets are made, and kill workers (idle machine)
+effects:  ## set every effect beside a reference tracer
+hard-cases:  ## compute hard cases exactly, by the obvious formula, and by lf_flame
+screenshots:  ## take the pictures of the viewer for the documentation (needs Chromium, JupyterLab)
+slope-maps:  ## set slope maps beside the truth and simpler ones
+system-scenes:  ## measure refocusing systems against the number of light fields to learn from
+$(RECORDS): | $(INSTALLED)
+	$(EXPERIMENT) $@
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
 	$(EXPERIMENT) emission --out results/tomography
+
+error-bars: | $(INSTALLED)  ## count how often error bars of emission by depth hold the truth
+	$(EXPERIMENT) emission --bars 10 --out results/tomography
 
 flames-by-networks: $(RUNS)/flames/model.keras  ## take the planes of the paper's network for sections of flames
 	$(EXPERIMENT) emission --out results/tomography \
@@ -141,7 +154,7 @@ latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trai
 STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
-scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (90 minutes)
+scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours and 20 GB: LF_FLAME_MEMORY_GB=18)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths
@@ -162,13 +175,8 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
 
-# PATTERNS='benchmarks/*' for some; it goes on where it was stopped.
-results: | $(INSTALLED)  ## make results anew whose code has changed since, in results/; says first what it will take
-	$(EXPERIMENT) results $(PATTERNS) --make
-
-# Numbers of README and docs come from the committed records.
-texts: | $(INSTALLED)  ## fill the records' numbers into README and docs
-	$(EXPERIMENT) texts
+viewer-benchmark: | $(INSTALLED)  ## time the page of the viewer in a browser (needs Chromium, idle machine)
+	$(BIN)/python -m experiments.benchmarks.viewer --out results/benchmarks
 
 installs: | $(INSTALLED)  ## install in new environments, with the oldest versions too, and test there (OTHER_PYTHONS=...)
 	$(BIN)/python -m experiments.benchmarks.installing --out results/benchmarks $(addprefix --python ,$(OTHER_PYTHONS))

@@ -8,13 +8,12 @@ from experiments.dataset_making.commands import dataset_making
 from experiments.depth_test.commands import depth_test
 from experiments.effects.commands import effects
 from experiments.hard_cases.commands import hard_cases
+from experiments.old_results import results
 from experiments.paper.commands import evaluate, slopes, tables
-from experiments.remaking.commands import results
 from experiments.screenshots.commands import screenshots
 from experiments.slope_maps.commands import slope_maps
 from experiments.studies.commands import study
 from experiments.systems.commands import compare, system_scenes
-from experiments.texts.commands import texts
 from experiments.tomography.commands import emission
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
@@ -37,7 +36,7 @@ SECTIONS = [
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
     cloup.Section("Emission by depth", [emission]),
-    cloup.Section("What the documents say", [results, texts, screenshots]),
+    cloup.Section("What the documents say", [results, screenshots]),
 ]
 
 

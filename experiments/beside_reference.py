@@ -34,7 +34,7 @@ def set_beside(report: Path, name: str) -> str:
     reference = REFERENCE / name
     if not reference.is_file() or reference.resolve() == report.resolve():
         return text
-    committed = reference.read_text(encoding="utf-8")
+    committed = reference.read_text(encoding="utf-8").partition(f"\n{HEADING}")[0]
     committed = re.sub(r"^!\[.*\n?", "", committed, flags=re.M)  # pictures lie elsewhere
     committed = re.sub(r"^(#+) ", r"##\1 ", committed, flags=re.M)
     text = f"{text}\n{HEADING}\n\nAs committed in `experiments/results/{name}`.\n\n{committed}"

@@ -42,3 +42,5 @@ def test_every_report_has_a_committed_one():
     named |= {f"benchmarks/{name}.md" for name in ("speed", "refocusing", "training")}
     for name in named:
         assert (beside_reference.REFERENCE / name).is_file(), name
+    for path in beside_reference.REFERENCE.rglob("*.md"):
+        assert beside_reference.HEADING not in path.read_text(encoding="utf-8"), path

@@ -1,1 +1,0 @@
-"""Making the committed results again, by one command."""
