@@ -9,7 +9,7 @@ from .optics.camera import PlenopticCamera as PlenopticCamera
 from .optics.sensor import Sensor as Sensor
 from .scenes.scene import Layer as Layer
 from .scenes.scene import Scene as Scene
-from .simulation.plan import plan_effects as plan_effects
+from .simulation.planning.decisions import plan_effects as plan_effects
 from .simulation.rendering import render as render
 
 __version__: str

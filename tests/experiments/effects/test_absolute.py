@@ -6,7 +6,7 @@ from experiments.effects import absolute, report
 from experiments.effects.absolute import effect_trials, measure_effect, measure_effects
 from experiments.effects.cameras import CAMERAS
 from lf_flame import PlenopticCamera, plan_effects
-from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.planning.effects import EFFECTS
 
 SMALL = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 3, (10, 10))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
-from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
-from lf_flame.simulation.scene_bounds import bound_scene
+from lf_flame.simulation.planning.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
+from lf_flame.simulation.planning.scene_bounds import bound_scene
 from lf_flame.simulation.slabs import slab_edges, slice_scene
 
 CAMERA = PlenopticCamera(150.0, 326.0, 0.4, 0.112, 5, (12, 14))
