@@ -15,7 +15,7 @@ from lf_flame.datasets.sampling import render_drawn
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.planning.decisions import plan_effects
 
 FIRST_SAMPLE = 1_000_000
 """Index of the first scene: data sets draw theirs from lower ones."""

@@ -68,7 +68,7 @@ class LightField:
     ----------
     views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Finite radiance values. Stored as contiguous float32, not copied where they are that.
-    plan : lf_flame.simulation.plan.EffectPlan, optional
+    plan : lf_flame.simulation.planning.plan.EffectPlan, optional
         Of a rendered light field: which effects were simulated, and why.
     weights : array_like, shape (v, u), optional
         How much each view counts wherever the light field is searched, refocused or fitted, 0 or

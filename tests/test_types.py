@@ -94,7 +94,7 @@ REVEALED = {
     "texture": r"numpy\.ndarray\[.*\]",
     "layer_size": "tuple[float, float]",
     "optical_thickness": r"numpy\.ndarray\[.*\]",
-    "plan": "lf_flame.simulation.plan.EffectPlan",
+    "plan": "lf_flame.simulation.planning.plan.EffectPlan",
     "light_field": "lf_flame.lightfield.LightField",
     "light_field.views": r"numpy\.ndarray\[.*\]",
     "row_pitch": "float",

@@ -27,11 +27,11 @@ from lf_flame._common.config import to_json
 from lf_flame.datasets.config import read_config
 from lf_flame.datasets.sampling import draw_sample, simulate_sample
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.time_estimates import lit_pixels
 from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render
-from lf_flame.simulation.time_estimates import lit_pixels
 
 TOLERANCE = 1e-3
 """Of the images that are rendered with and without an effect."""
@@ -124,7 +124,7 @@ def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
     Returns
     -------
     kind : str
-        A key of `lf_flame.simulation.time_estimates.NANOSECONDS`.
+        A key of `lf_flame.simulation.planning.time_estimates.NANOSECONDS`.
     count : float
     """
     optics, layers = OpticalPass(study.camera), study.scene.layers

@@ -14,8 +14,8 @@ from experiments.costs.rendering_scenes import Study
 from lf_flame._common import figures
 from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.figures import subplots
-from lf_flame.simulation.plan import LEFT_OUT_SHARE
-from lf_flame.simulation.time_estimates import NANOSECONDS
+from lf_flame.simulation.planning.decisions import LEFT_OUT_SHARE
+from lf_flame.simulation.planning.time_estimates import NANOSECONDS
 
 LEVELS = (0.1, 0.01, 0.001)
 """Errors for which the table gives the seconds."""

@@ -103,8 +103,8 @@ def plan(
       lf-flame plan scene.toml
       lf-flame plan scene.toml --assume 550nm,round,12bit --measure
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.simulation import assumptions
-    from lf_flame.simulation.plan import plan_effects
+    from lf_flame.simulation.planning import assumptions
+    from lf_flame.simulation.planning.decisions import plan_effects
 
     layers, camera, effects, stated = _read_scene(scene, on, off)
     if assume:

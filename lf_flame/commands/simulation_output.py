@@ -17,7 +17,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render_plan
 
 

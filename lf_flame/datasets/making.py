@@ -35,8 +35,8 @@ from lf_flame.datasets.places import Place, find_place, open_group, writing
 from lf_flame.datasets.sampling import count_rays, search_slopes, simulate_sample
 from lf_flame.errors import InputError
 from lf_flame.refocus import SlopeSearch
-from lf_flame.simulation.effects import EFFECTS
-from lf_flame.simulation.plan import EffectPlan
+from lf_flame.simulation.planning.effects import EFFECTS
+from lf_flame.simulation.planning.plan import EffectPlan
 
 LEAST_TOGETHER, MOST_SHARDS = 16, 1000
 """Samples of a shard at least, and shards of an array at most: a million samples are below ten

@@ -15,7 +15,8 @@ from lf_flame.projection import Projector
 from lf_flame.refocus import SlopeSearch, find_sharpest_slope, shift_and_sum
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation import rendering
-from lf_flame.simulation.plan import EffectPlan
+from lf_flame.simulation.planning.plan import EffectPlan
+from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
 
 SEARCHED, STEPS_SEARCHED = 0.6, 25
 """Slopes to either side of the geometry's that are searched at first, and how many in all."""
@@ -46,7 +47,7 @@ def count_rays(config: DatasetConfig) -> int | None:
         return rendering.count_rays(scene, config.camera, config.plan)
     slopes = [float(config.camera.depth_to_slope(z)) for z in config.depths_mm]
     exact = _refocus_directly(Projector(scene, config.camera, config.plan), config, slopes)
-    for rays in rendering.RAY_COUNTS:
+    for rays in RAY_COUNTS:
         light_field = render_drawn(scene, config, config.plan, 0, rays)
         error = _refocus(light_field, config, slopes) - exact
         if np.sqrt(np.square(error, dtype=np.float64).mean(axis=(1, 2))).max() <= TARGET_ERROR:

@@ -17,7 +17,8 @@ from lf_flame.refocus.alignment import as_view_indices
 from lf_flame.scenes.scene import Scene
 from lf_flame.simulation.exact import bundle_bands
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.plan import EffectPlan, optical_passes
+from lf_flame.simulation.passes import optical_passes
+from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.rendering import planned_planes
 from lf_flame.simulation.slabs import Plane
 

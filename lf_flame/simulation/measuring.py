@@ -7,9 +7,10 @@ import numpy as np
 
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.assumptions import CAUSES
-from lf_flame.simulation.effects import EFFECTS
-from lf_flame.simulation.plan import EffectPlan, PlannedEffect, plan_effects
+from lf_flame.simulation.planning.assumptions import CAUSES
+from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.effects import EFFECTS
+from lf_flame.simulation.planning.plan import EffectPlan, PlannedEffect
 from lf_flame.simulation.rendering import render_plan
 
 RAYS = 4
@@ -31,8 +32,8 @@ def measure_changes(
     """Measure what each effect of a plan changes: two renderings for each.
 
     An effect whose cause the camera does not state is measured at the cause's typical value
-    (`lf_flame.simulation.assumptions`). Bounds hold for every scene like this one, so that the
-    measured change is smaller, often by far.
+    (`lf_flame.simulation.planning.assumptions`). Bounds hold for every scene like this one, so that
+    the measured change is smaller, often by far.
 
     Parameters
     ----------

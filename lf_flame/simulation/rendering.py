@@ -1,13 +1,12 @@
 """Rendering: a scene through a plenoptic camera into a light field.
 
-The effect plan (`lf_flame.simulation.plan`) says what is simulated and by which of two
+The effect plan (`lf_flame.simulation.planning.plan`) says what is simulated and by which of two
 integrators (`lf_flame.simulation.exact`, `lf_flame.simulation.rays`); both share one ray transfer
 chain. A pixel holds the mean radiance over its ray bundle: a uniform layer that fills the field
 gives its own brightness in every pixel, before cos^4, stops and sensor. The mean is over the true
 lenslet: one made larger by a pitch error collects more light, and the pixel is divided by its area.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -28,13 +27,13 @@ from lf_flame.simulation.lenslet_blur import (
 )
 from lf_flame.simulation.main_lens_blur import blur_planes, main_lens_kernel
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.pixel_parts import count_pixel_parts
-from lf_flame.simulation.plan import RAYS_SHARE, EffectPlan, optical_passes, plan_effects
+from lf_flame.simulation.passes import optical_passes
+from lf_flame.simulation.planning import ray_counts
+from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.pixel_parts import count_pixel_parts
+from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane, slice_scene
-
-RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
-"""Rays per pixel and axis that are tried for a tolerance."""
 
 FEW_PORTIONS = 4
 """Portions of light that are added in float32; more are added in float64."""
@@ -44,9 +43,6 @@ PIXEL_PARTS_SHARE = 0.5
 
 PARTS_BESIDE_GAPS = 4
 """Parts of a pixel along each axis, with a fixed number of rays, where pixels leave gaps."""
-
-PROBE_LINES = 24
-"""Lines of the image on which the number of rays for a tolerance is found."""
 
 
 def render(
@@ -76,7 +72,7 @@ def render(
         tolerance. Lenslet diffraction then takes the light on each pixel as even, or on its
         sixteenth parts where pixels leave gaps.
     effects : mapping of str to bool, optional
-        Effects to force on or off, by name (`lf_flame.simulation.effects.EFFECTS`).
+        Effects to force on or off, by name (`lf_flame.simulation.planning.effects.EFFECTS`).
     seed : int or sequence of int, optional
         Seed of the sensor's noise; needed where the plan keeps noise.
     layout : {"views", "raw"}, optional
@@ -172,7 +168,7 @@ def count_rays(scene: Scene, camera: PlenopticCamera, plan: EffectPlan) -> int:
         If a layer lies outside the field, or no number of rays is enough.
     """
     planes = planned_planes(scene, camera, plan)
-    return _count_rays(planes, optical_passes(camera, plan), camera, plan, "views")
+    return ray_counts.count_rays(planes, optical_passes(camera, plan), camera, plan, "views")
 
 
 def _gather(
@@ -195,7 +191,7 @@ def _gather(
         for optics in passes:
             integrate(planes, optics, layout, image)
     else:
-        rays = rays or _count_rays(planes, passes, camera, plan, layout)
+        rays = rays or ray_counts.count_rays(planes, passes, camera, plan, layout)
         for optics in passes:
             trace(planes, optics, layout, rays, image)
     views = as_views(image.astype(np.float32, copy=False), camera, layout)
@@ -238,46 +234,6 @@ def _check_field(scene: Scene, optics: OpticalPass) -> None:
                     f"{'yx'[axis]} it spans {edges[0]:.4g} to {edges[-1]:.4g} mm, "
                     f"and the camera sees {low:.4g} to {high:.4g} mm there."
                 )
-
-
-def _count_rays(planes: list[Plane], passes, camera, plan: EffectPlan, layout: str) -> int:
-    """Fewest rays that meet the tolerance, found on some lines of the image.
-
-    Where planes with edges dim each other, the error falls as ``rays**-0.8`` or a little faster,
-    elsewhere as one over the number of rays at least. So the change from one number to 2.25 times
-    as many, two steps of RAY_COUNTS, is about the error of the greater. Two images may agree by
-    chance; three, with rays as dense as the cells, do not, as long as tiles become finer along
-    pixel and lenslet from the first to the last.
-    """
-    lines = blank_image(camera, layout).shape[2]
-    probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
-    allowance = RAYS_SHARE * plan.tolerance
-    coarser: list[np.ndarray] = []
-    counts = RAY_COUNTS[_first_ray_count(planes, passes[0]) :]
-    for rays in progress.steps(counts, "looking for a number of rays that will do", len(counts)):
-        fine = blank_image(camera, layout)[:, :, probe].copy()
-        for optics in passes:
-            trace(planes, optics, layout, rays, fine, probe)
-        changes = [math.sqrt(np.mean(np.square(fine - c, dtype=np.float64))) for c in coarser]
-        if len(changes) == 2 and max(changes) <= allowance * fine.max():
-            return rays
-        coarser = [*coarser[-1:], fine]
-    instead = "" if plan.only_by_rays else ", or use the exact integrator"
-    raise InputError(
-        f"tolerance {plan.tolerance:g} was not met with {rays} x {rays} rays per pixel: the number "
-        f"of rays is the obstacle; allow more{instead}."
-    )
-
-
-def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
-    """Find the first of RAY_COUNTS whose rays are as dense as a bundle's cells, or 41 of them."""
-    dense = 1.0
-    for plane in planes:
-        for axis in (0, 1):
-            edges = plane.layer.cell_edges_mm(axis)
-            footprint = optics.footprint(plane.depth_mm, axis)
-            dense = max(dense, 2 * footprint.half_width_mm / (edges[1] - edges[0]))
-    return next(i for i, rays in enumerate(RAY_COUNTS) if rays >= min(dense, 41))
 
 
 def _gather_diffracted(

@@ -18,7 +18,7 @@ from lf_flame.refocus import (
     shift_and_sum,
     sparse_aperture,
 )
-from lf_flame.simulation.effects import EFFECTS, NOT_SEPARABLE
+from lf_flame.simulation.planning.effects import EFFECTS, NOT_SEPARABLE
 from lf_flame.simulation.rendering import render_plan
 
 OPTICS = {

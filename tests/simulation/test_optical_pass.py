@@ -10,7 +10,7 @@ from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
 from lf_flame.simulation import rays as rays_module
 from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.plan import optical_passes
+from lf_flame.simulation.passes import optical_passes
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 

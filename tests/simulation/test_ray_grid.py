@@ -7,8 +7,8 @@ import pytest
 
 from lf_flame import Layer, Scene
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
 from lf_flame.simulation.ray_grid import LENSLET_FINER, _tile, _widths_in_cells, ray_grid
-from lf_flame.simulation.rendering import RAY_COUNTS
 from lf_flame.simulation.slabs import slice_scene
 
 

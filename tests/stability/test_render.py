@@ -13,8 +13,8 @@ from lf_flame import Layer, PlenopticCamera, Scene, plan_effects, render
 from lf_flame._common.arrays import centred
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
 from lf_flame.simulation.rays import trace
-from lf_flame.simulation.rendering import RAY_COUNTS
 from lf_flame.simulation.slabs import slice_scene
 
 UNIT32 = 2.0**-24

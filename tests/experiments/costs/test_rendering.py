@@ -15,7 +15,7 @@ from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering import measure_costs
 from experiments.costs.rendering_scenes import CONFIGS, Study, effect_trials, study_scenes
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects
-from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.planning.effects import EFFECTS
 from lf_flame.simulation.rendering import render
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]

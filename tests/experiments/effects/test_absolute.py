@@ -7,7 +7,7 @@ from experiments.effects import absolute, report
 from experiments.effects.absolute import effect_trials, measure_effect, measure_effects
 from experiments.effects.cameras import CAMERAS
 from lf_flame import PAPER_CAMERA, plan_effects
-from lf_flame.simulation.effects import EFFECTS
+from lf_flame.simulation.planning.effects import EFFECTS
 
 SMALL = replace(PAPER_CAMERA, views=3, lenslets=(10, 10))
 

@@ -5,8 +5,8 @@ from itertools import product
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.axis_spread import Box
-from lf_flame.simulation.scene_bounds import SceneBounds
+from lf_flame.simulation.planning.axis_spread import Box
+from lf_flame.simulation.planning.scene_bounds import SceneBounds
 from lf_flame.simulation.stops import round_stops
 
 Interval = tuple[float, float]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, Sensor, plan_effects
-from lf_flame.simulation.assumptions import CAUSES, assume
-from lf_flame.simulation.effects import EFFECTS
 from lf_flame.simulation.measuring import measure_changes
+from lf_flame.simulation.planning.assumptions import CAUSES, assume
+from lf_flame.simulation.planning.effects import EFFECTS
 
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(40, 60))
 EVEN = Scene([Layer([[1.0]], 0.0, (90.0, 90.0))])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, plan_effects, render
-from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
-from lf_flame.simulation.scene_bounds import bound_scene
+from lf_flame.simulation.planning.absorbing_slabs import AbsorbingSlabs, MatterSteps, _arriving
+from lf_flame.simulation.planning.scene_bounds import bound_scene
 from lf_flame.simulation.slabs import slab_edges, slice_scene
 
 CAMERA = replace(PAPER_CAMERA, views=5, lenslets=(12, 14))

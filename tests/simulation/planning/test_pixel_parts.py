@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
-from lf_flame.simulation import pixel_parts
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.pixel_parts import count_pixel_parts
-from lf_flame.simulation.plan import plan_effects
+from lf_flame.simulation.planning import pixel_parts
+from lf_flame.simulation.planning.decisions import plan_effects
+from lf_flame.simulation.planning.pixel_parts import count_pixel_parts
 from lf_flame.simulation.rendering import render_plan
 from lf_flame.simulation.slabs import slice_scene
 

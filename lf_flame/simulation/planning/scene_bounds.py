@@ -15,7 +15,7 @@ from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.bundle_shifts import farthest_move_mm, reach_mm, true_pitch_mm
 from lf_flame.simulation.lenslet_blur import tiled_sensor
-from lf_flame.simulation.peak import peak_radiance
+from lf_flame.simulation.planning.peak import peak_radiance
 from lf_flame.simulation.stops import crosstalk, round_stops, share_crossing
 
 

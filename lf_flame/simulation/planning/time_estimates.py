@@ -8,10 +8,10 @@ import numpy as np
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
 from lf_flame.simulation.optical_pass import OpticalPass
+from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.planning.scene_bounds import SceneBounds
 from lf_flame.simulation.polygons import expected_pairs, split_planes
-from lf_flame.simulation.scene_bounds import SceneBounds
 from lf_flame.simulation.slabs import slice_scene
 
 NANOSECONDS = {

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_effects, render
 from lf_flame.optics.sensor import STAGES
-from lf_flame.simulation.effects import EFFECTS, MATTER, RAYS
+from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
 
 OPTICS = {
     "main_lens_focal_mm": 150.0,

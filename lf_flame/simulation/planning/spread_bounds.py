@@ -1,7 +1,7 @@
 """Bounds for what spreads light to both sides alike: thickness, colour, defocus, diffraction.
 
 They hold where light only adds and reaches a pixel through its own lenslet; elsewhere they are
-infinite, and the bounds of `lf_flame.simulation.effects` by the farthest move alone have to do.
+infinite, and only the bounds of `lf_flame.simulation.planning.effects` by the farthest move hold.
 """
 
 import math
@@ -15,7 +15,15 @@ from lf_flame.optics import diffraction
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import Footprint, trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.axis_spread import (
+from lf_flame.simulation.bundle_shifts import focus_spread, misplaced_mm
+from lf_flame.simulation.lenslet_blur import leaves_gaps, lenslet_kernel
+from lf_flame.simulation.main_lens_blur import (
+    gain_on_layer,
+    main_lens_kernel,
+    main_lens_spread_mm,
+    throws_beyond,
+)
+from lf_flame.simulation.planning.axis_spread import (
     PATCHES,
     AxisSpread,
     Border,
@@ -24,8 +32,7 @@ from lf_flame.simulation.axis_spread import (
     Rounding,
     Shifts,
 )
-from lf_flame.simulation.bundle_shifts import focus_spread, misplaced_mm
-from lf_flame.simulation.bundle_widths import (
+from lf_flame.simulation.planning.bundle_widths import (
     BundleWidths,
     Interval,
     cell_width_mm,
@@ -33,19 +40,12 @@ from lf_flame.simulation.bundle_widths import (
     footprint_at,
     spread_ends,
 )
-from lf_flame.simulation.cell_rounding import find_rounding
-from lf_flame.simulation.lenslet_blur import leaves_gaps, lenslet_kernel
-from lf_flame.simulation.main_lens_blur import (
-    gain_on_layer,
-    main_lens_kernel,
-    main_lens_spread_mm,
-    throws_beyond,
-)
-from lf_flame.simulation.scene_bounds import SceneBounds, displaced
-from lf_flame.simulation.stops import neighbours, round_stops
-from lf_flame.simulation.symmetric_spread import (
+from lf_flame.simulation.planning.cell_rounding import find_rounding
+from lf_flame.simulation.planning.scene_bounds import SceneBounds, displaced
+from lf_flame.simulation.planning.symmetric_spread import (
     spread_change,
 )
+from lf_flame.simulation.stops import neighbours, round_stops
 
 STEPS = 12
 """Steps into which a move from the middle of a spread to its end is divided."""

@@ -11,10 +11,15 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.scenes.scene import Layer, Scene
-from lf_flame.simulation.absorbing_slabs import AbsorbingSlabs
-from lf_flame.simulation.scene_bounds import SceneBounds, box_mm, change_rate, smeared
+from lf_flame.simulation.planning.absorbing_slabs import (
+    BOX_EDGES,
+    CURVATURE,
+    KINK,
+    AbsorbingSlabs,
+)
+from lf_flame.simulation.planning.scene_bounds import SceneBounds, box_mm, change_rate, smeared
+from lf_flame.simulation.planning.spread_bounds import colour_change, depth_change
 from lf_flame.simulation.slabs import slab_edges
-from lf_flame.simulation.spread_bounds import colour_change, depth_change
 
 SLICING_SHARE = 0.125
 """Share of the tolerance for the slabs of thick layers, and the same for the colours."""
@@ -31,17 +36,8 @@ EIGHTHS_MEAN = 5 / 8
 TRAVEL_PER_MEAN = 2 / EIGHTHS_MEAN
 """Travel from end to end of a part, over the mean move that `smeared` finds."""
 
-BOX_EDGES = 2
-"""Edges of a box along one axis."""
-
 BOUNDARIES_BESIDE = 2
 """Boundaries of cells that an edge passes at most, beyond its travel over the width of a cell."""
-
-KINK = 8
-"""Of a slope that jumps by J inside a part of width h, midpoints err by at most J h^2 / KINK."""
-
-CURVATURE = 24
-"""Of a second derivative g, midpoints of parts of width h err by g h^2 / CURVATURE."""
 
 
 def count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float, absorption: bool) -> list[int]:

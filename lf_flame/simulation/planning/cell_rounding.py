@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lf_flame.simulation.axis_spread import Box, Pairs, Rounding
+from lf_flame.simulation.planning.axis_spread import Box, Pairs, Rounding
 
 PARTIAL = 0.0161
 """Twice the largest integral, in cells squared, of a tooth's integral less its mean over a part of

@@ -21,7 +21,7 @@ from lf_flame.simulation.bundle_shifts import (
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
 from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
-from lf_flame.simulation.scene_bounds import (
+from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
     dimmed_inside,
     displaced,
@@ -29,14 +29,14 @@ from lf_flame.simulation.scene_bounds import (
     smeared,
     stopped_inside,
 )
-from lf_flame.simulation.slabs import self_absorbed
-from lf_flame.simulation.spread_bounds import (
+from lf_flame.simulation.planning.spread_bounds import (
     colour_change,
     depth_change,
     lenslet_blur_change,
     main_lens_blur_change,
     patch_change,
 )
+from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
 CLEAR = 0.25

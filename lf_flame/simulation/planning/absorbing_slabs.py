@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import farthest_move_mm
-from lf_flame.simulation.scene_bounds import SceneBounds, box_mm
+from lf_flame.simulation.planning.scene_bounds import SceneBounds, box_mm
 from lf_flame.simulation.slabs import slab_edges
 
 PLACES = 32

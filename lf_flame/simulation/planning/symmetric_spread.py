@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.axis_spread import AxisSpread, Box, Shifts
-from lf_flame.simulation.texture_blocks import TextureBlocks, along_axis
+from lf_flame.simulation.planning.axis_spread import AxisSpread, Box, Shifts
+from lf_flame.simulation.planning.texture_blocks import TextureBlocks, along_axis
 
 SUBCELLS = 4
 """Places of a bundle inside a block of cells that are told apart."""

@@ -13,7 +13,7 @@ from lf_flame.simulation.bundle_shifts import (
     rotation_shifts_mm,
     true_pitch_mm,
 )
-from lf_flame.simulation.scene_bounds import bound_scene, displaced
+from lf_flame.simulation.planning.scene_bounds import bound_scene, displaced
 from lf_flame.simulation.stops import (
     crosstalk,
     neighbours,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lf_flame.simulation.axis_spread import Box, Pairs
-from lf_flame.simulation.cell_rounding import find_rounding, teeth
+from lf_flame.simulation.planning.axis_spread import Box, Pairs
+from lf_flame.simulation.planning.cell_rounding import find_rounding, teeth
 
 FINE = 4000
 """Points of a cell."""

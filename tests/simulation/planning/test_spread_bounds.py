@@ -9,17 +9,17 @@ import pytest
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.flames import HALF_WIDTH, draw_wrinkles, flame_texture
-from lf_flame.simulation.bundle_widths import BundleWidths
-from lf_flame.simulation.effects import EFFECTS
-from lf_flame.simulation.rendering import render_plan
-from lf_flame.simulation.scene_bounds import bound_scene, displaced
-from lf_flame.simulation.spread_bounds import (
+from lf_flame.simulation.planning.bundle_widths import BundleWidths
+from lf_flame.simulation.planning.effects import EFFECTS
+from lf_flame.simulation.planning.scene_bounds import bound_scene, displaced
+from lf_flame.simulation.planning.spread_bounds import (
     colour_change,
     depth_change,
     lenslet_blur_change,
     main_lens_blur_change,
     patch_change,
 )
+from lf_flame.simulation.rendering import render_plan
 
 SPREADS = {
     "thickness": depth_change,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, Scene
-from lf_flame.simulation import part_counts
 from lf_flame.simulation.bundle_shifts import farthest_move_mm
 from lf_flame.simulation.exact import integrate
 from lf_flame.simulation.layouts import blank_image
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.scene_bounds import bound_scene, box_mm, change_rate, smeared
+from lf_flame.simulation.planning import part_counts
+from lf_flame.simulation.planning.scene_bounds import bound_scene, box_mm, change_rate, smeared
 from lf_flame.simulation.slabs import slice_scene
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.axis_spread import AxisSpread
+from lf_flame.simulation.planning.axis_spread import AxisSpread
 
 MOST_BLOCKS, MOST_REACH = 100_000, 40
 """Blocks of cells, and blocks to each side of a bundle, beyond which they are taken larger."""

@@ -14,8 +14,8 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import Sensor
 from lf_flame.scenes.scene import Scene
-from lf_flame.simulation.effects import EFFECTS
-from lf_flame.simulation.scene_bounds import bound_scene
+from lf_flame.simulation.planning.effects import EFFECTS
+from lf_flame.simulation.planning.scene_bounds import bound_scene
 
 TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
 """An industrial camera's: the full well and noise of EMVA 1288 data sheets of small pixels, exposed
