@@ -19,7 +19,7 @@ NANOSECONDS = {
     "exact": 2.5,
     "ray": 4.0,
     "dimmed": 6.0,
-    "stop": 3.5,
+    "stop": 11.5,
     "lenslets": 24.0,
     "lenslets_stop": 60.0,
     "polygon": 1.2,
