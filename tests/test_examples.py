@@ -52,7 +52,8 @@ NAMES = [
 def folder(tmp_path, monkeypatch, coarse_data):
     """The files that examples read, in the working folder."""
     (tmp_path / "scene.toml").write_text(SCENE)
-    (tmp_path / "dataset.toml").write_text(coarse_data[0].read_text())
+    coarse = coarse_data[0].read_text().replace("views = 9", "views = 3")
+    (tmp_path / "dataset.toml").write_text(coarse)
     training = (ROOT / "experiments" / "shapes.toml").read_text()
     (tmp_path / "training.toml").write_text(training)
     monkeypatch.chdir(tmp_path)
