@@ -14,7 +14,7 @@ def centred(n: int) -> np.ndarray:
 
 
 def spread(count: int, chosen: int) -> list[int]:
-    """Indices of `chosen` views spread evenly over `count`, ends included; one: the central."""
+    """Spread `chosen` indices evenly over `count`, ends included; a single one is central."""
     if chosen == 1:
         return [(count - 1) // 2]
     return np.round(np.linspace(0, count - 1, chosen)).astype(int).tolist()

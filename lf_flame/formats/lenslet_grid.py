@@ -152,7 +152,7 @@ class LensletGrid:
         return rows[top:bottom], columns[left:right]
 
     def count(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Number of rows and columns of whole micro-images in an image of this shape."""
+        """Count the rows and columns of whole micro-images in an image of this shape."""
         rows, columns = self.block(shape)
         return len(rows), len(columns)
 
@@ -169,7 +169,7 @@ class LensletGrid:
         )
 
     def own_views(self, views: int, margin: float | None = None) -> np.ndarray:
-        """Views that belong to their own lenslet: bool, shape (views, views).
+        """Find the views that belong to their own lenslet: bool, shape (views, views).
 
         In a rectangular array all do; in a hexagonal one the corners hold light of neighbours.
 

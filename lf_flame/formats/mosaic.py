@@ -65,7 +65,7 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
 
 
 def _phase_sums(image: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """Sums of weighted light over pixels in even and odd rows and columns: (GROUPS, 2, 2)."""
+    """Sum the weighted light of pixels in even and odd rows and columns: (GROUPS, 2, 2)."""
     reach = len(WEIGHTS) // 2
     y, x = np.rint(centres.reshape(-1, 2)).astype(int).T
     inside = (y >= reach) & (y < image.shape[0] - reach)

@@ -117,7 +117,7 @@ def decode_raw(
 
 
 def _counted(grid: LensletGrid, lit: np.ndarray) -> np.ndarray:
-    """Views that are lit and belong to their own lenslet: bool, shape (v, u)."""
+    """Find the views that are lit and belong to their own lenslet: bool, shape (v, u)."""
     views = len(lit)
     own = lit & grid.own_views(views)
     if grid.on_pixels:
@@ -128,7 +128,7 @@ def _counted(grid: LensletGrid, lit: np.ndarray) -> np.ndarray:
 
 
 def _lit(white: np.ndarray) -> np.ndarray:
-    """Views that are mostly lit in a cut white image: bool, shape (v, u)."""
+    """Find the views that are mostly lit in a cut white image: bool, shape (v, u)."""
     level = np.median(white.mean(axis=4, dtype=np.float64), axis=(2, 3))
     return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
 

@@ -58,7 +58,7 @@ class ViewFolder:
         return (columns, rows) if "col," in self.found.order else (rows, columns)
 
     def describe(self) -> str:
-        """A few lines that describe the views and their order."""
+        """Describe the views and their order in a few lines."""
         v, u = self.files.shape
         first, last = (printable(path.name) for path in self.files[[0, -1], [0, -1]])
         lines = [
@@ -106,9 +106,7 @@ class ViewFolder:
                 )
             views[k] = image
 
-        with ThreadPoolExecutor(
-            _readers(paths)
-        ) as pool:  # decoders release the interpreter's lock
+        with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
@@ -195,7 +193,7 @@ def _check_memory(files: list[Path], folder: Path) -> None:
 
 
 def _readers(files: list[Path]) -> int:
-    """Number of files that are decoded at the same time."""
+    """Count the files that are decoded at the same time."""
     return min(len(files), os.cpu_count() or 1)
 
 

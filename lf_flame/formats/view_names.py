@@ -116,7 +116,7 @@ def _numbers(parts: list[Parts]) -> Columns:
 
 
 def _digits(files: list[Path]) -> Columns:
-    """Runs of digits that all names have."""
+    """Find the runs of digits that all names have."""
     words = [re.findall(r"[0-9]+", path.stem) for path in files]
     shared = min(map(len, words))
     return [tuple(_Count(Decimal(word), word) for word in one[:shared]) for one in words]
@@ -170,7 +170,7 @@ def _evenly(numbers: tuple[_Count, ...]) -> list[_Count]:
 
 
 def _between(value: Decimal, width: int) -> _Count:
-    """Number that no name has, written like the others."""
+    """Write a number that no name has like the others."""
     return _Count(value, f"{value:f}".zfill(width))
 
 

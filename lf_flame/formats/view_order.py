@@ -186,7 +186,7 @@ def fold(
 
 
 def as_grid(grid: Grid | str | None) -> Grid | None:
-    """Number of rows and columns of views from two numbers, or from text such as ``1x9``.
+    """Read rows and columns of views from two numbers, or from text such as ``1x9``.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def order_memory(shape: tuple[int, ...]) -> int:
-    """Number of bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
+    """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
     rows, columns = shape[:2]
     return ORDER_BYTES * min(rows * columns, MOST_PIXELS) + 8 * rows * columns
 
@@ -259,7 +259,7 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
 
 
 def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
-    """Changes from row to row and from column to column, and gradients down and right."""
+    """Find the changes from row to row and column to column, and the gradients down and right."""
     reduced = skimage.transform.downscale_local_mean(block, (1, 1, scale, scale))
     views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
     first = np.diff(views, axis=0)[0].mean(0)
@@ -282,7 +282,7 @@ def _fit(
 
 
 def _patches(field: np.ndarray) -> np.ndarray:
-    """Sums over all whole patches."""
+    """Sum over all whole patches."""
     rows, columns = (n // PATCH for n in field.shape)
     whole = field[: rows * PATCH, : columns * PATCH]
     return whole.reshape(rows, PATCH, columns, PATCH).sum(axis=(1, 3))

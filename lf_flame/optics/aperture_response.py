@@ -39,6 +39,7 @@ def blur_cells(
 
     The light is multiplied by the aperture's transfer function in the frequency domain, so that
     the whole pattern counts, and cells may be large compared with it.
+
     Parameters
     ----------
     cells : ndarray of float64, shape (rows, columns)
@@ -159,7 +160,7 @@ def _mirrored(half: np.ndarray, count: int) -> np.ndarray:
 
 
 def _aliases(spread_mm: float, cell_mm: float) -> int:
-    """Number of multiples of the sampling frequency that the transfer function reaches a side."""
+    """Count the multiples of the sampling frequency that the transfer function reaches a side."""
     return math.ceil(cell_mm / spread_mm + 0.5)
 
 

@@ -137,7 +137,7 @@ def expose(
 def _record(
     electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams: list[np.random.Generator]
 ) -> np.ndarray:
-    """Number of electrons for each digital number."""
+    """Find the number of electrons for each digital number."""
     few, many, read = streams
     if "shot_noise" in kept:
         electrons = _count(electrons, few, many)

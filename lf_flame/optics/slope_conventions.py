@@ -214,7 +214,7 @@ def to_slope(
 def from_slope(
     slope: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Number of another program for a slope; the inverse of `to_slope`.
+    """Find the number of another program for a slope; the inverse of `to_slope`.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class LayerEntry:
             )
 
     def memory(self, folder: Path) -> int:
-        """Number of bytes needed to make the layer, from the header of its image file."""
+        """Count the bytes needed to make the layer, from the header of its image file."""
         if self.image is None:
             return 0
         rows, columns, channels = read_shape(folder / self.image)

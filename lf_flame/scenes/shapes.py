@@ -71,7 +71,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
 
 
 def _count_inside(inside, y: np.ndarray, outward: np.ndarray) -> np.ndarray:
-    """Number of points inside on each line y up to the first outside, by bisection.
+    """Count the points inside on each line y up to the first outside, by bisection.
 
     `outward` are the points from the centre to the left and to the right, [side, point]. The
     result is [side, line].
@@ -87,7 +87,7 @@ def _count_inside(inside, y: np.ndarray, outward: np.ndarray) -> np.ndarray:
 
 
 def _points_before(end: np.ndarray, columns: int) -> np.ndarray:
-    """Number of points of each cell, [line, cell], before an end on each line."""
+    """Count the points of each cell, [line, cell], before an end on each line."""
     # 16-bit integers hold all points of a line, and are fast.
     cells = np.arange(columns, dtype=np.int16) * np.int16(SUPERSAMPLING)
     before = end.astype(np.int16)[:, None] - cells
