@@ -2,10 +2,10 @@
 
 By cos^4, vignetting or the gain of a camera, views of one place differ in brightness, which a
 comparison of views would take for parallax. The level of a view is a polynomial of second order
-over the image, by which the view is multiplied. It is fitted to the central view where both probably
-show the same place, by instrumental variables: sums of pixels times powers of their coordinates,
-which noise does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel Data, 2010,
-chapter 5).
+over the image, by which the view is multiplied. It is fitted to the central view where both
+probably show the same place, by instrumental variables: sums of pixels times powers of their
+coordinates, which noise does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel
+Data, 2010, chapter 5).
 """
 
 from collections.abc import Sequence
