@@ -72,7 +72,7 @@ class SmoothStack:
         self._pairs = [_pair_sums(grid, axis) for axis in (0, 1)]
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
-        """Filtered focal stack of cells, float32, shape (planes, rows, columns)."""
+        """Give the filtered focal stack of cells, float32, shape (planes, rows, columns)."""
         courses = [smooth_course(plane) for plane in cells]
         down, across = self._pairs
         stack = [

@@ -161,7 +161,7 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
-    """Standard deviation of the unconstrained linear fit, one number for each depth plane.
+    """Find the standard deviation of the unconstrained linear fit, one number per depth plane.
 
     With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
     frequency; a cell's variance is its mean over the frequencies.
