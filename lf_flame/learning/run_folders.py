@@ -1,7 +1,8 @@
 """Finished training runs: their records, and their networks on the test split.
 
-A run is self-contained: its record has the part of the data set's description that its network needs
-for use, so that the data set may be elsewhere, or deleted. Only scores on the test split need it.
+A run is self-contained: its record has the part of the data set's description that its network
+needs for use, so that the data set may be elsewhere, or deleted. Only scores on the test split
+need it.
 """
 
 import os
@@ -274,5 +275,5 @@ def predict_test_split(
 
 
 def training_indices(samples: int, run: dict) -> np.ndarray:
-    """Indices of the samples that a run was trained on."""
+    """Find the samples that a run was trained on."""
     return split_indices(samples, run["split"], run["seed"])["train"]

@@ -90,7 +90,7 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
 
 
 def standard_deviation(values: pd.Series) -> float:
-    """Standard deviation (n - 1) of values that may be infinite, as the PSNR of equal images is.
+    """Find the standard deviation (n - 1) of values of which some may be infinite.
 
     It is infinite for finite and infinite values together, and 0 for infinite values alone; pandas
     would subtract infinite numbers. NaN is left out.

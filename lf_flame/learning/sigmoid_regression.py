@@ -1,9 +1,9 @@
 """Least-squares fit of images that are a sigmoid of a linear function of few numbers.
 
-A regression of logits (`lf_flame.learning.ridge`) has the same relative accuracy for dark and bright
-pixels. Here the error of the image itself is minimised. Its equations are nonlinear, but separate
-for each pixel, with few unknowns: damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963; Madsen,
-Nielsen & Tingleff 2004, section 3.2) run for all pixels in parallel.
+A regression of logits (`lf_flame.learning.ridge`) has the same relative accuracy for dark and
+bright pixels. Here the error of the image itself is minimised. Its equations are nonlinear, but
+separate for each pixel, with few unknowns: damped Gauss-Newton steps (Levenberg 1944, Marquardt
+1963; Madsen, Nielsen & Tingleff 2004, section 3.2) run for all pixels in parallel.
 """
 
 import numpy as np
@@ -87,7 +87,7 @@ def _error(drawn: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 
 def _normal_equations(known, images, drawn) -> tuple[np.ndarray, np.ndarray]:
-    """J'J (pixels, unknowns, unknowns) and J'(image - drawn), with J the sigmoid's slope times x."""
+    """J'J (pixels, unknowns, unknowns) and J'(image - drawn); J is the sigmoid's slope times x."""
     unknowns = known.shape[1]
     row, column = np.triu_indices(unknowns)
     triangles = np.zeros((images.shape[1], len(row)))

@@ -70,7 +70,7 @@ class Recipe:
     dropout_place, neck
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
     fresh_scenes : int
-        Number of training scenes beside those of the data set, see `lf_flame.datasets.fresh_scenes`;
+        Number of training scenes beside those of the data set (`lf_flame.datasets.fresh_scenes`);
         validation and test do not change. Without epochs they are released after one use.
     backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
         Depth at which the backbone is cut. Default: that of the model's configuration.
@@ -152,12 +152,12 @@ class TrainingConfig:
         return self.presets[preset]
 
     def with_epochs(self, preset: str, epochs: int) -> "TrainingConfig":
-        """Configuration with another number of epochs for a preset."""
+        """Give the configuration with another number of epochs for a preset."""
         recipe = replace(self.recipe(preset), epochs=epochs)
         return replace(self, presets={**self.presets, preset: recipe})
 
     def with_recipe(self, preset: str) -> "TrainingConfig":
-        """Configuration with the backbone depth that a preset states, if any."""
+        """Give the configuration with the backbone depth that a preset states, if any."""
         depth = self.recipe(preset).backbone_depth or self.model.backbone_depth
         return replace(self, model=replace(self.model, backbone_depth=depth))
 

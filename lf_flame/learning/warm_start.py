@@ -7,7 +7,6 @@ convolutions initially pass on the result of a regression on the backbone's aver
 convolution starts as the identity. Training begins from there. This is not in the paper (deviation
 13), and is off in the recipes that follow it.
 """
-"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
