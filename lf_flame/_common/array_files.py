@@ -1,6 +1,6 @@
-"""NumPy's files, ``.npy`` and ``.npz``: what they hold is known, and weighed, before it is read.
+"""NumPy files, ``.npy`` and ``.npz``: shape, type and size are checked before data are read.
 
-Arrays of numbers only: nothing is unpickled.
+Only arrays of numbers are read; nothing is unpickled.
 """
 
 import math
@@ -22,7 +22,7 @@ from lf_flame.errors import InputError
 NUMPY_ERRORS = (
     ValueError, TypeError, SyntaxError, TokenError, OverflowError, EOFError, OSError,
 )  # fmt: skip
-"""What NumPy raises at a damaged ``.npy`` file, whose header is a piece of Python's grammar."""
+"""Exceptions that NumPy raises for a damaged ``.npy`` file; its header is a Python literal."""
 
 FAULT = "is no NumPy file of plain arrays"
 
@@ -30,12 +30,12 @@ HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-"""By the format's version; others are not needed for arrays of numbers."""
+"""Header reader for each format version; arrays of numbers need no other version."""
 
 
 @dataclass(frozen=True)
 class ArrayHeader:
-    """What a stored array says of itself.
+    """Shape and type of a stored array, from its header.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ArrayHeader:
 
 
 class ArrayFile:
-    """An open ``.npy`` or ``.npz`` file, told apart by what is in it.
+    """An open ``.npy`` or ``.npz`` file; the content decides which.
 
     Parameters
     ----------
@@ -69,29 +69,30 @@ class ArrayFile:
         self.names = [name.removesuffix(".npy") for name in members if name.endswith(".npy")]
 
     def header(self, name: str) -> ArrayHeader:
-        """Read what an array says of itself.
+        """Read the header of one array: its shape and type.
 
         Raises
         ------
         InputError
-            If it is no array of numbers.
+            If it is not an array of numbers.
         """
         with self._open(name) as file:
             return self._read_header(name, file)
 
     def read(self, names: Iterable[str], copies: float = 1.0) -> list[np.ndarray]:
-        """Read some arrays, if there is memory for them.
+        """Read arrays by name, if they fit into memory.
 
         Parameters
         ----------
         names : iterable of str
         copies : float, optional
-            How many times the arrays will be held.
+            Number of times that the arrays will be held in memory.
 
         Raises
         ------
         InputError
-            If one is no array of numbers, is damaged, or they need too much memory together.
+            If one is not an array of numbers or is damaged, or together they exceed the memory
+            limit.
         """
         names = list(names)
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
@@ -115,7 +116,7 @@ class ArrayFile:
     def _read_header(self, name: str, file: IO[bytes]) -> ArrayHeader:
         errors = (KeyError, *NUMPY_ERRORS, *ZIP_ERRORS)
         with readable(self.path, errors, FAULT), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of headers that Python 2 may have written
+            warnings.simplefilter("ignore")  # NumPy warns of headers that Python 2 may have written
             shape, _, dtype = HEADERS[np.lib.format.read_magic(file)](file)
         if dtype.kind not in "biufc" or min(shape, default=0) < 0:
             what = name or "what it holds"
@@ -134,13 +135,13 @@ def open_arrays(path: str | Path) -> Iterator[ArrayFile]:
     Raises
     ------
     InputError
-        If the file cannot be read, or is neither.
+        If the file cannot be read, or is neither of the two.
     """
     with readable(path, ZIP_ERRORS):
         archive = ZipFile(path) if is_zipfile(path) else None
     if archive is None:
         plain = ArrayFile(path, None)
-        plain.header("")  # an array, or nothing that NumPy knows
+        plain.header("")  # refuses a file that is not an array
         yield plain
         return
     with archive:

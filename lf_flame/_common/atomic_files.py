@@ -1,9 +1,8 @@
-"""Writing files and folders so that none is ever half there, and nothing of the user's is lost.
+"""Atomic writing of files and folders: no half-written output, and no user file is lost.
 
-What is written goes aside first, under a name that nobody else has, in the folder where it is to
-be; then it is renamed. The system keeps a lock on it for the process that writes it, so that what
-a killed one left is told from what is being written, and the next write of the same output
-removes it.
+Output is first written under a unique temporary name in its target folder, then renamed. The
+writing process holds a system lock on it. The next write of the same output can therefore tell
+what a killed process left from what is still being written, and removes the former.
 """
 
 import fcntl
@@ -20,31 +19,31 @@ from pathlib import Path
 from lf_flame.errors import InputError
 
 TOKEN = "[0-9a-f]{16}"
-"""What a name aside has that no name of a user's has by chance."""
+"""Pattern of the random part of a temporary name; no user's file has such a name by chance."""
 
 MOVING = ".moving"
-"""Ending of a folder aside whose files are being moved to their place."""
+"""Ending of a temporary folder whose files are being moved to their place."""
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Give a path beside the wanted one; rename it when the block ends well, else remove it.
+    """Give a temporary path; rename it to `path` when the block succeeds, else remove it.
 
     Parameters
     ----------
     path : str or Path
-        Where the file is to be; its folder is made. What stands there stays until the rename; of a
-        link, the link is replaced and what it leads to stays.
+        Target file; its folder is made. An existing file stays until the rename. If it is a link,
+        the link is replaced and its target stays.
 
     Yields
     ------
     Path
-        A new, empty file, with the same ending, for writers that look at it.
+        A new, empty file with the same ending, for writers that look at the ending.
 
     Raises
     ------
     InputError
-        If something other than a file stands there.
+        If `path` exists and is not a file.
     """
     path = Path(path)
     refuse_other_kinds(path)
@@ -53,7 +52,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     with naming(path), _new_aside(path, _open_new_file) as (aside, descriptor):
         try:
             yield aside
-            os.fsync(descriptor)  # before its name stands for it: no power cut empties it
+            os.fsync(descriptor)  # before the rename, so that a power cut leaves no empty file
             aside.replace(path)
         finally:
             aside.unlink(missing_ok=True)
@@ -61,31 +60,31 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Name the file in errors that name none, as those of a full disk in the middle of a file."""
+    """Add the file's name to errors that have none, such as a full disk during a write."""
     try:
         yield
     except OSError as error:
-        if error.errno is not None and error.filename is None:  # without, its words are lost
+        if error.errno is not None and error.filename is None:  # without errno, the text is lost
             error.filename = str(path)
         raise
 
 
 @contextmanager
 def atomic_folder(path: str | Path, named: str = "") -> Iterator[Path]:
-    """Do for a new folder what `atomic_write` does for a file.
+    """Make a new folder atomically, as `atomic_write` does for a file.
 
     Parameters
     ----------
     path : str or Path
-        Must not exist, or be an empty folder.
+        Target; it must not exist, or be an empty folder.
     named : str, optional
-        What it is named by while it is aside, where leftovers may be those of other paths; by
-        default its own name.
+        Base of the temporary name; it decides which leftovers are removed. Default: the name of
+        `path`.
 
     Yields
     ------
     Path
-        A new, empty folder beside it.
+        A new, empty folder beside `path`.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,20 +97,20 @@ def atomic_folder(path: str | Path, named: str = "") -> Iterator[Path]:
 def together(
     folder: str | Path, last: str = "", ours: Callable[[Path], bool] | None = None
 ) -> Iterator[Path]:
-    """Give an empty folder; move its files into the wanted one when the block ends well.
+    """Give an empty folder; move its files into `folder` when the block succeeds.
 
-    If it does not end well, nothing there has changed. What was cut off while it moved files, the
-    next call finishes before anything else, or removes.
+    If the block fails, nothing in `folder` changes. If a process was killed while it moved files,
+    the next call first completes or removes them.
 
     Parameters
     ----------
     folder : str or Path
-        Where the files are to be; it is made. They replace those of the same names.
+        Target folder; it is made. Existing files of the same names are replaced.
     last : str, optional
-        Name of the file that says what counts, which is moved after all others.
+        Name of the file that is moved after all others: the record of the folder.
     ours : callable, optional
-        Takes the folder of files that a process which has ended did not move, and tells whether
-        to move them; other folders of such a name stay as they are. Default: none is moved, and
+        Function of a folder of files that a killed process did not finish moving; returns whether
+        to move them. If not, that folder stays as it is. Default: such files are never moved, and
         the folder is removed.
 
     Yields
@@ -121,7 +120,7 @@ def together(
     Raises
     ------
     InputError
-        If something other than a file bears the name of one.
+        If a target name is taken by something that is not a file.
     """
     folder = Path(folder)
     with made(folder):
@@ -130,12 +129,12 @@ def together(
             yield aside
             for path in aside.iterdir():
                 refuse_other_kinds(folder / path.name)
-            # From here on there is no way back, and the name says so.
+            # From here on the move must be completed; the name of the folder records this.
             _move_all(aside.rename(aside.with_suffix(MOVING)), last)
 
 
 def _finish_moves(folder: Path, last: str, ours: Callable[[Path], bool] | None) -> None:
-    """Move, or remove, what a process that has ended has not moved any more."""
+    """Complete, or remove, what a killed process did not finish moving."""
     for left in folder.iterdir():
         if re.fullmatch(rf"\.outputs\.{TOKEN}\{MOVING}", left.name) and not left.is_symlink():
             with suppress(BlockingIOError), _locked(left):
@@ -146,7 +145,7 @@ def _finish_moves(folder: Path, last: str, ours: Callable[[Path], bool] | None) 
 
 
 def _move_all(aside: Path, last: str) -> None:
-    """Move all files of a folder into the one that it lies in."""
+    """Move all files of a folder into its parent folder."""
     for path in sorted(aside.iterdir(), key=lambda path: (path.name == last, path.name)):
         path.replace(aside.with_name(path.name))
     aside.rmdir()
@@ -154,7 +153,7 @@ def _move_all(aside: Path, last: str) -> None:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Make a folder, and remove it, and those made for it, if it is empty in the end."""
+    """Make a folder; at the end remove it and the parents made for it, if they are empty."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -166,14 +165,14 @@ def made(folder: Path) -> Iterator[None]:
 
 
 def refuse_other_kinds(path: Path) -> None:
-    """Refuse to write a file where a folder, a device or another thing that is no file stands."""
+    """Refuse to write a file where a folder, a device or anything but a file exists."""
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "no regular file"
         raise InputError(f"{path} is {kind}, which a file cannot replace; choose another name.")
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what killed processes left aside of a file or folder."""
+    """Remove temporary files and folders of `path` that killed processes left."""
     name = re.compile(rf"\.{re.escape(path.stem)}\.{TOKEN}\.part{re.escape(path.suffix)}")
     for left in path.parent.iterdir():
         if not name.fullmatch(left.name) or left.is_symlink():
@@ -192,7 +191,7 @@ def _remove_unless_locked(path: Path) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold the lock of something that lies aside, unless another process does."""
+    """Hold the lock of a temporary file or folder; raises BlockingIOError if another holds it."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -213,13 +212,13 @@ def _folder_aside(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _new_aside(path: Path, open_new: Callable[[Path], int]) -> Iterator[tuple[Path, int]]:
-    """Make something under a name that nobody else has, and hold its lock."""
+    """Make a file or folder under a unique temporary name, and hold its lock."""
     while True:
         aside = path.with_name(f".{path.stem}.{secrets.token_hex(8)}.part{path.suffix}")
         descriptor = open_new(aside)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
-            if os.fstat(descriptor).st_nlink > 0:  # else taken for a leftover before it was locked
+            if os.fstat(descriptor).st_nlink > 0:  # else removed as a leftover before the lock
                 yield aside, descriptor
                 return
         finally:
@@ -227,7 +226,7 @@ def _new_aside(path: Path, open_new: Callable[[Path], int]) -> Iterator[tuple[Pa
 
 
 def _open_new_file(path: Path) -> int:
-    """Open a file exclusively: never somebody else's, nor what a link leads to."""
+    """Open a new file exclusively: an existing file or link is never opened."""
     return os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
 
 
@@ -243,13 +242,13 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, record: dict) -> None:
-    """Write a record as JSON; which has no infinity and no NaN, so they become null."""
+    """Write a record as JSON; infinity and NaN, which JSON lacks, become null."""
     valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
     write_text(path, json.dumps(valid, indent=1) + "\n")
 
 
 def finite(row: dict) -> dict:
-    """Make JSON values of a row; a bound may be infinite."""
+    """Replace infinite and NaN values of a row by None, for JSON."""
     return {
         key: None if isinstance(value, float) and not math.isfinite(value) else value
         for key, value in row.items()

@@ -1,6 +1,6 @@
-"""Checksums: of files, and of records, which hold a hash of themselves.
+"""Checksums of files, and of records, which contain their own hash.
 
-So an accident to a file, or to a record itself, is noticed.
+Damage to a file or a record is therefore noticed.
 """
 
 import hashlib
@@ -12,16 +12,16 @@ from lf_flame._common.input_files import check_regular, read_record
 from lf_flame.errors import InputError
 
 SEAL = "record_sha256"
-"""Key of the hash of all the rest of a record."""
+"""Key of the hash of all other entries of a record."""
 
 
 def file_sha256(path: str | Path) -> str:
-    """Compute the SHA-256 of a file's bytes, in hexadecimal digits.
+    """SHA-256 of a file's bytes, in hexadecimal digits.
 
     Raises
     ------
     InputError
-        If it is no regular file: a device may never end.
+        If it is not a regular file: a device may never end.
     """
     check_regular(path)
     with Path(path).open("rb") as file:
@@ -29,13 +29,13 @@ def file_sha256(path: str | Path) -> str:
 
 
 def sealed(record: dict[str, Any]) -> dict[str, Any]:
-    """Give a record as JSON values, with a hash of all of them."""
+    """Record as JSON values, with a hash of all of them added."""
     valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
     return valid | {SEAL: _hash(valid)}
 
 
 def check_seal(path: Path) -> dict[str, Any]:
-    """Read a record and hold it against its own hash; records of older versions have none.
+    """Read a record and compare it with its own hash; records of older versions have none.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def check_seal(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If it cannot be read, or is not what was written.
+        If the file cannot be read, or its hash does not match.
     """
     record = read_record(path)
     if SEAL in record and record[SEAL] != _hash(record):

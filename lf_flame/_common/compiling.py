@@ -1,4 +1,4 @@
-"""Compiled functions that Numba keeps on disk, or compiles at each start where it cannot."""
+"""Compiled functions, kept on disk by Numba, or compiled at each start where it cannot write."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,14 +14,14 @@ NOT_KEPT = (
 )
 
 not_kept: set[str] = set()
-"""Names of the functions for which Numba has found no folder."""
+"""Names of the functions for which Numba found no folder to write to."""
 
 
 class _ForgivingCache(FunctionCache):
-    """A cache on disk whose faults cost a compilation, and never a result."""
+    """A cache on disk; a fault in it costs a compilation, and never a wrong result."""
 
     def load_overload(self, sig, target_context):
-        """Load compiled code; what is damaged, and may raise anything, is forgotten."""
+        """Load compiled code; a damaged file, which may raise any error, is discarded."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:
@@ -30,16 +30,17 @@ class _ForgivingCache(FunctionCache):
             return None
 
     def save_overload(self, sig, data):
-        """Save compiled code, unless the disk is full or no longer there."""
+        """Save compiled code; errors of the disk (full, removed) are ignored."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
 
 def compiled(function: Callable, **options: Any) -> Any:
-    """Compile a function when it is called first, and keep the result on disk where possible.
+    """Compile a function at its first call, and keep the result on disk where possible.
 
-    Numba refuses to declare a function where it can write neither beside the function's file nor
-    into the user's folder nor into NUMBA_CACHE_DIR, as in containers.
+    Numba raises an error if it can write neither beside the function's file nor to the user's
+    cache folder nor to NUMBA_CACHE_DIR, as in some containers; here such a function is compiled
+    at each start.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def compiled(function: Callable, **options: Any) -> Any:
         Options of `numba.njit`.
     """
     kernel = njit(**options)(function)
-    if isinstance(kernel, Dispatcher):  # a plain function under NUMBA_DISABLE_JIT
+    if isinstance(kernel, Dispatcher):  # False under NUMBA_DISABLE_JIT: a plain function
         try:
             kernel._cache = _ForgivingCache(function)  # type: ignore[attr-defined]
         except RuntimeError:

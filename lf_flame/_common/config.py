@@ -1,7 +1,7 @@
 """Strict checking of parsed values against dataclasses: configurations, and stored records.
 
-Pydantic checks types and keys; the dataclasses check ranges themselves. Whatever goes wrong
-becomes one sentence that names the file and the key.
+Pydantic checks types and keys; the dataclasses check ranges themselves. Each error becomes one
+sentence that names the file and the key.
 """
 
 import dataclasses
@@ -24,35 +24,34 @@ T = TypeVar("T")
 Class = TypeVar("Class", bound=type)
 
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
-"""Pydantic's names for a key that is not known."""
+"""Pydantic's error types for an unknown key."""
 
 MOST_NAMED, MOST_LISTED = 5, 12
-"""Unknown keys that a message names, and known ones that it lists where none is alike."""
+"""Largest number of unknown keys that a message names, and of known keys that it lists."""
 
 
 def strict(cls: Class) -> Class:
-    """Let `build` refuse keys that a configuration dataclass has not."""
+    """Make `build` refuse unknown keys of a configuration dataclass."""
     cls.__pydantic_config__ = {"extra": "forbid"}  # type: ignore[attr-defined]
     return cls
 
 
 def build(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a configuration dataclass from parsed values; unknown keys are an error.
+    """Make a configuration dataclass from parsed values.
 
     Parameters
     ----------
     kind : type
-        A configuration dataclass, `strict` so that unknown keys are an error.
+        A configuration dataclass; with `strict`, unknown keys are an error.
     values : dict
-        As parsed from TOML or JSON.
+        Values as parsed from TOML or JSON.
     source : str or Path
-        Where the values come from, for the message.
+        Origin of the values, named in the message.
 
     Raises
     ------
     InputError
-        One sentence: all keys that are not known, with those that are like them; else the first
-        thing that is wrong.
+        One sentence: all unknown keys, each with similar known ones; else the first other fault.
     """
     from pydantic import TypeAdapter, ValidationError  # a camera alone needs none of it
 
@@ -63,9 +62,9 @@ def build(kind: type[T], values: Any, source: str | Path) -> T:
 
 
 def load_record(kind: type[T], path: str | Path) -> T:
-    """Read a JSON record that one of the programs wrote as the dataclass that it must fit.
+    """Read a JSON record, written by this program, as the dataclass that it must match.
 
-    Types are taken as they stand: a number in quotes is no number.
+    Types are not converted: a number in quotes is refused.
 
     Raises
     ------
@@ -76,11 +75,11 @@ def load_record(kind: type[T], path: str | Path) -> T:
 
 
 def build_record(kind: type[T], values: Any, source: str | Path) -> T:
-    """Make a dataclass from parsed JSON values, their types as they stand; else as `build`."""
+    """Make a dataclass from parsed JSON values, without converting types; else as `build`."""
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        # As JSON, whose lists may be tuples; of Python's own a strict check refuses that.
+        # As JSON, a list may become a tuple; a strict check of Python values refuses that.
         return TypeAdapter(kind).validate_json(json.dumps(values), strict=True)
     except ValidationError as error:
         raise InputError(f"{source}: {_first_problem(error, kind)}") from None
@@ -113,7 +112,7 @@ def _shown(place: tuple[int | str, ...]) -> str:
 
 
 def _unknown_key(place: tuple[int | str, ...], kind: type) -> str:
-    """Tell that a key is not known, and which known ones are like it."""
+    """Sentence that a key is unknown, with the similar known ones."""
     known = _known_keys(kind, place[:-1])
     near = difflib.get_close_matches(str(place[-1])[:100], known, n=2, cutoff=0.5)
     said = f"{_shown(place)} is not a known key"
@@ -123,7 +122,7 @@ def _unknown_key(place: tuple[int | str, ...], kind: type) -> str:
 
 
 def _known_keys(kind: Any, place: tuple[int | str, ...]) -> list[str]:
-    """Names of the fields of a dataclass, or of that which lies at a place inside."""
+    """Names of the fields of a dataclass, or of the dataclass nested at `place`."""
     if typing.get_origin(kind) is not None:  # an optional, a list or a dict
         inner = [one for one in typing.get_args(kind) if one not in (type(None), str, ...)]
         is_container = typing.get_origin(kind) in (list, tuple, dict)

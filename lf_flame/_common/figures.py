@@ -1,4 +1,4 @@
-"""Figures that go to files: no screen is needed, and the backend of a notebook stays as it is."""
+"""Figures that are written to files, without a screen; a notebook's backend is not changed."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -23,9 +23,9 @@ def subplots(
     ----------
     rows, columns : int, optional
     figsize, layout
-        Of `matplotlib.figure.Figure`.
+        Size and layout, as for `matplotlib.figure.Figure`.
     **options
-        Of `matplotlib.figure.Figure.subplots`.
+        Options of `matplotlib.figure.Figure.subplots`.
 
     Returns
     -------

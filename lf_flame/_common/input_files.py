@@ -1,4 +1,4 @@
-"""Files from outside: regular ones only; TOML and JSON of bounded size and depth."""
+"""Reading of input files: regular files only; TOML and JSON of bounded size and depth."""
 
 import json
 import lzma
@@ -17,19 +17,19 @@ from zipfile import BadZipFile
 from lf_flame.errors import InputError
 
 LARGEST_TOML = 1 << 20
-"""Bytes of a configuration at most; its parser takes about a second for them."""
+"""Largest size of a TOML file, in bytes; parsing it takes about a second."""
 
 LARGEST_RECORD = 1 << 26
-"""Bytes of a record at most: the history of half a million epochs."""
+"""Largest size of a JSON record, in bytes: the history of half a million epochs."""
 
 DEEPEST = 64
-"""Tables and lists within each other, at most; a saved network has about 20."""
+"""Largest depth of nested tables and lists; a saved network has about 20."""
 
 ZIP_ERRORS = (
     BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, NotImplementedError, RuntimeError,
     ValueError, OverflowError,
 )  # fmt: skip
-"""What zipfile raises at a damaged, encrypted or strangely packed archive."""
+"""Exceptions of zipfile for a damaged, encrypted or unusually packed archive."""
 
 NOT_REGULAR = {
     stat.S_IFDIR: "a folder",
@@ -41,17 +41,17 @@ NOT_REGULAR = {
 
 
 def check_regular(path: str | Path) -> int:
-    """Refuse what is no regular file, before anything opens it and perhaps waits for ever.
+    """Refuse anything but a regular file before it is opened, because a pipe may block for ever.
 
     Returns
     -------
     int
-        Its size in bytes.
+        Size of the file in bytes.
 
     Raises
     ------
     InputError
-        If there is nothing of that name, or a folder, device, pipe or socket.
+        If the path does not exist, or is a folder, device, pipe or socket.
     """
     try:
         found = os.stat(path)  # noqa: PTH116 - for text and paths alike
@@ -73,23 +73,23 @@ def readable(
     errors: tuple[type[Exception], ...],
     fault: str = "of a kind that is not known",
 ) -> Iterator[None]:
-    """Name the file where somebody else's reader gives it up.
+    """Turn a reader's exceptions into an `InputError` that names the file.
 
-    Nothing but the reader's own calls should stand inside: an error of these kinds that is our own
-    mistake must not be taken for a damaged file.
+    Only the reader's own calls belong inside the block: the same exception from a mistake in this
+    package must not be reported as a damaged file.
 
     Parameters
     ----------
     path : str or Path
     errors : tuple of exception types
-        What this reader raises at a damaged or strange file.
+        Exceptions that the reader raises for a damaged or unknown file.
     fault : str, optional
-        What is wrong if it is not damaged.
+        Other possible fault, for the message: "it is damaged, or ...".
 
     Raises
     ------
     InputError
-        If the file is no regular one, or the reader raises one of these.
+        If the file is not regular, or the reader raises one of `errors`.
     """
     check_regular(path)
     try:
@@ -104,12 +104,12 @@ def readable(
 
 
 def read_text(path: str | Path, largest: int = LARGEST_RECORD) -> str:
-    """Read a text file in UTF-8, of so many bytes at most.
+    """Read a text file in UTF-8 of at most `largest` bytes.
 
     Raises
     ------
     InputError
-        If it cannot be read, is larger, or is no text.
+        If it cannot be read, is larger, or is not UTF-8.
     """
     size = check_regular(path)
     if size > largest:
@@ -139,23 +139,23 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     _check_depth(text, path)
     try:
         values = tomllib.loads(text)
-    except RecursionError:  # behind text that hides brackets from `_check_depth`
+    except RecursionError:  # text can hide brackets from `_check_depth`
         raise InputError(
             f"{path} is not a TOML file that can be read: it nests too deep."
         ) from None
-    except ValueError as error:  # a date or a number that cannot be, too
+    except ValueError as error:  # also an impossible date or number
         raise InputError(f"{path} is not a TOML file: {error}.") from None
     _check_values(values, path)
     return values
 
 
 def read_record(path: str | Path) -> dict[str, Any]:
-    """Parse a JSON record that one of the programs wrote.
+    """Parse a JSON record written by this program.
 
     Raises
     ------
     InputError
-        If the file is missing, is no such record, or is too large or too deep.
+        If the file is missing, is not a JSON object, or is too large or too deep.
     """
     record = parse_json(read_text(path), path)
     if not isinstance(record, dict):
@@ -164,18 +164,18 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 
 def parse_json(text: str, source: str | Path) -> Any:
-    """Parse JSON of bounded depth, without infinity and NaN, and with each name once.
+    """Parse JSON of bounded depth; infinity, NaN and repeated names are refused.
 
     Parameters
     ----------
     text : str
     source : str or Path
-        Where it comes from, for the message.
+        Origin of the text, named in the message.
 
     Raises
     ------
     InputError
-        If it is no JSON, or too deep.
+        If it is not such JSON, or is too deep.
     """
     _check_depth(text, source)
     try:
@@ -211,10 +211,10 @@ MARKS = re.compile(
 
 
 def _check_depth(text: str, source: str | Path) -> None:
-    """Refuse what nests too deeply, by its brackets and, in TOML, by the dots of its names.
+    """Refuse nesting that is too deep, by brackets and, in TOML, by dots in names.
 
-    Before parsing: parsers call themselves for each bracket, and for a name of n parts TOML's
-    copies n * n of them.
+    This precedes parsing because parsers recurse at each bracket, and TOML's parser makes n * n
+    copies for a name of n parts.
     """
     brackets = dots = 0
     for found in MARKS.finditer(text):
@@ -234,7 +234,7 @@ def _check_depth(text: str, source: str | Path) -> None:
 
 
 def _check_values(values: Any, source: str | Path) -> None:
-    """Refuse text that no file name or message can hold, and whole numbers beyond 64 bits."""
+    """Refuse text that no file name or message can hold, and integers beyond 64 bits."""
     left = [values]
     while left:
         value = left.pop()

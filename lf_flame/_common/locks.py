@@ -12,22 +12,22 @@ from lf_flame.errors import InputError
 
 @contextmanager
 def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
-    """Let nobody else write an output meanwhile.
+    """Keep other processes from writing the same output during the block.
 
-    The lock is a file ``.NAME.lock`` beside the output. The system holds it for this process, so
-    that it is free when the process ends, whatever ends it.
+    The lock is a file ``.NAME.lock`` beside the output. The system holds it for this process and
+    frees it when the process ends for any reason.
 
     Parameters
     ----------
     output : str or Path
-        A file or folder, which need not exist; the folder that it lies in is made.
+        A file or folder, which need not exist; its parent folder is made.
     wait_s : float, optional
-        How long to wait for another process.
+        Longest time to wait for another process, in seconds.
 
     Raises
     ------
     InputError
-        If another process writes there still.
+        If another process is still writing there.
     """
     path = Path(output).resolve()
     file = path.with_name(f".{path.name}.lock")
@@ -43,6 +43,6 @@ def exclusive(output: str | Path, wait_s: float = 0.0) -> Iterator[None]:
         try:
             yield
         finally:
-            # Removed while it is held: who opened it before finds it gone, and makes a new one.
+            # Removed while held: a process that opened it before finds it gone, and makes another.
             file.unlink(missing_ok=True)
             lock.release()

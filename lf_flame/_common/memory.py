@@ -1,4 +1,4 @@
-"""How much memory one input may take."""
+"""Limit of the memory that one input may take."""
 
 import os
 from pathlib import Path
@@ -6,19 +6,19 @@ from pathlib import Path
 from lf_flame.errors import InputError
 
 LIMIT = "LF_FLAME_MEMORY_GB"
-"""Variable of the environment that sets another limit, in gigabytes (1e9 bytes)."""
+"""Name of the environment variable that sets another limit, in gigabytes (1e9 bytes)."""
 
 SHARE = 0.5
-"""Of the machine's memory that one input may take: a light field and its copy fit."""
+"""Fraction of the machine's memory that one input may take: a light field and its copy fit."""
 
 
 def memory_limit() -> float:
-    """Bytes that one input may take.
+    """Largest number of bytes that one input may take.
 
     Raises
     ------
     InputError
-        If the environment says something that is no number above 0.
+        If the environment variable is not a number above 0.
     """
     stated = os.environ.get(LIMIT)
     if stated is None:
@@ -33,23 +33,23 @@ def memory_limit() -> float:
 
 
 class OverLimitError(InputError):
-    """Refusal of what would need too much memory, and may be sound."""
+    """Refusal of an input that may be sound but needs too much memory."""
 
 
 def check_memory(needed: int, source: str | Path) -> None:
-    """Refuse what would need too much memory, before it is taken.
+    """Refuse an input that needs too much memory, before memory is allocated.
 
     Parameters
     ----------
     needed : int
-        Bytes.
+        Number of bytes.
     source : str or Path
-        What needs them, for the message.
+        Name of the input, for the message.
 
     Raises
     ------
     OverLimitError
-        If they are more than the limit.
+        If `needed` exceeds the limit.
     """
     limit = memory_limit()
     if needed > limit:

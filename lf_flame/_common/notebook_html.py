@@ -1,4 +1,4 @@
-"""How things show themselves in a notebook: small pieces of HTML, without scripts."""
+"""HTML for notebooks: pictures, tables and drawings, without scripts."""
 
 import base64
 import html
@@ -11,20 +11,20 @@ from PIL import Image
 from tabulate import tabulate
 
 MOST_BYTES = 40_000
-"""Of a picture: a notebook keeps all it has shown."""
+"""Largest size of a picture in bytes: a notebook keeps every picture it has shown."""
 
 WIDTH, HEIGHT, MARGIN = 360, 180, 28
-"""Of a drawing, in CSS pixels."""
+"""Width, height and margin of a drawing, in CSS pixels."""
 
 
 def picture(levels: np.ndarray, words: str) -> str:
-    """Make an image element of 8-bit levels, shape (h, w) or (h, w, 3), smaller if need be.
+    """Image element of 8-bit levels, shape (h, w) or (h, w, 3), reduced if it is too large.
 
     Parameters
     ----------
     levels : ndarray of uint8
     words : str
-        What it shows, for who does not see it.
+        Alternative text: what the picture shows.
     """
     image = Image.fromarray(levels)
     data = _as_png(image)
@@ -46,24 +46,24 @@ def _as_png(image: Image.Image) -> bytes:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Make a table, its first column the name of each row; what it says is text, no HTML."""
+    """Table with the name of each row in its first column; all cells are text, not HTML."""
     return tabulate(rows, headings, tablefmt="html", disable_numparse=True)
 
 
 def paragraph(words: str) -> str:
-    """Make a paragraph of text."""
+    """Paragraph of text."""
     return f"<p>{html.escape(words)}</p>"
 
 
 class Drawing:
-    """Lines in the unit of two axes, as SVG.
+    """Lines in the units of two axes, as SVG.
 
     Parameters
     ----------
     across, upward : (float, float)
-        Ends of the axes; equal ones are moved apart.
+        Ends of the axes; equal ends are moved apart by 1 each.
     labels : (str, str)
-        What the axes count.
+        Names of the quantities on the axes, with their units.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Drawing:
         return HEIGHT - MARGIN - share * (HEIGHT - 2 * MARGIN)
 
     def svg(self, words: str) -> str:
-        """Finish the drawing; words: what it shows, for who does not see it."""
+        """SVG of the drawing; `words` is its alternative text."""
         (left, right), (low, high) = self._ends
         texts = [
             (MARGIN, HEIGHT - 8, "start", f"{left:.3g}"),

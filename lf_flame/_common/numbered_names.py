@@ -1,4 +1,4 @@
-"""Numbers in the names of files: counts, positions with sign and decimals, and their order."""
+"""Numbers in file names: counts, signed positions, decimals, and natural order."""
 
 import re
 from collections import defaultdict
@@ -6,21 +6,20 @@ from collections.abc import Sequence
 from decimal import Decimal
 
 NUMBER = re.compile(r"([-+]?)([0-9]+(?:\.[0-9]+)*)")
-"""Sign or hyphen, and digits that points may divide."""
+"""Pattern of an optional sign or hyphen, then digits that points may divide."""
 
 Parts = tuple[str | Decimal, ...]
-"""Text and numbers of a name by turns, text first and last; it may be empty."""
+"""Text and numbers of a name in turn; text, perhaps empty, comes first and last."""
 
 
 def split_numbers(names: Sequence[str]) -> list[Parts]:
-    """Split names into text and numbers, which are then in the order in which people count.
+    """Split names into text and numbers, so that they sort in natural order.
 
-    Signs and decimals are read where names that are alike but for their numbers show that they
-    are such. A hyphen is a minus sign after anything but a letter or a digit (``pos_-40``, as
-    against ``view-40`` and ``2024-01-05``), where other names have none in its place
-    (``y-4, y0, y4``), or where there is a plus sign (``y-5x+2``). A point is a decimal point where
-    it is the only one, and the decimals are equally many or none ends in 0 (``5.48``, as against
-    ``1.9, 1.10``).
+    Names that differ only in their numbers are read together, to tell signs and decimals. A hyphen
+    is a minus sign after anything but a letter or a digit (``pos_-40``, unlike ``view-40`` and
+    ``2024-01-05``), where other names have none in its place (``y-4, y0, y4``), or where some name
+    has a plus sign (``y-5x+2``). A point is a decimal point where it is the only one, and all have
+    the same number of decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``).
 
     Parameters
     ----------
@@ -30,8 +29,8 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
     Returns
     -------
     list of tuple
-        Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by them,
-        ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the numbers, exact.
+        Parts of each name: ``("pos_", Decimal(-40), "_", Decimal("0.5"), "")``. Sorted by these,
+        ``frame2`` comes before ``frame10``; ``parts[1::2]`` are the exact numbers.
     """
     alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
     pieces = [NUMBER.split(name) for name in names]
@@ -44,7 +43,7 @@ def split_numbers(names: Sequence[str]) -> list[Parts]:
 
 
 def _split_alike(pieces: list[list[str]]) -> list[Parts]:
-    """Split names whose texts between the numbers are the same."""
+    """Split names that have the same text between the numbers."""
     parts: list[list[str | Decimal]] = [[one[0]] for one in pieces]
     signed = any("+" in one[1::3] for one in pieces)
     for k in range(1, len(pieces[0]), 3):
@@ -65,7 +64,7 @@ def _split_alike(pieces: list[list[str]]) -> list[Parts]:
 
 
 def _is_decimal(words: Sequence[str]) -> bool:
-    """Whether the points in words of digits stand before decimals."""
+    """Whether the points in strings of digits are decimal points."""
     if any(word.count(".") > 1 for word in words):
         return False
     decimals = [word.partition(".")[2] for word in words]

@@ -1,4 +1,4 @@
-"""Folders of outputs with a record that says what counts, all of which appear together."""
+"""Output folders with a record of their files; files and record appear together."""
 
 import logging
 import os
@@ -20,17 +20,17 @@ from lf_flame.errors import InputError
 LOGGER = logging.getLogger(__name__)
 
 LONGEST_NAME = 255
-"""Number of bytes of a file's name that systems take."""
+"""Longest file name in bytes that file systems accept."""
 
 
 @dataclass(frozen=True)
 class EarlierCall:
-    """What an entry of the list of earlier calls in a record must say, beside its facts.
+    """Required content of an entry of a record's list of earlier calls, beside its facts.
 
     Attributes
     ----------
     files : list of str
-        Names of the files that the call wrote and that no later one has replaced.
+        Names of the files that the call wrote and that no later call replaced.
     """
 
     files: list[str]
@@ -38,17 +38,18 @@ class EarlierCall:
 
 @dataclass(frozen=True)
 class EarlierRecord:
-    """What the record of an earlier call says.
+    """Content of the record of an earlier call.
 
     Attributes
     ----------
     versions : dict
-        Of the program that wrote it: by them a record of this program is known.
+        Versions of the program and its libraries; a record of this program must have them.
     files : dict of str, or list of str, optional
-        The SHA-256 of each file by its name. Older versions knew only names, or none.
+        SHA-256 of each file by its name. Older versions stored only names, or nothing.
     source : str, optional
+        Origin of the input, where the command records one.
     earlier : list of dict
-        Facts of the calls before that one of which files are left, and the names of these.
+        Facts of still earlier calls with files that remain, and the names of those files.
     """
 
     versions: dict[str, str]
@@ -57,11 +58,11 @@ class EarlierRecord:
     earlier: list[dict[str, Any]] = field(default_factory=list)
 
     def names(self, name: str) -> bool:
-        """Whether a file is of that call; one that names no files has the folder to itself."""
+        """Whether that call wrote a file; a record without a list of files claims all."""
         return self.files is None or name in self.files
 
     def has_left(self, path: Path) -> bool:
-        """Whether a file is of that call, and still as that call left it; links are replaced."""
+        """Whether that call wrote a file that is unchanged; links count, as they are replaced."""
         if not isinstance(self.files, dict) or path.is_symlink():
             return self.names(path.name)
         return path.name in self.files and _is_same(path, self.files[path.name])
@@ -73,31 +74,31 @@ class OutputFolder:
     Parameters
     ----------
     folder : Path
-        Where the files will be.
+        Final place of the files.
     aside : Path
-        Where they are written.
+        Temporary folder in which they are written.
     record : str
         Name of the record, a JSON file.
     adds : bool, optional
-        Whether files of earlier calls stay, beside those of this one.
+        Whether files of earlier calls stay beside those of this one.
 
     Attributes
     ----------
     facts : dict
-        What the record is to say, beside the SHA-256 of each file and what made it.
+        Content of the record, beside the SHA-256 of each file and the program's versions.
     files : dict of str
-        The SHA-256 of each file that this call wrote by its name, when all are written.
+        SHA-256 of each file of this call by its name, known when all are written.
     kept : dict of str
-        The same for those of earlier calls that stay.
+        SHA-256 of each file of earlier calls that stays, by its name.
     before : EarlierRecord
-        The record of an earlier call.
+        Record of the earlier call.
     latest : Path
-        Place of the file that was asked for last, and is probably being written.
+        Final place of the file that was requested last, and is probably being written.
 
     Raises
     ------
     InputError
-        If that record is damaged, or not from such a call.
+        If the earlier record is damaged, or is not from such a call.
     """
 
     def __init__(self, folder: Path, aside: Path, record: str, adds: bool = False):
@@ -110,13 +111,12 @@ class OutputFolder:
         self.before = EarlierRecord({}) if self._is_first else _read_earlier(folder / record)
 
     def path(self, name: str) -> Path:
-        """Give the path at which to write a file.
+        """Path at which to write a file.
 
         Raises
         ------
         InputError
-            If a file of that name is there which no earlier call has written, or which has
-            changed since.
+            If a file of that name exists that no earlier call wrote, or that has changed since.
         """
         path = self.folder / name
         known = not self._is_first and (name == self.record or self.before.has_left(path))
@@ -143,23 +143,23 @@ class OutputFolder:
         write_json(self.path(self.record), sealed(record))
 
     def remove_older(self) -> None:
-        """Remove files of an earlier call that this one did not write, and say so.
+        """Remove files that only an earlier call wrote, and log their names.
 
-        Only those that are as that call left them; where files are added, none.
+        Only unchanged files are removed; none where files are added.
         """
         older = [] if self._adds else [name for name, _ in self._older()]
         for name in older:
             (self.folder / name).unlink()
         if older:
             LOGGER.info(
-                f"Removed from {self.folder}, as they were of an earlier call and this one makes "
-                f"none: {', '.join(older)}."
+                f"Removed from {self.folder}, because an earlier call wrote them and this one does "
+                f"not: {', '.join(older)}."
             )
 
     def _older(self) -> Iterator[tuple[str, str]]:
-        """Give name and SHA-256 of what earlier calls wrote, this one did not, and nobody changed.
+        """Name and SHA-256 of each unchanged file that only earlier calls wrote.
 
-        A record may come from anywhere: never a file outside the folder.
+        A record may come from anywhere, so files outside the folder are never touched.
         """
         before = self.before.files
         for name, sha256 in before.items() if isinstance(before, dict) else ():
@@ -167,7 +167,7 @@ class OutputFolder:
                 yield name, sha256
 
     def _earlier_calls(self) -> list[dict[str, Any]]:
-        """Give the facts of each earlier call of which files are kept, and their names."""
+        """Facts of each earlier call with files that are kept, and the names of those files."""
         path = self.folder / self.record
         known = [
             (entry, build_record(EarlierCall, entry, path).files) for entry in self.before.earlier
@@ -180,30 +180,30 @@ class OutputFolder:
 
 
 def verify_outputs(folder: Path, record: str) -> int:
-    """Compute the hashes of a folder's files again.
+    """Compare a folder's files with the hashes in its record.
 
     Returns
     -------
     int
-        How many there are.
+        Number of files.
 
     Raises
     ------
     InputError
-        If one is not what was written, or the record has no hashes.
+        If a file differs from its hash, or the record has no hashes.
     """
     files = build_record(EarlierRecord, check_seal(folder / record), folder / record).files
     if not isinstance(files, dict):
         raise InputError(
-            f"{folder / record} has no hashes of its files, as records of older versions; call the "
-            f"command again."
+            f"{folder / record} has no hashes of its files, because an older version wrote it; run "
+            f"the command again."
         )
     unreadable = None
     for name, sha256 in files.items():
         path = folder / name
         try:
             sound = is_plain(name) and path.is_file() and file_sha256(path) == sha256
-        except OSError as error:  # first look whether another one is damaged
+        except OSError as error:  # first check whether another file is damaged
             unreadable = error
             continue
         if not sound:
@@ -224,10 +224,10 @@ def _read_earlier(path: Path) -> EarlierRecord:
 
 
 def _was_being_moved(record: str, left: Path) -> bool:
-    """Whether files that lie aside are what a call of this program was about to move.
+    """Whether the files in a temporary folder are those that a killed call was moving.
 
-    The record among them, which is moved last, names them all by their hashes, and none would
-    replace a file in the folder that its own record does not know, or that has changed.
+    Their record, which is moved last, must name them all by their hashes, and none may replace a
+    file in the folder that is unknown to the folder's own record, or has changed.
     """
     names = [path.name for path in left.iterdir()]
     if not names:
@@ -250,23 +250,23 @@ def _was_being_moved(record: str, left: Path) -> bool:
 
 
 def _is_same(path: Path, sha256: str | None) -> bool:
-    """Whether a regular file, no link, has a hash."""
+    """Whether a regular file, not a link, has this hash."""
     try:
         return path.is_file() and not path.is_symlink() and file_sha256(path) == sha256
-    except OSError:  # nobody can tell
+    except OSError:  # cannot be read
         return False
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name is that of a file in a folder, and no path."""
+    """Whether a name is a plain file name, without a path."""
     return name == Path(name).name and "\0" not in name and len(name.encode()) <= LONGEST_NAME
 
 
 @contextmanager
 def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Iterator[OutputFolder]:
-    """Fill a folder: if the block ends well, all files and their record appear, the record last.
+    """Fill a folder: if the block succeeds, all files and their record appear, the record last.
 
-    Else nothing has changed. Nobody else can write there meanwhile.
+    If it fails, nothing changes. No other process can write there meanwhile.
 
     Parameters
     ----------
@@ -274,14 +274,14 @@ def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Ite
     record : str
         Name of the record, a JSON file.
     adds : bool, optional
-        Whether files of earlier calls that this one does not write stay, and the record says which
-        call made which; otherwise they are removed, because a folder holds one result.
+        Whether files of earlier calls stay, with a record of which call made which. Otherwise
+        they are removed, because a folder holds one result.
 
     Raises
     ------
     InputError
-        If another process writes there, the record of an earlier call is damaged, or a file is
-        in the way that is not from such a call.
+        If another process writes there, the record of an earlier call is damaged, or a file
+        that no such call wrote would be replaced.
     """
     folder = Path(folder)
     with exclusive(folder):
@@ -290,7 +290,7 @@ def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Ite
             try:
                 yield outputs
                 outputs.finish()
-            except OSError as error:  # a full disk is met in the middle of a file, which is aside
+            except OSError as error:  # a full disk names the temporary file; name the final one
                 if str(error.filename or aside).startswith(str(aside)):
                     error.filename = str(outputs.latest)
                 raise

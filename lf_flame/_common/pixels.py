@@ -1,4 +1,4 @@
-"""Pixels of image files, by decoders that only decode."""
+"""Pixels of image files, read by decoders that open no other file."""
 
 import re
 import struct
@@ -15,46 +15,46 @@ from lf_flame._common.tiff_files import FLOAT, TIFF_SUFFIXES, open_tiff, oriente
 from lf_flame.errors import InputError
 
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
-"""What Pillow may take a file for, whatever its name. Of a PostScript file it would start
-Ghostscript; other formats are not needed."""
+"""Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
+start Ghostscript; other formats are not needed."""
 
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-"""First bytes of TIFF files, which Pillow alone would not read in full."""
+"""First bytes of TIFF files, which Pillow alone does not read completely."""
 
 PILLOW_ERRORS = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, EOFError,
     NotImplementedError, struct.error, zlib.error, Image.DecompressionBombError,
     Image.DecompressionBombWarning,
 )  # fmt: skip
-"""What Pillow's decoders raise at damaged files; of bombs the last two, a warning where warnings
-are errors."""
+"""Exceptions of Pillow's decoders for damaged files; the last two are for decompression bombs, the
+warning where warnings are errors."""
 
 PLAIN = ("1", "L", "LA", "I;16", "I", "F", "RGB", "RGBA")
-"""Pillow's modes that are taken as they are: grey or RGB, with transparency or without."""
+"""Pillow's modes that need no conversion: grey or RGB, with transparency or without."""
 
 ORIENTATION = 0x0112
-"""Tag of EXIF that says how a picture is to be turned."""
+"""EXIF tag of the orientation in which a picture is shown."""
 
 
 def read_pixels(path: str | Path) -> np.ndarray:
-    """Read an image file in its full depth, and with its transparency, turned as it is to be seen.
+    """Read an image file at full bit depth, with its transparency, in its shown orientation.
 
     Parameters
     ----------
     path : str or Path
-        A TIFF file by its ending, else one of FORMATS by its content.
+        TIFF file by its ending, else one of FORMATS by its content.
 
     Returns
     -------
     ndarray, shape (h, w) or (h, w, channels)
-        Levels as they are stored, 0 being black; those of other depths than 1, 8 and 16 bits as
-        fractions of the highest, float32.
+        Levels as stored, 0 is black. Levels of depths other than 1, 8 and 16 bits are divided by
+        the highest, float32.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, is no image of these formats, holds other than grey or
-        RGB, or needs too much memory.
+        If the file is missing or damaged, is not an image of these formats, is neither grey
+        nor RGB, or needs too much memory.
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
@@ -70,12 +70,12 @@ def read_pixels(path: str | Path) -> np.ndarray:
 
 
 def read_shape(path: str | Path) -> tuple[int, int, int]:
-    """Read rows, columns and channels of an image from its header alone.
+    """Rows, columns and channels of an image, from its header alone.
 
     Raises
     ------
     InputError
-        If the file is missing, or is no image of these formats.
+        If the file is missing, or is not an image of these formats.
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
@@ -88,12 +88,12 @@ def read_shape(path: str | Path) -> tuple[int, int, int]:
 
 
 def check_levels(pixels: np.ndarray, source: str | Path) -> None:
-    """Refuse what is neither unsigned levels of 8 or 16 bits nor floats.
+    """Refuse values other than unsigned integers of 8 or 16 bits and floats.
 
     Raises
     ------
     InputError
-        If it is so; the message names the source.
+        If the type is another one; the message names the source.
     """
     kind = pixels.dtype.kind
     if kind not in "bf" and not (kind == "u" and pixels.dtype.itemsize <= 2):
@@ -103,11 +103,11 @@ def check_levels(pixels: np.ndarray, source: str | Path) -> None:
 
 
 def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
-    """Bring unsigned levels of 8 or 16 bits to 0 to 1, leave floats as they are; float32."""
+    """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
     check_levels(pixels, source)
     if pixels.dtype.kind == "u":
         return pixels / np.float32(np.iinfo(pixels.dtype).max)
-    with np.errstate(over="ignore"):  # infinite values are refused by the light field
+    with np.errstate(over="ignore"):  # the light field refuses infinite values
         return pixels.astype(np.float32, copy=False)
 
 
@@ -120,7 +120,7 @@ def _is_tiff(path: str | Path) -> bool:
 
 
 def _channels_last(pixels: np.ndarray) -> np.ndarray:
-    """Bring the channels to the end, which a TIFF file may store one after the other."""
+    """Move the channels to the last axis; a TIFF file may store one image per channel."""
     planar = pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] not in (3, 4)
     return np.moveaxis(pixels, 0, -1) if planar else pixels
 
@@ -134,20 +134,20 @@ def _check_colours(image: Image.Image, path: str | Path) -> None:
 
 
 def _decode(image: Image.Image) -> np.ndarray:
-    """Decode an open image, and turn it as it is to be seen."""
+    """Decode an open image in its shown orientation."""
     colours = "RGBA" if "transparency" in image.info else "RGB"
     pixels = np.asarray(image if image.mode in PLAIN else image.convert(colours))
     return oriented(pixels, image.getexif().get(ORIENTATION, 1))
 
 
 def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
-    """Read a PNG in full depth, if the checksums of its data are right.
+    """Read a PNG at full bit depth, after a check of its checksums.
 
-    Of 16-bit colour, Pillow's decoder keeps the high byte of each level. Told that the bytes stand
-    the other way round, it keeps the low one.
+    For 16-bit colour Pillow's decoder keeps only the high byte of each level. With the opposite
+    byte order stated it keeps the low byte, so two decodings give both.
     """
     with Image.open(path, formats=("PNG",)) as again:
-        again.verify()  # as the decoder does not
+        again.verify()  # Pillow's decoder does not check
     packed = image.tile[0].args
     if packed == "LA;16B":
         raise InputError(f"{path} has 16-bit grey with transparency: store it without.")
@@ -161,13 +161,13 @@ def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
 
 
 def _is_deep(image: ImageFile.ImageFile) -> bool:
-    """Whether a Netpbm file holds levels that Pillow would round, or text."""
+    """Whether a Netpbm file is text, or holds levels that Pillow would round."""
     codec, _, _, args = image.tile[0]
     return image.mode in ("L", "I", "RGB") and (codec != "raw" or args == "I;16B")
 
 
 def _read_netpbm(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
-    """Read PGM and PPM of any maximum, as text or as bytes, after Pillow has read the header."""
+    """Read PGM and PPM of any maximum, text or binary, after Pillow has read the header."""
     codec, _, offset, args = image.tile[0]
     highest = args[-1] if isinstance(args, tuple) else 65535
     shape = (image.height, image.width, *([3] if image.mode == "RGB" else []))

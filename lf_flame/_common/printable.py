@@ -1,14 +1,14 @@
-"""Names and text from files, as a terminal may be given them."""
+"""Names and text from files, made safe for a terminal."""
 
 LONGEST = 200
-"""Number of letters of a name that is shown; longer ones lose their middle."""
+"""Number of letters of a name that are shown; longer names lose their middle."""
 
 
 def printable(text: object, longest: int = LONGEST) -> str:
-    """Bring a name or text to one line of bounded length that steers no terminal.
+    """Text as one line of bounded length without control characters.
 
-    Line breaks, control characters and marks of direction come from files too; they forge lines,
-    change colours, and turn words round.
+    Text from files may contain line breaks, control characters and direction marks, which forge
+    lines, change colours and reverse words.
     """
     letters = (x if x.isprintable() else " " if x.isspace() else "?" for x in str(text))
     line = " ".join("".join(letters).split())

@@ -1,7 +1,7 @@
-"""Progress bars over long work, and the words of what has no steps.
+"""Progress bars for long work, and a line of text for work without steps.
 
-The library's own work shows nothing unless a program asks for it (`show`), and then only what takes
-longer than `PATIENCE`: bars of quick work would hide what matters.
+The library shows nothing unless a program calls `show`, and then only for work that takes longer
+than `PATIENCE`: bars of quick work would hide what matters.
 """
 
 import logging
@@ -15,7 +15,7 @@ from tqdm import tqdm
 T = TypeVar("T")
 
 PATIENCE = 0.5
-"""Seconds of silence after which a bar or a line appears."""
+"""Time in seconds after which a bar or a line appears."""
 
 LOGGER = logging.getLogger(__name__)
 
@@ -23,13 +23,13 @@ _program = {"shows": False}
 
 
 def show(shows: bool = True) -> None:
-    """Let the library's long work show how far it is: for programs."""
+    """Switch progress of the library's long work on or off; for programs."""
     _program["shows"] = shows
 
 
 @contextmanager
 def bar(what: str, total: int | None = None, unit: str = "step") -> Iterator[tqdm]:
-    """Give a bar to be updated, which appears where the work takes longer than `PATIENCE`."""
+    """Progress bar to be updated by the caller; it appears if the work exceeds `PATIENCE`."""
     shown = tqdm(
         desc=what,
         total=total,
@@ -38,13 +38,13 @@ def bar(what: str, total: int | None = None, unit: str = "step") -> Iterator[tqd
         leave=False,
         disable=not _program["shows"],
     )
-    # tqdm looks at the clock only when a step has ended, and the first may take minutes.
+    # tqdm looks at the clock only at the end of a step, and the first may take minutes.
     with shown, _after(shown.refresh):
         yield shown
 
 
 def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Iterator[T]:
-    """Go through some work with a `bar`."""
+    """Iterate over some work with a `bar`."""
     with bar(what, total, unit) as shown:
         for step in work:
             yield step
@@ -53,7 +53,7 @@ def steps(work: Iterable[T], what: str, total: int, unit: str = "step") -> Itera
 
 @contextmanager
 def stage(what: str, only_if: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Say what is being done where it takes longer than `PATIENCE`, and a condition holds then."""
+    """Log what is being done if it takes longer than `PATIENCE` and `only_if` then holds."""
     with _after(lambda: LOGGER.info(f"{what} ...") if only_if() else None):
         yield
 
@@ -70,15 +70,15 @@ def _after(act) -> Iterator[None]:
 
 
 def progress_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Show a bar with the time left over samples that are already done and those to come."""
+    """Progress bar over samples, with the time that remains; `done` of them already exist."""
     return tqdm(finished, "simulating", total, initial=done, unit="sample", smoothing=0.1)
 
 
 def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
-    """Show a bar over the steps of a study."""
+    """Progress bar over the steps of a study."""
     return tqdm(finished, "measuring", total, initial=done, unit="step")
 
 
 def frame_bar(frames: Iterable[T], total: int) -> Iterable[T]:
-    """Show a bar over the frames of a video."""
+    """Progress bar over the frames of a video."""
     return tqdm(frames, "measuring", total, unit="frame")

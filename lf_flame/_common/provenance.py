@@ -1,4 +1,4 @@
-"""Where a result comes from: the record that lies beside it."""
+"""Origin of a result: command, versions, revision and machine, for its record."""
 
 import os
 import platform
@@ -15,13 +15,13 @@ PACKAGES = (
 
 
 def environment() -> dict:
-    """Describe the program that runs now: command, versions, revision, machine.
+    """Describe the running program: command, versions, revision, machine.
 
     Returns
     -------
     dict
-        JSON values; `git_revision` is None outside a git checkout, with "+" behind it where
-        tracked programs or settings differ from the revision.
+        JSON values. `git_revision` is None outside a git checkout, and ends with "+" if tracked
+        programs or settings differ from the revision.
     """
     return {
         "command": " ".join([_program(), *sys.argv[1:]]),
@@ -33,12 +33,12 @@ def environment() -> dict:
 
 
 def cpu_count() -> int:
-    """Processors that this process may use."""
+    """Count the processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _program() -> str:
-    """Name the program as a user calls it: a script, or a module after ``python -m``."""
+    """Name of the program as a user calls it: a script, or a module after ``python -m``."""
     spec = getattr(sys.modules.get("__main__"), "__spec__", None)
     if spec is None:
         return Path(sys.argv[0]).name
@@ -63,8 +63,8 @@ def _git_revision() -> str | None:
         ).stdout.strip()
 
     try:
-        git("ls-files", "--error-unmatch", Path(__file__).name)  # or the checkout is another's
-        # Programs and settings make results; results and texts do not.
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # fails in another's checkout
+        # Only programs and settings affect results.
         paths = (":(top,glob)**/*.py", ":(top,glob)**/*.toml")
         changed = git("status", "--porcelain", "--untracked-files=no", "--", *paths)
         return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")

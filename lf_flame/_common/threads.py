@@ -1,13 +1,13 @@
-"""Compiled loops whose pieces go to whichever thread is free.
+"""Compiled loops with pieces that idle threads take in turn.
 
-Numba's parallel loops are dealt out to all threads beforehand, and end when the last of them has
-done its part; OpenMP's threads burn a core while they wait. On a machine that does something else
-too, one of them is often without a core for some milliseconds, and all wait for it. Here the caller
-works itself, from the first piece on; helpers take pieces as soon as they wake up, and who has not
-woken up by the end is not waited for. Nobody spins, and nothing in the environment is set; of
-Numba's threading layer only the number of threads is asked.
+Numba's parallel loops divide the work beforehand and end when the last thread has done its part;
+OpenMP's threads use a core while they wait. On a machine with other work, a thread often has no
+core for some milliseconds, and all others wait for it. Here the caller itself works from the first
+piece on. Helpers take pieces as soon as they start; helpers that have not started by the end are
+not waited for. No thread spins, and no environment variable is set; only the number of threads is
+read from Numba's threading layer.
 
-A loop becomes a kernel that takes the number of its next piece from a queue:
+A loop becomes a kernel that takes the numbers of its pieces from a queue:
 
     def _double(queue, values):
         for k in pieces(queue, values.size):
@@ -16,8 +16,8 @@ A loop becomes a kernel that takes the number of its next piece from a queue:
     double = shared(_double)
     double(values)
 
-What a piece works out must not depend on who does it: then the bits do not depend on the number of
-threads, which is Numba's, ``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
+The result of a piece must not depend on the thread: then the bits do not depend on the number of
+threads, which is Numba's: ``numba.set_num_threads`` and ``NUMBA_NUM_THREADS``.
 """
 
 import hashlib
@@ -42,10 +42,10 @@ from numba.extending import intrinsic
 from lf_flame._common.compiling import NOT_KEPT, compiled, not_kept
 
 SHARES = 64
-"""Into which many pieces are divided, about: what is left for one thread at the end is a 64th."""
+"""Number of runs into which pieces are divided, so that the last thread alone does a 64th."""
 
 CLOSED = 1 << 40
-"""More than any loop has pieces; so a queue is closed, and its number has room to rise."""
+"""Counter value of a closed queue: above any number of pieces, with room to count further."""
 
 COMPILING = (
     "Compiling what this command needs for this machine; it takes some seconds, at its first call."
@@ -55,9 +55,9 @@ LOGGER = logging.getLogger(__name__)
 
 
 class _Announcement(event.Listener):
-    """Says, once in a process, why nothing seems to happen while loops are compiled.
+    """Logs, once in a process, that loops are being compiled, because this takes a while.
 
-    What Numba has kept on disk is loaded without this event.
+    Loading from Numba's cache does not raise this event.
     """
 
     def __init__(self):
@@ -69,7 +69,7 @@ class _Announcement(event.Listener):
             LOGGER.info(NOT_KEPT if not_kept else COMPILING)
 
     def on_end(self, event):
-        """Nothing to say."""
+        """Log nothing."""
 
 
 event.register("numba:compile", _Announcement())
@@ -77,10 +77,11 @@ event.register("numba:compile", _Announcement())
 
 @intrinsic
 def _take_next(_context, address, index):
-    """Count up one of the int64 at an address in one indivisible step, and return what it was.
+    """Increment the int64 at an address atomically, and return its previous value.
 
-    Who sees a number sees all that was written before it was counted up to. An address and no
-    array: other threads change it, and of arrays the compiler is told that nobody does.
+    A thread that reads the counter also sees every write made before the increment
+    (acquire/release). It takes an address, not an array, because other threads change the value,
+    and the compiler assumes that no other thread changes arrays.
     """
 
     def generate(context, builder, _signature, arguments):
@@ -92,7 +93,7 @@ def _take_next(_context, address, index):
 
 
 def _count_up(counters: np.ndarray, index: int) -> int:
-    """Do the same in Python, for one thread."""
+    """Increment in Python, for one thread."""
     counters[index] += 1
     return counters[index] - 1
 
@@ -101,19 +102,19 @@ take_next = _count_up if numba.config.DISABLE_JIT else _take_next
 
 
 def as_counters(counters: np.ndarray) -> Any:
-    """Give what `take_next` takes for some int64; the array must be kept meanwhile."""
+    """Address of int64 counters for `take_next`; the array must be kept alive meanwhile."""
     return counters if numba.config.DISABLE_JIT else counters.ctypes.data
 
 
 def _pieces(queue: Any, count: int) -> Iterator[int]:
-    """Give the numbers below a count that no other thread has been given.
+    """Yield the numbers below `count` that no other thread has received.
 
-    Of many some neighbours at a time, lest two threads write to one page of memory.
+    Large loops hand out runs of neighbours, to avoid false sharing.
     """
     together = max(count // SHARES, 1)
     first = take_next(queue, 0) * together
     while first < count:
-        for piece in range(first, min(first + together, count)):  # noqa: UP028 - Numba has none
+        for piece in range(first, min(first + together, count)):  # noqa: UP028 - not in Numba
             yield piece
         first = take_next(queue, 0) * together
 
@@ -122,10 +123,10 @@ pieces = njit(_pieces)
 
 
 def _version(function: Callable) -> str:
-    """Give a hash of the files whose code becomes part of a compiled loop.
+    """Hash of the files that contribute code to a compiled loop.
 
-    What Numba has kept on disk is known by it: Numba itself looks at the loop's own file alone.
-    A compiled function of another file must not call one of a third.
+    It identifies what Numba has kept on disk: Numba itself checks only the loop's own file. A
+    compiled function of another file must not call one of a third.
     """
     parts = [part for part in function.__globals__.values() if isinstance(part, Dispatcher)]
     files = {part.py_func.__code__.co_filename for part in parts}
@@ -138,9 +139,9 @@ def _read(file: str) -> bytes:
 
 
 class _NoOverlap(Compiler):
-    """Numba's compiler, told that no two arguments share memory, as it is told in its own loops.
+    """Numba's compiler, with the assumption that no two arguments share memory.
 
-    Else each inner loop begins with a test whether they do.
+    Numba makes it for its own parallel loops too; without it each inner loop tests for overlap.
     """
 
     def define_pipelines(self):
@@ -149,7 +150,7 @@ class _NoOverlap(Compiler):
 
 
 class SharedKernel:
-    """A compiled loop that threads share; called as its function, but for the queue."""
+    """A compiled loop that threads share; called with its function's arguments but the queue."""
 
     def __init__(self, function: Callable[..., None], exchange: bool, **options):
         function.__qualname__ = f"{function.__qualname__}-{_version(function)}"
@@ -160,15 +161,15 @@ class SharedKernel:
         self.__doc__, self.__name__ = function.__doc__, function.__name__
 
     def alone(self, *arguments: Any) -> None:
-        """Let the caller do all of it: for so little work that helpers would come too late."""
+        """Do all work in the caller's thread, for loops too short for helpers to join."""
         self._work(np.zeros(1, np.int64), *arguments)
 
     def _work(self, counter: np.ndarray, *arguments: Any) -> None:
-        """Take pieces until there are none; the counter lives as long as whoever counts by it."""
+        """Take pieces until none remain; holding `counter` here keeps it alive."""
         self.compiled(as_counters(counter), *arguments)
 
     def __call__(self, *arguments: Any) -> None:
-        if numba.config.DISABLE_JIT:  # Python counts in more than one step
+        if numba.config.DISABLE_JIT:  # increments in Python are not atomic
             self.alone(*arguments)
             return
         counter = np.zeros(1, np.int64)
@@ -183,13 +184,13 @@ class SharedKernel:
             _wait_for(helpers)
 
     def _ask_for_help(self, helpers: list[Future], counter: np.ndarray, arguments: tuple) -> None:
-        with suppress(RuntimeError):  # no more threads, or none as the program ends: do without
+        with suppress(RuntimeError):  # no thread can be started: continue without helpers
             for _ in range(numba.get_num_threads() - 1):
                 helpers.append(_helpers(os.getpid()).submit(self._work, counter, *arguments))
 
 
 def _wait_for(helpers: list[Future]) -> None:
-    """Wait for those that have begun, all of them, whatever happens meanwhile."""
+    """Wait for all helpers that have begun, even if the wait is interrupted."""
     begun = [helper for helper in helpers if not helper.cancel()]
     try:
         for helper in begun:
@@ -206,12 +207,12 @@ def shared(function: Callable[..., None], exchange: bool = False, **options: Any
     Parameters
     ----------
     function : callable
-        Of a queue, which it hands on to `pieces`, and of its arguments; it returns nothing.
+        Function of a queue, which it passes on to `pieces`, and of arguments; returns nothing.
     exchange : bool, optional
-        Whether a thread reads what another one has written during the call. If not, the compiler
-        is told that no two arguments share memory, and that nobody else writes there.
+        Whether a thread reads what another one wrote during the call. If not, the compiler assumes
+        that no two arguments share memory.
     **options
-        Of ``numba.njit``.
+        Options of ``numba.njit``.
 
     Returns
     -------
@@ -222,7 +223,7 @@ def shared(function: Callable[..., None], exchange: bool = False, **options: Any
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let loops keep to the caller's thread, for other processes work beside it."""
+    """Run loops in the caller's thread only, where other processes use the other cores."""
     threads = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
@@ -233,6 +234,6 @@ def one_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _helpers(_process: int) -> ThreadPoolExecutor:
-    """Start threads beside the caller's: others in a process that was forked, which lost them."""
+    """Threads beside the caller's; a forked process, which has lost them, starts new ones."""
     most = max(numba.config.NUMBA_NUM_THREADS - 1, 1)
     return ThreadPoolExecutor(most, thread_name_prefix="lf_flame")

@@ -1,4 +1,4 @@
-"""TIFF files: nothing beside them is opened, and their levels are brought to mean light."""
+"""TIFF files: no other file is opened, and levels are converted so that 0 is black."""
 
 import io
 import struct
@@ -25,20 +25,20 @@ TIFF_ERRORS = (
     AttributeError, AssertionError, NotImplementedError, RuntimeError, SyntaxError, struct.error,
     zlib.error,
 )  # fmt: skip
-"""What tifffile, Pillow and their decoders raise at damaged files."""
+"""Exceptions of tifffile, Pillow and their decoders for damaged files."""
 
 FLOAT = np.dtype(np.float32).itemsize
-"""Bytes of a pixel's value in a light field."""
+"""Number of bytes of a float32 value, the type of a light field's pixels."""
 
 GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW = 1, 0, 2, 6, 34892
-"""Meanings of samples (PhotometricInterpretation) that are read; TIFF 6.0 and DNG 1.4."""
+"""Accepted meanings of samples (PhotometricInterpretation), from TIFF 6.0 and DNG 1.4."""
 
 TRANSPARENCY = 2
-"""Meaning of an extra sample: transparency that the colours are not multiplied by."""
+"""Value of ExtraSamples for transparency by which the colours are not multiplied."""
 
 
 class _Apart(io.FileIO):
-    """A file that has no neighbours: tifffile opens others only beside one with a descriptor."""
+    """A file without a descriptor: tifffile opens other files only if there is one."""
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation("other files are not opened")
@@ -46,7 +46,7 @@ class _Apart(io.FileIO):
 
 @contextmanager
 def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
-    """Open a TIFF file; whatever it says of other files, none of them is opened.
+    """Open a TIFF file; other files that it names are not opened.
 
     Yields
     ------
@@ -55,7 +55,7 @@ def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
     Raises
     ------
     InputError
-        If it is no regular file, or no TIFF file that can be read.
+        If it is not a regular file, or not a readable TIFF file.
     """
     with (
         readable(path, TIFF_ERRORS),
@@ -66,7 +66,7 @@ def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
 
 
 def read_tiff(path: str | Path) -> np.ndarray:
-    """Read the first series of images of a TIFF file, in the axes that it has.
+    """Read the first image series of a TIFF file, with the axes of the file.
 
     Raises
     ------
@@ -80,23 +80,23 @@ def read_tiff(path: str | Path) -> np.ndarray:
 def read_series(
     series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
 ) -> list[np.ndarray]:
-    """Read series of an open TIFF file, if there is memory for all of them as floats.
+    """Read image series of an open TIFF file, if all of them fit into memory as floats.
 
-    Grey that counts from white is turned, levels of less than a whole number of bytes become
-    fractions of the highest, and pictures are turned as the file says that they are seen.
+    Grey levels that count from white are inverted, levels that do not fill whole bytes become
+    fractions of the highest, and pictures are turned to their shown orientation.
 
     Parameters
     ----------
     series : list of tifffile.TiffPageSeries
     path : str or Path
-        The file, for the message and for decoders of its own.
+        The file, for messages and for a second decoder.
     **options
-        Of `tifffile.TiffPageSeries.asarray`.
+        Options of `tifffile.TiffPageSeries.asarray`.
 
     Raises
     ------
     InputError
-        If a page is in another file, its samples mean no light, or memory does not suffice.
+        If a page is in another file, its samples are not light, or memory does not suffice.
     """
     need = sum(prod(one.shape) * (np.dtype(one.dtype).itemsize + FLOAT) for one in series)
     check_memory(need, path)
@@ -109,15 +109,15 @@ def transparency(page: tifffile.TiffPage) -> bool:
 
 
 def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
-    """Turn a picture as it is to be seen; EXIF 2.32 and TIFF 6.0, Orientation.
+    """Turn a picture to its shown orientation; EXIF 2.32 and TIFF 6.0, Orientation.
 
     Parameters
     ----------
     pixels : ndarray
     orientation : int
-        1 to 8; other numbers mean nothing, as 1.
+        Orientation from 1 to 8; any other number counts as 1, not turned.
     rows : int, optional
-        Axis of the rows; that of the columns follows.
+        Index of the axis of rows; the axis of columns follows it.
     """
     axes = (rows, rows + 1)
     if orientation in (5, 6, 7, 8):
@@ -127,7 +127,7 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
 
 
 def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
-    """Decode a series by tifffile, or what that cannot decode by Pillow."""
+    """Decode a series with tifffile, or with Pillow if tifffile cannot."""
     if any(page is None for page in series.pages):
         raise InputError(
             f"{path} names other files as the place of some of its pages, and these are not "
@@ -156,7 +156,7 @@ def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) ->
                 f"{bits} bits) that needs another package: pip install imagecodecs, or store it "
                 f"without compression."
             ) from None
-        turned = pixels.dtype != np.uint16  # Pillow turns other levels that count from white
+        turned = pixels.dtype != np.uint16  # Pillow itself inverts other levels
         return _fractions(pixels, max(bits, 8), meaning == INVERTED_GREY and not turned, path)
     orientation = page.tags.get("Orientation")
     pixels = _fractions(pixels, bits, meaning == INVERTED_GREY, path)
@@ -164,7 +164,7 @@ def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) ->
 
 
 def _meaning(page: tifffile.TiffPage, path: str | Path) -> int:
-    """Meaning of a page's samples, if it is light."""
+    """Meaning of a page's samples (PhotometricInterpretation); refused if it is not light."""
     meaning = int(page.photometric) if "PhotometricInterpretation" in page.tags else GREY
     if meaning not in (GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW):
         name = getattr(page.photometric, "name", str(meaning))
@@ -187,7 +187,7 @@ def _bits(page: tifffile.TiffPage) -> int:
 
 
 def _fractions(pixels: np.ndarray, bits: int, inverted: bool, path: str | Path) -> np.ndarray:
-    """Turn levels that count from white, and scale those of other bits than 8 and 16."""
+    """Invert levels that count from white, and divide those of other depths by the highest."""
     if inverted and pixels.dtype.kind not in "bu":
         raise InputError(
             f"{path} counts from white, but holds {pixels.dtype}: store it from black."
@@ -206,7 +206,7 @@ def _axes(series: tifffile.TiffPageSeries, options: dict) -> str:
 
 
 def _by_pillow(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
-    """Decode the pages of a series by Pillow's libtiff, which turns them by itself."""
+    """Decode the pages of a series with Pillow's libtiff, which applies the orientation."""
     shape = list(series.get_shape(**options) if options else series.shape)
     axes = _axes(series, options)
     pages = np.stack([_pillow_page(path, page.index) for page in series.pages if page])
@@ -220,10 +220,10 @@ def _by_pillow(series: tifffile.TiffPageSeries, path: str | Path, options: dict)
 
 
 def _pillow_page(path: str | Path, index: int) -> np.ndarray:
-    """Decode a page in full depth.
+    """Decode a page at full bit depth.
 
-    Pillow keeps the high byte of 16-bit colours. A second decoder, told that the bytes stand the
-    other way round, keeps the low one.
+    Pillow keeps the high byte of 16-bit colours. A second decoding, with the opposite byte order
+    stated, keeps the low byte.
     """
     with Image.open(path, formats=("TIFF",)) as image:
         image.seek(index)

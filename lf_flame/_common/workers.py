@@ -1,4 +1,4 @@
-"""Processes that work for another one, and end with it."""
+"""Worker processes that end with the process that started them."""
 
 import multiprocessing
 import os
@@ -15,23 +15,24 @@ from threading import Thread
 def worker_pool(
     workers: int, setup: Callable[..., None] | None = None, *arguments
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start processes that leave Ctrl-C to this one, and end when it ends, whatever ends it.
+    """Start worker processes; they ignore Ctrl-C and end when this process ends for any reason.
 
     Parameters
     ----------
     workers : int
+        Number of processes.
     setup : callable, optional
-        Called in each of them, with the arguments, before its first work.
+        Function that each process calls with the arguments before its first work.
 
     Yields
     ------
     ProcessPoolExecutor
-        Work that has not begun is given up where the block ends early.
+        Pool of the processes; work that has not begun is cancelled if the block ends early.
 
     Raises
     ------
     ChildProcessError
-        If one of them is killed, as a system without memory does.
+        If a process is killed, for example because memory is exhausted.
     """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _start, (setup, arguments)) as pool:
@@ -54,7 +55,7 @@ def _start(setup: Callable[..., None] | None, arguments: tuple) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the process that started this one, which may not be able to say so."""
+    """Wait for the end of the parent process, which may be unable to signal it."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

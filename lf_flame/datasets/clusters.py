@@ -1,4 +1,4 @@
-"""Other machines, or other processes of this one, that make data sets: Dask's clusters."""
+"""Dask clusters for making data sets on other machines, or in other processes on this one."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -7,27 +7,27 @@ from contextlib import contextmanager
 from lf_flame.errors import InputError
 
 START_S = 30
-"""Seconds to wait for a scheduler to answer, and for the first worker behind it."""
+"""Longest time in seconds to wait for a scheduler, and for the first worker after it."""
 
 RETRIES = 10
-"""Times that a task is done again whose worker died under it: Dask's own default takes a task for
-the culprit after three."""
+"""Number of times that a task is repeated after its worker died; with Dask's default, a task is
+taken for the cause after three."""
 
 ANY_PORT = "127.0.0.1:0"
-"""Where a local cluster shows its state: a port of its own, so that two clusters get along."""
+"""Address of a local cluster's dashboard: a free port, so that two clusters do not collide."""
 
 
 @contextmanager
 def cluster_executor(scheduler: str | None = None, local: int | None = None) -> Iterator[Executor]:
     """Connect to a cluster, or start one of processes on this machine.
 
-    All its workers must have this package, and see the data set's folder under the same name. A
-    worker that dies loses its tasks to others.
+    All workers must have this package, and see the data set's folder under the same name. The tasks
+    of a worker that dies go to other workers.
 
     Parameters
     ----------
     scheduler : str, optional
-        Address of a running scheduler, as ``tcp://HOST:PORT``.
+        Address of a running scheduler, such as ``tcp://HOST:PORT``.
     local : int, optional
         Number of processes to start instead.
 

@@ -1,4 +1,4 @@
-"""What a data set is made of, read from a TOML file."""
+"""Configuration of a data set, read from a TOML file."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,38 +19,41 @@ from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.planning.plan import EffectPlan
 
 MOST_SAMPLES = 1_000_000
-"""Of a data set: each is files of its own."""
+"""Maximum number of samples in a data set."""
 
 
 @strict
 @dataclass(frozen=True)
 class DatasetConfig:
-    """What a data set is made of; `read_config` reads it from a TOML file.
+    """Configuration of a data set; `read_config` reads it from a TOML file.
 
     Parameters
     ----------
     kind : {"shapes", "flames"}
+        Kind of the template.
     seed : int
-        Sample i is drawn from ``numpy.random.default_rng([seed, i])``.
+        Seed; sample i is drawn from ``numpy.random.default_rng([seed, i])``.
     image : (int, int)
-        Height and width of the targets; the lenslets are a whole multiple of it.
+        Height and width of the targets; the lenslets must be a multiple of it.
     samples : dict
         Number of light fields for each preset.
     camera : PlenopticCamera
+        Camera of the light fields.
     template : ShapeTemplate or FlameTemplate
+        Objects and the ranges over which they vary.
     effects : dict of str to bool, optional
-        Effects to force on or off.
+        Effects to force on (True) or off (False), by name.
     input : InputEncoding, optional
-        What the network is shown. Default: what the paper's is.
+        Encoding of the network's input. Default: that of the paper.
     route : {"direct", "exact", "rays"}, optional
-        How targets and inputs are computed. "rays": each light field is formed by traced rays and
-        refocused by shift-and-sum, as in the paper; "exact": the same, with the integrator that
-        the effect plan chooses; "direct": straight from the scene where the plan allows, else as
+        Method for targets and inputs. "rays": each light field is rendered with traced rays and
+        refocused with shift-and-sum, as in the paper; "exact": the same, with the integrator that
+        the effect plan chooses; "direct": directly from the scene where the plan allows, else as
         "exact".
     shuffled_depths : bool, optional
-        Let the objects of each sample stand at the template's depths in an order drawn at random,
-        as large in the central view as at their own depths. Unless objects hide others, the effect
-        plan stays that of the objects at their own depths.
+        Whether the objects of each sample are at the template's depths in random order, with the
+        same size in the central view as at their own depths. Unless objects occlude others, the
+        effect plan stays that of the objects at their own depths.
 
     Examples
     --------
@@ -94,7 +97,7 @@ class DatasetConfig:
             )
 
     def sample_count(self, preset: str) -> int:
-        """Light fields of a preset."""
+        """Count the light fields of a preset."""
         if preset not in self.samples:
             raise InputError(f"preset must be one of {', '.join(self.samples)}, got {preset!r}.")
         return self.samples[preset]
@@ -107,22 +110,22 @@ class DatasetConfig:
 
     @cached_property
     def planned_by_sample(self) -> bool:
-        """Whether effects are decided for each sample: where objects hide or dim others.
+        """Whether effects are planned for each sample: if objects occlude or attenuate others.
 
-        They may in some samples only. Glowing objects call for the same effects in all.
+        They may do so in some samples only. Glowing objects need the same effects in all samples.
         """
         scene, _ = self.draw(None)
         return any(layer.opaque or layer.optical_thickness.any() for layer in scene.layers)
 
     def plan_of(self, scene: Scene) -> EffectPlan:
-        """Effect plan by which a scene of the data set is simulated."""
+        """Effect plan with which a scene of the data set is simulated."""
         if not self.planned_by_sample:
             return self.plan
         return plan_effects(scene, self.camera, effects=self.effects)
 
     @property
     def block(self) -> tuple[int, int]:
-        """Lenslets that are averaged into one pixel, along (t, s)."""
+        """Number of lenslets averaged into one pixel, along (t, s)."""
         return block_of(self.camera.lenslets, self.image)
 
     @property
@@ -131,13 +134,14 @@ class DatasetConfig:
         return [o.depth_mm for o in self.template.objects]
 
     def draw(self, rng: np.random.Generator | None) -> tuple[Scene, dict[str, np.ndarray]]:
-        """Draw a scene; without a generator, the mean scene, all objects at their own depths.
+        """Draw a scene; without a generator, the mean scene with all objects at their own depths.
 
         Returns
         -------
         Scene
+            Scene that was drawn.
         dict
-            What was drawn: see the template; with shuffled depths ``depth_mm``, (objects,), too.
+            Random values of the template; with shuffled depths also ``depth_mm``, (objects,).
         """
         scene, parameters = self.template.draw(rng)
         if not self.shuffled_depths:
@@ -149,7 +153,7 @@ class DatasetConfig:
         return scene, {**parameters, "depth_mm": depths}
 
     def encode(self, light_field: LightField) -> np.ndarray:
-        """Show a light field to the network: float32 from 0 to 1, (height, width, channels)."""
+        """Encode a light field for the network: float32, 0 to 1, (height, width, channels)."""
         return self.input.encode(light_field, self.image)
 
 
@@ -159,7 +163,7 @@ def read_config(path: str | Path) -> DatasetConfig:
     Raises
     ------
     InputError
-        If the file cannot be read or holds an unknown, missing or impossible value.
+        If the file cannot be read, or has an unknown, missing or impossible value.
 
     Examples
     --------
@@ -175,16 +179,16 @@ def read_config(path: str | Path) -> DatasetConfig:
 def config_to_json(config: DatasetConfig) -> dict[str, Any]:
     """Turn a configuration into the JSON values that are stored with a data set."""
     values = to_json(config)
-    if not values["template"].get("opaque", True):  # as in data sets from before there was a choice
+    if not values["template"].get("opaque", True):  # older data sets have no such entry
         del values["template"]["opaque"]
     return values
 
 
 def config_from_json(values: dict, source: str | Path) -> DatasetConfig:
-    """Rebuild a configuration from the JSON values that are stored with a data set."""
+    """Rebuild a configuration from the JSON values stored with a data set."""
     template = TEMPLATES.get(str(values.get("kind")))
     if template is not None and "template" in values:
-        # Built first, by its kind, so that a mistake in it is told in the words of that kind.
+        # Built first, by its kind, so that messages about it fit that kind.
         built: Template = build(template, values["template"], f"{source}: template")
         values = {**values, "template": built}
     return build(DatasetConfig, values, source)

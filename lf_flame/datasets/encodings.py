@@ -1,8 +1,8 @@
-"""The network's input: what an image network is shown of a light field.
+"""Encodings of a light field as the input image of a network.
 
-The paper shows its network the raw lenslet image, resized. Area averaging makes that a photograph:
-no angular information is left (deviation 5). The other encodings keep parallax, in channels or side
-by side, and go through the same frozen backbone.
+The paper's input is the raw lenslet image, resized. Area averaging makes that a photograph without
+angular information (deviation 5). The other encodings keep parallax, in channels or side by side,
+and use the same frozen backbone.
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from lf_flame.lightfield import LightField
 from lf_flame.projection import Projector
 
 CHANNELS = 3
-"""Of the images that the backbone was made for."""
+"""Number of channels of the images for which the backbone was made."""
 
 
 @strict
 @dataclass(frozen=True)
 class InputEncoding:
-    """How a light field becomes the network's input.
+    """Encoding of a light field as the network's input.
 
     Parameters
     ----------
     kind : {"raw", "views", "grid"}
-        "raw" is the paper's: the raw lenslet image resized by area averaging, in one channel.
-        "views": three views of the middle row, leftmost, central and rightmost, in three channels.
-        "grid": views from all over the main lens side by side, in one channel.
+        Kind of the encoding. "raw" is the paper's: the raw lenslet image resized by area averaging,
+        in one channel. "views": three views of the central row, leftmost, central and rightmost, in
+        three channels. "grid": views from all over the main lens side by side, in one channel.
     image : (int, int), optional
-        Height and width of the image, of each view where there are several. Default: as the
+        Height and width of the image, or of each view if there are several. Default: those of the
         network's output.
     grid : int
-        Views of a "grid" along each axis.
+        Number of views of a "grid" along each axis.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class InputEncoding:
 
     @property
     def views_per_side(self) -> int:
-        """Views along an axis that a camera must have."""
+        """Smallest number of views along an axis that a camera must have."""
         return {"raw": 1, "views": CHANNELS, "grid": self.grid}[self.kind]
 
     def shape(self, output: tuple[int, int]) -> tuple[int, int, int]:
@@ -69,7 +69,7 @@ class InputEncoding:
         return height, width, CHANNELS if self.kind == "views" else 1
 
     def _view_mesh(self, rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Open mesh of the views that are shown, of rows x columns: indexes ``views[v, u]``."""
+        """Open mesh of the views to use, of rows x columns: indexes ``views[v, u]``."""
         if self.kind == "raw":
             v, u = np.ix_(range(rows), range(columns))
         else:
@@ -78,42 +78,45 @@ class InputEncoding:
         return v, u
 
     def view_indices(self, rows: int, columns: int) -> list[tuple[int, int]]:
-        """List row and column of each view that is shown, of rows x columns."""
+        """List row and column of each view to use, of rows x columns."""
         down, across = self._view_mesh(rows, columns)
         return list(product(down.ravel().tolist(), across.ravel().tolist()))
 
     def encode(self, light_field: LightField, output: tuple[int, int]) -> np.ndarray:
-        """Show a light field to a network with outputs of this size.
+        """Encode a light field for a network with outputs of this size.
 
         Parameters
         ----------
         light_field : LightField
-            Grey; its lenslets are a whole multiple of the image.
+            Grey light field; its lenslets must be a multiple of the image.
         output : (int, int)
+            Height and width of the network's outputs.
 
         Returns
         -------
         ndarray of float32, shape ``self.shape(output)``
-            From 0 to 1.
+            Network input from 0 to 1.
         """
         size, views = self.image or output, light_field.views
         if self.kind == "raw":
-            # Every output pixel is the mean of whole micro-images, so of the photograph.
+            # An output pixel is a mean over whole micro-images, and so over the photograph.
             return area_average(light_field.photograph, size)[..., None]
         return self._arrange(area_average(views[self._view_mesh(*views.shape[:2])], size))
 
     def project(self, projector: Projector, output: tuple[int, int]) -> np.ndarray:
-        """Show a scene to a network as `encode` would show its light field, without forming it.
+        """Encode a scene as `encode` would encode its light field, without forming it.
 
         Parameters
         ----------
         projector : Projector
+            Scene and camera.
         output : (int, int)
+            Height and width of the network's outputs.
 
         Returns
         -------
         ndarray of float32, shape ``self.shape(output)``
-            From 0 to 1.
+            Network input from 0 to 1.
         """
         size, camera = self.image or output, projector.camera
         block = block_of(camera.lenslets, size)
@@ -125,13 +128,13 @@ class InputEncoding:
         return self._arrange(tiles.reshape(down.size, across.size, *size))
 
     def _arrange(self, tiles: np.ndarray) -> np.ndarray:
-        """Put views [v, u, h, w] into channels, or side by side."""
+        """Arrange views [v, u, h, w] in channels, or side by side."""
         if self.kind == "views":
             return np.moveaxis(tiles[0], 0, -1)
         return np.block([list(row) for row in tiles])[..., None]
 
 
 def block_of(lenslets: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
-    """Lenslets in a pixel of an image of this size, along (t, s)."""
+    """Count the lenslets in a pixel of an image of this size, along (t, s)."""
     down, across = (n // m for n, m in zip(lenslets, size, strict=True))
     return down, across

@@ -1,7 +1,7 @@
-"""Scenes like those of a data set that it does not hold: drawn and simulated, block by block.
+"""Fresh scenes like those of a data set, but not in it: drawn and simulated, block by block.
 
-A sample follows from the data set's seed and its own index. Those of the data set count from 0; the
-fresh ones go on where it ends, so that none of them is in any part of its split.
+A sample is determined by the data set's seed and its own index. The data set's indices start at 0;
+fresh ones continue where it ends, so that none of them is in any part of its split.
 """
 
 from collections import deque
@@ -18,30 +18,32 @@ from lf_flame.datasets.sampling import simulate_sample
 from lf_flame.datasets.store import Dataset
 
 TOGETHER = 128
-"""Samples of a block."""
+"""Number of samples in a block."""
 
 AHEAD = 2
-"""Blocks that each worker may be ahead, so that memory stays bounded where they are not needed."""
+"""Largest number of blocks that a worker may be ahead, to bound memory if they are not needed."""
 
 Images = tuple[np.ndarray, np.ndarray]
 
 
 def fresh_samples(dataset: Dataset, count: int, workers: int = 0) -> Iterator[Images]:
-    """Simulate the samples that would come after those of a data set.
+    """Simulate the samples that would follow those of a data set.
 
     Parameters
     ----------
     dataset : Dataset
+        Data set whose configuration is used.
     count : int
+        Number of samples.
     workers : int, optional
-        Processes; 0 takes one for each core, 1 works in this one. The bits are the same.
+        Number of processes; 0 takes one for each core, 1 works in this one. The bits are the same.
 
     Yields
     ------
     inputs : ndarray of float32, shape (n, height, width, channels)
     targets : ndarray of float32, shape (n, objects, h, w)
-        Both as in the data set, whose slopes are taken; of the next `TOGETHER` samples, or of what
-        is left, in the order of their indices.
+        Both as in the data set, with its slopes, for the next `TOGETHER` samples, or those that
+        remain, in the order of their indices.
     """
     first, slopes = len(dataset), list(dataset.attrs["slopes"])
     indices = range(first, first + count)

@@ -1,4 +1,4 @@
-"""Hashes of a data set: of its images, of what was drawn for them, and of its attributes."""
+"""Hashes of a data set: of its images, its drawn parameters, and its attributes."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from lf_flame.datasets.metadata import METADATA, SIMULATED, ZARR_ERRORS
 from lf_flame.errors import InputError
 
 ATTRIBUTES_SHA256 = "attributes_sha256"
-"""Attribute that guards the others."""
+"""Name of the attribute that holds the hash of the others."""
 
 
 def open_array(group: zarr.Group, name: str) -> zarr.Array:
@@ -36,12 +36,12 @@ def open_array(group: zarr.Group, name: str) -> zarr.Array:
 
 
 def samples_together(array: zarr.Array) -> int:
-    """How many samples a file of an array holds, which are best read together."""
+    """Count the samples in a file of an array, which are best read together."""
     return (array.shards or array.chunks)[0]
 
 
 def hash_images(group: zarr.Group) -> str:
-    """Hash input and target of each sample in turn: the same however they are stored."""
+    """Hash input and target of each sample in turn: independent of how they are stored."""
     digest = hashlib.sha256()
     inputs, targets = open_array(group, "input"), open_array(group, "target")
     count = samples_together(inputs)
@@ -54,7 +54,7 @@ def hash_images(group: zarr.Group) -> str:
 
 
 def hash_parameters(group: zarr.Group) -> str:
-    """Hash what was drawn and decided for each sample."""
+    """Hash what was drawn and planned for each sample."""
     digest = hashlib.sha256()
     for name in describe_arrays(group):
         if name == SIMULATED or name.startswith("parameters/"):
@@ -64,18 +64,18 @@ def hash_parameters(group: zarr.Group) -> str:
 
 
 def set_attributes(group: zarr.Group, attributes: dict[str, Any]) -> None:
-    """Set attributes and their hash, all in one write."""
+    """Set attributes and their hash in one write."""
     attributes = json.loads(json.dumps(attributes))
     group.attrs.update({**attributes, ATTRIBUTES_SHA256: _hash_attributes(group, attributes)})
 
 
 def check_attributes(group: zarr.Group, path: str | Path) -> None:
-    """Hold attributes against their hash; data sets from before there was one have none.
+    """Compare attributes with their hash; older data sets have none.
 
     Raises
     ------
     InputError
-        If they are others.
+        If they differ.
     """
     attributes = dict(group.attrs)
     known = attributes.get(ATTRIBUTES_SHA256)
@@ -87,14 +87,14 @@ def check_attributes(group: zarr.Group, path: str | Path) -> None:
 
 
 def _hash_attributes(group: zarr.Group, attributes: dict[str, Any]) -> str:
-    """Hash all attributes but this hash, and what is said of each array."""
+    """Hash all attributes but this hash, and the metadata of each array."""
     attributes = {key: value for key, value in attributes.items() if key != ATTRIBUTES_SHA256}
     text = json.dumps({"attributes": attributes, "arrays": describe_arrays(group)}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def describe_arrays(group: zarr.Group) -> dict[str, dict[str, Any]]:
-    """Read what is said of each array, by its name, as it stands in its metadata file."""
+    """Read the metadata of each array, by its name, as stored in its file."""
     found = dict(_describe_in_folder(group) if _folder(group) else _describe_in_store(group))
     return {name: found[name] for name in sorted(found) if name != "parameters"}
 
@@ -116,7 +116,7 @@ def _describe_in_store(group: zarr.Group) -> Iterator[tuple[str, dict[str, Any]]
     # Zarr's own file system works in an event loop; this is the same one outside of it.
     options = {key: value for key, value in options.items() if key not in ("asynchronous", "loop")}
     files = fsspec.filesystem(protocol if isinstance(protocol, str) else protocol[0], **options)
-    store.fs.invalidate_cache()  # of what was there a while ago
+    store.fs.invalidate_cache()  # its listing may be outdated
     for name, _ in group.members(max_depth=None):
         file = f"{store.path}/{name}/{METADATA}"
         record = parse_json(files.cat_file(file).decode(), file)

@@ -1,8 +1,9 @@
-"""Making data sets: a shard for each task, in this process, in others, or on other machines.
+"""Making data sets: one shard per task, in this process, in others, or on other machines.
 
 Every sample is drawn from the seed and its index, and every shard is written by one task as a
-whole. So no two tasks write one file, a run that was cut goes on with the shards that are not
-complete, and the bytes do not depend on who works. `lf_flame.datasets.places` says where.
+whole. Therefore no two tasks write one file, a run that was interrupted continues with the
+incomplete shards, and the bytes do not depend on the workers. `lf_flame.datasets.places` handles
+folders and object stores.
 """
 
 import json
@@ -39,30 +40,31 @@ from lf_flame.simulation.planning.effects import EFFECTS
 from lf_flame.simulation.planning.plan import EffectPlan
 
 LEAST_TOGETHER, MOST_SHARDS = 16, 1000
-"""Samples of a shard at least, and shards of an array at most: a million samples are below ten
-thousand files."""
+"""Smallest number of samples in a shard, and largest number of shards in an array: a million
+samples then take fewer than ten thousand files."""
 
 
 def shard_size(samples: int) -> int:
-    """How many samples a shard holds."""
+    """Count the samples in a shard."""
     return max(LEAST_TOGETHER, math.ceil(samples / MOST_SHARDS))
 
 
 @dataclass(frozen=True)
 class Task:
-    """What it takes to make some samples, wherever that is done.
+    """Everything needed to make some samples, on any machine.
 
     Attributes
     ----------
     config : str
-        The configuration as JSON.
+        Configuration as JSON.
     slopes : tuple of float
+        Slopes of the targets.
     rays : int or None
-        Rays per pixel along each axis, see `lf_flame.datasets.sampling.count_rays`.
+        Number of rays per pixel along each axis, see `lf_flame.datasets.sampling.count_rays`.
     address : str
-        Of the group that is being built, see `lf_flame.datasets.places`.
+        Address of the group that is being built, see `lf_flame.datasets.places`.
     samples : range
-        A whole shard.
+        Indices of the samples, a whole shard.
     """
 
     config: str
@@ -82,7 +84,7 @@ class Task:
         return self.samples
 
     def alone(self) -> range:
-        """Do so on one thread: other tasks run beside it."""
+        """Do the same on one thread, because other tasks run in parallel."""
         with one_thread():
             return self()
 
@@ -100,28 +102,30 @@ def make_dataset(
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
     executor: Executor | None = None,
 ) -> None:
-    """Make a data set, or finish one that was cut off.
+    """Make a data set, or finish one that was interrupted.
 
     Parameters
     ----------
     config : DatasetConfig
+        Configuration.
     samples : int
+        Number of samples.
     path : str or Path
         Folder of the finished group, which must not exist yet; or a place in an object store that
-        fsspec reaches, as ``s3://BUCKET/NAME``, with the credentials of the environment.
+        fsspec can access, such as ``s3://BUCKET/NAME``, with the credentials of the environment.
     workers : int, optional
-        Processes; 1 works in this one.
+        Number of processes; 1 works in this one.
     progress : callable, optional
-        ``progress(finished, done, total)`` wraps the iterable of finished samples.
+        Function ``progress(finished, done, total)`` that wraps the iterable of finished samples.
     executor : concurrent.futures.Executor, optional
-        Who works instead of `workers`, on other machines perhaps; all of them must see the folder
-        under the same name, or reach the object store.
+        Executor to use instead of `workers`, perhaps on other machines; all of them must see the
+        folder under the same name, or reach the object store.
 
     Raises
     ------
     InputError
-        If `path` exists, something else lies where it is built, another process builds it, or the
-        object store cannot be reached.
+        If `path` exists, something else is in the place where it is built, another process builds
+        it, or the object store cannot be reached.
     OSError
         If a file cannot be written; finished samples are kept.
 
@@ -157,10 +161,10 @@ def make_dataset(
 def _begin(
     place: Place, config: DatasetConfig, samples: int
 ) -> tuple[tuple[float, ...], int | None]:
-    """Lay out a data set, unless it is; returns the slopes of its targets and its rays."""
+    """Create a data set's arrays, unless they exist; returns the targets' slopes and the rays."""
     begun = place.attributes()
     if begun is None:
-        # First: this also shows that the scene can be rendered.
+        # First, because this also shows that the scene can be rendered.
         rays = count_rays(config)
         searches = search_slopes(config, rays, whole_range=config.route == "rays")
         with place.laid_out() as group, writing(place.address):
@@ -223,7 +227,7 @@ def _check_same(place: Place, config: DatasetConfig, samples: int) -> None:
 
 
 def _open_shards(place: Place, group: zarr.Group) -> Iterator[tuple[int, int]]:
-    """First sample of each shard that is not complete, and one past the last."""
+    """First sample of each incomplete shard, and one past the last."""
     with place.reading():
         complete = open_array(group, "complete")
         done, count = np.asarray(complete[:]) == 1, complete.chunks[0]
@@ -233,7 +237,7 @@ def _open_shards(place: Place, group: zarr.Group) -> Iterator[tuple[int, int]]:
 
 
 def _carry_out(tasks: Sequence[Task], workers: int, executor: Executor | None) -> Iterator[int]:
-    """Give each sample when its shard is written."""
+    """Yield each sample when its shard is written."""
     if executor is not None:
         yield from _submit(tasks, executor)
     elif workers == 1:
@@ -266,7 +270,7 @@ def _store(group: zarr.Group, place: slice, samples: Sequence[dict[str, Any]]) -
         write(f"parameters/{name}", [sample["parameters"][name] for sample in samples])
     if SIMULATED in group:
         write(SIMULATED, [_simulated(sample["plan"]) for sample in samples])
-    write("complete", [np.uint8(1)] * len(samples))  # last: else they are made again
+    write("complete", [np.uint8(1)] * len(samples))  # last, so that a partial shard is made again
 
 
 def _simulated(plan: EffectPlan) -> np.ndarray:
@@ -276,7 +280,7 @@ def _simulated(plan: EffectPlan) -> np.ndarray:
 
 
 def _count_simulated(group: zarr.Group) -> dict[str, Any]:
-    """Count the samples for which rays were traced and for which each effect was simulated."""
+    """Count the samples with traced rays, and those with each effect."""
     found = np.asarray(open_array(group, SIMULATED)[:])
     counts = [int(count) for count in found.sum(axis=0)]
     return {
@@ -287,7 +291,7 @@ def _count_simulated(group: zarr.Group) -> dict[str, Any]:
 
 
 def _finish(place: Place, group: zarr.Group, made: dict[str, Any]) -> None:
-    """Write the hashes and what made the data set."""
+    """Write the hashes, and the program and machine that made the data set."""
     attributes = dict(group.attrs)
     with place.reading():
         attributes |= {"sha256": hash_images(group), "parameters_sha256": hash_parameters(group)}

@@ -1,7 +1,7 @@
-"""What a data set's Zarr files say of it, checked before Zarr reads them.
+"""Checks of the metadata in a data set's Zarr files, before Zarr reads them.
 
-Zarr raises many kinds of errors at metadata that it does not expect. Ours are of one kind: what
-`lf_flame.datasets.making` writes.
+Zarr raises many kinds of errors for unexpected metadata. Only the metadata that
+`lf_flame.datasets.making` writes are accepted here.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,35 +17,36 @@ from lf_flame.errors import InputError
 
 ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError,
                NotImplementedError, OverflowError)  # fmt: skip
-"""What Zarr and its codecs raise at damaged metadata and chunks."""
+"""Exceptions of Zarr and its codecs for damaged metadata and chunks."""
 
 METADATA = "zarr.json"
 
 IMAGES = ("complete", "input", "target")
-"""Arrays that every data set has."""
+"""Names of the arrays that every data set has."""
 
 SIMULATED = "simulated"
-"""Array, and attribute, of what was simulated where that is decided for each sample."""
+"""Name of an array, and attribute, on the effects of each sample, if they are planned for each."""
 
 MOST_TOGETHER = 4096
-"""Samples in a file at most."""
+"""Largest number of samples in a file."""
 
 
 @dataclass(frozen=True)
 class Attributes:
-    """What the group of a data set says, once it is laid out.
+    """Attributes of a data set's group, once its arrays exist.
 
     Attributes
     ----------
     config : dict
-        See `lf_flame.datasets.config.config_to_json`.
+        Configuration, see `lf_flame.datasets.config.config_to_json`.
     slopes : list of float
-        Of the targets.
+        Slopes of the targets.
     objects : list of str
+        Names of the objects.
     rays : int, optional
-        Rays per pixel along each axis, where the data set's route traces rays.
+        Number of rays per pixel along each axis, if the data set's route traces rays.
     sha256 : str, optional
-        Of inputs and targets; where the data set is finished.
+        SHA-256 of inputs and targets, if the data set is finished.
     """
 
     config: dict[str, Any]
@@ -57,7 +58,7 @@ class Attributes:
 
 @dataclass(frozen=True)
 class GroupFile:
-    """The metadata file of a group."""
+    """Metadata file of a group."""
 
     zarr_format: Literal[3]
     node_type: Literal["group"]
@@ -73,7 +74,7 @@ class Chunks:
 
 @dataclass(frozen=True)
 class Grid:
-    """How an array is divided into chunks."""
+    """Division of an array into chunks."""
 
     name: Literal["regular"]
     configuration: Chunks
@@ -88,7 +89,7 @@ class Codec:
 
 @dataclass(frozen=True)
 class ArrayFile:
-    """The metadata file of an array: files of whole samples."""
+    """Metadata file of an array, with whole samples in each file."""
 
     zarr_format: Literal[3]
     node_type: Literal["array"]
@@ -110,7 +111,7 @@ class ArrayFile:
 
 
 def read_attributes(path: Path) -> Attributes | None:
-    """Read what the group of a data set says; nothing where it is not laid out.
+    """Read the attributes of a data set's group; None if its arrays do not exist yet.
 
     Raises
     ------
@@ -118,31 +119,32 @@ def read_attributes(path: Path) -> Attributes | None:
         If its metadata are damaged, or those of something else.
     """
     found = load_record(GroupFile, path / METADATA).attributes
-    if "config" not in found:  # comes last
+    if "config" not in found:  # it is written last
         return None
     return build_record(Attributes, found, path / METADATA)
 
 
 def check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], source: str) -> int:
-    """Look at the metadata of an array of a data set.
+    """Check the metadata of an array of a data set.
 
     Parameters
     ----------
     record : dict
+        Metadata of the array.
     shapes : sequence of tuple of int
-        That a sample may have.
+        Allowed shapes of a sample.
     source : str
-        The array, for messages.
+        Name of the array, for messages.
 
     Returns
     -------
     int
-        Its samples.
+        Number of samples.
 
     Raises
     ------
     InputError
-        If it is not an array as data sets have them.
+        If it is not an array of a data set.
     """
     samples, *shape = build_record(ArrayFile, record, f"{source}/{METADATA}").shape
     if tuple(shape) not in shapes:
@@ -154,18 +156,18 @@ def check_array(record: dict[str, Any], shapes: Sequence[tuple[int, ...]], sourc
 
 
 def check_array_files(path: Path, config: DatasetConfig) -> int:
-    """Look at what the arrays of a data set say of themselves, and at what lies in their files.
+    """Check the metadata of a data set's arrays, and the kinds and sizes of its files.
 
     Returns
     -------
     int
-        Its samples.
+        Number of samples.
 
     Raises
     ------
     InputError
-        If one is missing, damaged, or not as the configuration has it; or a file is a device, a
-        pipe, or larger than the memory allows, for Zarr reads files whole.
+        If an array is missing, damaged, or does not fit the configuration; or a file is a device, a
+        pipe, or larger than the memory limit, because Zarr reads whole files.
     """
     for file in path.rglob("*"):
         if not file.is_dir():
@@ -177,30 +179,30 @@ def check_array_files(path: Path, config: DatasetConfig) -> int:
 def check_array_records(
     source: str | Path, records: Mapping[str, dict[str, Any]], config: DatasetConfig
 ) -> int:
-    """Look at what the arrays of a data set say of themselves.
+    """Check the metadata of a data set's arrays.
 
     Parameters
     ----------
     source : str or Path
-        The data set, for messages.
+        Name of the data set, for messages.
     records : mapping of str to dict
-        By the name of the array.
+        Metadata by the name of the array.
     config : DatasetConfig
 
     Returns
     -------
     int
-        Its samples.
+        Number of samples.
 
     Raises
     ------
     InputError
-        If one is missing, damaged, or not as the configuration has it.
+        If an array is missing, damaged, or does not fit the configuration.
     """
     shown = config.input.shape(config.image)
     shapes = {
         "complete": [()],
-        # Older data sets hold one channel without an axis.
+        # Older data sets store one channel without an axis.
         "input": [shown, shown[:2]] if shown[2] == 1 else [shown],
         "target": [(len(config.depths_mm), *config.image)],
     }

@@ -1,7 +1,7 @@
-"""Where data sets are built: folders, and object stores such as S3.
+"""Places in which data sets are built: folders, and object stores such as S3.
 
-In a folder a data set is built as ``NAME.part`` and renamed when it is whole. An object store
-renames nothing: there it is built under its own name, and is whole when its attributes know the
+In a folder a data set is built as ``NAME.part`` and renamed when it is complete. An object store
+cannot rename: there it is built under its final name, and is complete when its attributes have the
 hash of its images.
 """
 
@@ -32,18 +32,18 @@ from lf_flame.errors import InputError
 Group = zarr.Group
 
 CLIENTS = {"botocore.exceptions": ("BotoCoreError", "ClientError"), "aiohttp": ("ClientError",)}
-"""Errors of the clients of stores that are of no built-in kind, by their module."""
+"""Names of exceptions of stores' clients that are not built-in ones, by their module."""
 
 
 class Place(ABC):
-    """Where a data set is built.
+    """Place in which a data set is built.
 
     Attributes
     ----------
     name : str
-        Of what is being built, in messages.
+        Name of the place, in messages.
     address : str
-        By which `open_group` finds it, here and on other machines.
+        Address with which `open_group` opens it, here and on other machines.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Place(ABC):
 
     @abstractmethod
     def reserved(self):
-        """Context in which nobody else builds there, as far as the place can see to it.
+        """Context in which no other process builds there, as far as the place can ensure this.
 
         Raises
         ------
@@ -61,7 +61,7 @@ class Place(ABC):
 
     @abstractmethod
     def attributes(self) -> Attributes | None:
-        """Tell what is said of a data set that was begun; nothing where none was.
+        """Attributes of a data set that was begun; None if there is none.
 
         Raises
         ------
@@ -71,49 +71,49 @@ class Place(ABC):
 
     @abstractmethod
     def laid_out(self):
-        """Context with an empty group, which is there when the block ends well."""
+        """Context with an empty group, which appears when the block succeeds."""
 
     @abstractmethod
     def count_samples(self, config: DatasetConfig) -> int:
-        """Look at what was begun, and count its samples; see `check_array_records`."""
+        """Check the arrays of a data set that was begun, and count its samples."""
 
     @abstractmethod
     def reading(self):
-        """Context that says in a sentence why samples cannot be read."""
+        """Context that turns errors of reading samples into one sentence."""
 
     @abstractmethod
     def finish(self) -> None:
-        """Put a whole data set where it belongs."""
+        """Move a complete data set to its final place."""
 
     def open(self) -> Group:
-        """Open what is being built."""
+        """Open the data set that is being built."""
         return open_group(self.address)
 
 
 def find_place(target: str | Path) -> Place:
-    """Tell a folder from the URL of an object store.
+    """Make the place for a folder, or for the URL of an object store.
 
     Raises
     ------
     InputError
-        If no such store can be reached from here.
+        If the store cannot be reached.
     """
     return ObjectStore(str(target)) if is_url(target) else Folder(Path(target))
 
 
 def is_url(target: str | Path) -> bool:
-    """Whether a place is one of an object store: SCHEME://BUCKET/NAME."""
+    """Whether a place is in an object store: SCHEME://BUCKET/NAME."""
     return isinstance(target, str) and "://" in target
 
 
 def open_group(address: str) -> Group:
-    """Open a data set that is being built, by its place's address."""
+    """Open a data set that is being built, by the address of its place."""
     with _reaching(address):
         return zarr.open_group(address, mode="r+")
 
 
 class Folder(Place):
-    """A folder of this machine, or one that it shares with others."""
+    """A folder on this machine, or on a shared file system."""
 
     def __init__(self, path: Path):
         self.path, self.part = path, path.with_name(path.name + ".part")
@@ -121,14 +121,14 @@ class Folder(Place):
 
     @contextmanager
     def reserved(self) -> Iterator[None]:
-        """Lock it."""
+        """Lock the folder."""
         with exclusive(self.path):
-            if self.path.exists() or self.path.is_symlink():  # no folder takes a link's place
+            if self.path.exists() or self.path.is_symlink():  # a folder cannot replace a link
                 raise InputError(f"{self.path} exists; remove it or choose another folder.")
             yield
 
     def attributes(self) -> Attributes | None:
-        """Read them from the folder."""
+        """Read the attributes from the folder."""
         if not self.part.exists():
             return None
         found = read_attributes(self.part) if (self.part / METADATA).exists() else None
@@ -141,29 +141,29 @@ class Folder(Place):
 
     @contextmanager
     def laid_out(self) -> Iterator[Group]:
-        """Lay it out aside."""
-        with atomic_folder(self.part) as aside:  # what bears the name of a part is one
+        """Create the group under a temporary name."""
+        with atomic_folder(self.part) as aside:  # so that NAME.part is always a data set
             yield zarr.open_group(aside, mode="w", zarr_format=3)
 
     def count_samples(self, config: DatasetConfig) -> int:
-        """Count them in the files' metadata."""
+        """Count the samples in the files' metadata."""
         return check_array_files(self.part, config)
 
     def reading(self):
-        """Name the folder where Zarr gives up."""
+        """Name the folder if Zarr raises an error."""
         return readable(self.part / METADATA, ZARR_ERRORS, "a sample is")
 
     def finish(self) -> None:
-        """Remove what is left of writes that were cut off, and rename it."""
-        for left in self.part.rglob("*.partial"):  # by Zarr's store
+        """Remove remains of interrupted writes, and rename the folder."""
+        for left in self.part.rglob("*.partial"):  # written by Zarr's store
             left.unlink(missing_ok=True)
         self.part.rename(self.path)
 
 
 class ObjectStore(Place):
-    """A place in an object store that fsspec reaches; credentials are those of the environment.
+    """A place in an object store that fsspec can access, with the environment's credentials.
 
-    Such a store knows no locks: whoever builds there sees to it that nobody else does.
+    Object stores have no locks: the user must ensure that only one process builds there.
     """
 
     def __init__(self, url: str):
@@ -174,7 +174,7 @@ class ObjectStore(Place):
             self._files, self._root = fsspec.core.url_to_fs(self.address)
             if "file" in self._files.protocol or "local" in self._files.protocol:
                 raise InputError(f"{url} is a folder of this machine: give its path without ://.")
-            # Whoever asks for a data set again must not see what was there a while ago.
+            # The listing may be outdated when a data set is requested again.
             self._files.invalidate_cache()
 
     @contextmanager
@@ -186,7 +186,7 @@ class ObjectStore(Place):
         yield
 
     def attributes(self) -> Attributes | None:
-        """Read them from the store."""
+        """Read the attributes from the store."""
         file = f"{self._root}/{METADATA}"
         with _reaching(self.name):
             if not self._files.exists(self._root):
@@ -194,7 +194,7 @@ class ObjectStore(Place):
             text = self._files.cat_file(file).decode() if self._files.exists(file) else "{}"
         values = parse_json(text, f"{self.name}/{METADATA}")
         found = values.get("attributes") if isinstance(values, dict) else None
-        if not isinstance(found, dict) or "config" not in found:  # which comes last
+        if not isinstance(found, dict) or "config" not in found:  # it is written last
             raise InputError(
                 f"{self.name} is in the way: something is there that is no data set, or one that "
                 f"was cut off at once; what is there is never removed, so choose another place."
@@ -203,38 +203,38 @@ class ObjectStore(Place):
 
     @contextmanager
     def laid_out(self) -> Iterator[Group]:
-        """Lay it out in place; attributes come last."""
+        """Create the group in place; attributes come last."""
         with _reaching(self.name):
             group = zarr.open_group(self.address, mode="w-", zarr_format=3)
         yield group
 
     def count_samples(self, config: DatasetConfig) -> int:
-        """Count them in the arrays' metadata."""
+        """Count the samples in the arrays' metadata."""
         group = self.open()
         with _reaching(self.name, damaged=True):
             described = describe_arrays(group)
         return check_array_records(self.name, described, config)
 
     def reading(self):
-        """Name the place."""
+        """Name the place if the store or Zarr raises an error."""
         return _reaching(self.name, damaged=True)
 
     def finish(self) -> None:
-        """Leave it: it is where it belongs."""
+        """Do nothing: the data set was built in its final place."""
 
 
 @contextmanager
 def writing(address: str) -> Iterator[None]:
-    """Say in a sentence what keeps samples from a store; errors of folders say it themselves."""
+    """Turn errors of writing to a store into one sentence; a folder's errors are one already."""
     with _reaching(address):
         yield
 
 
 @contextmanager
 def _reaching(address: str, damaged: bool = False) -> Iterator[None]:
-    """Say in a sentence what keeps a store from being reached, or what is there from being read.
+    """Turn errors of a store, or of reading its data, into one sentence.
 
-    Nothing but the store's and Zarr's own calls should stand inside.
+    Only calls of the store and of Zarr belong inside the block.
     """
     if not is_url(address):
         yield
@@ -254,7 +254,7 @@ def _reaching(address: str, damaged: bool = False) -> Iterator[None]:
 
 
 def _store_errors(damaged: bool) -> tuple[type[Exception], ...]:
-    """List what stores raise; clients that are loaded have errors of their own."""
+    """List the exceptions of stores; loaded clients have their own."""
     found: list[type[Exception]] = [OSError, ValueError, NotImplementedError]
     for module, names in CLIENTS.items():
         loaded = sys.modules.get(module)

@@ -1,7 +1,7 @@
 """Samples of a data set: drawn, simulated and refocused, each from the seed and its index.
 
-On the route "direct" images come straight from the scene (`lf_flame.projection`) where the effect
-plan allows, else from the light field. The light field by the exact integrator agrees to 1e-6.
+With the route "direct" images come directly from the scene (`lf_flame.projection`) where the effect
+plan allows, else from the light field. Light fields of the exact integrator agree to 1e-6.
 """
 
 import numpy as np
@@ -19,26 +19,26 @@ from lf_flame.simulation.planning.plan import EffectPlan
 from lf_flame.simulation.planning.ray_counts import RAY_COUNTS
 
 SEARCHED, STEPS_SEARCHED = 0.6, 25
-"""Slopes to either side of the geometry's that are searched at first, and how many in all."""
+"""Range of slopes around the geometric one that is searched first, and number of steps."""
 
 
 TARGET_ERROR = 1e-3
-"""Largest root-mean-square error of a refocused image from which the number of rays follows: 60 dB
-below white, some 15 dB below what the paper's network leaves."""
+"""Largest root-mean-square error of a refocused image, which determines the number of rays: 60 dB
+below white, about 15 dB below the error of the paper's network."""
 
 
 def count_rays(config: DatasetConfig) -> int | None:
-    """Find how many rays per pixel along each axis the light fields of a data set need.
+    """Find the number of rays per pixel, along each axis, that a data set's light fields need.
 
-    On the mean scene, once for all samples. A refocused image averages over many pixels, so that
-    far fewer rays than one light field's tolerance asks for are enough: the fewest with which all
-    refocused images are, to `TARGET_ERROR`, those that come straight from the scene. Where the
-    plan allows no such images, the tolerance decides.
+    It is found for the mean scene, once for all samples. A refocused image averages many pixels, so
+    far fewer rays suffice than for the tolerance of a single light field: the smallest number with
+    which all refocused images agree, to `TARGET_ERROR`, with those directly from the scene. If the
+    plan does not allow direct images, the tolerance decides.
 
     Returns
     -------
     int or None
-        None where the data set's route traces no rays.
+        Number of rays; None if the data set's route traces no rays.
     """
     if config.route != "rays":
         return None
@@ -61,28 +61,29 @@ def count_rays(config: DatasetConfig) -> int | None:
 def search_slopes(
     config: DatasetConfig, rays: int | None = None, whole_range: bool = False
 ) -> list[SlopeSearch]:
-    """Find, on the mean scene, the slope that makes each object sharpest.
+    """Find, for the mean scene, the slope of sharpest focus of each object.
 
-    Each search sees only the part of the image around its object.
+    Each search uses only the part of the image around its object.
 
     Parameters
     ----------
     config : DatasetConfig
+        Configuration.
     rays : int, optional
-        Rays per pixel along each axis, on the route "rays": `count_rays`.
+        Number of rays per pixel along each axis for the route "rays", from `count_rays`.
     whole_range : bool, optional
-        Search all slopes, not only those near where the geometry puts the object, which takes a
+        Whether all slopes are searched, instead of only those near the geometric one, which takes a
         third of the time. The slopes found agree to 1e-5.
 
     Returns
     -------
     list of SlopeSearch
-        In the order of the template's objects.
+        Results in the order of the template's objects.
 
     Raises
     ------
     InputError
-        If an object has no sharpest slope.
+        If an object has no slope of sharpest focus.
     """
     scene, _ = config.draw(None)
     light_field = render_drawn(scene, config, config.plan, 0, rays)
@@ -102,7 +103,7 @@ def _search_near(
     try:
         near = slope + np.linspace(-SEARCHED, SEARCHED, STEPS_SEARCHED)
         return find_sharpest_slope(light_field, near, region=region)
-    except InputError:  # it is somewhere else, or nowhere
+    except InputError:  # the peak is elsewhere, or there is none
         return find_sharpest_slope(light_field, region=region)
 
 
@@ -127,16 +128,19 @@ def simulate_sample(
     Parameters
     ----------
     config : DatasetConfig
+        Configuration.
     slopes : list of float
+        Slopes of the targets.
     index : int
+        Index of the sample.
     rays : int, optional
-        Rays per pixel along each axis, on the route "rays": `count_rays`.
+        Number of rays per pixel along each axis for the route "rays", from `count_rays`.
 
     Returns
     -------
     dict
-        ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in [0, 1],
-        ``parameters``, and ``plan``, by which it was simulated.
+        Arrays ``input`` (height, width, channels) and ``target`` (objects, h, w), float32 in
+        [0, 1], the ``parameters`` that were drawn, and the ``plan`` of the simulation.
     """
     scene, parameters = draw_sample(config, index)
     plan = config.plan_of(scene)
@@ -152,7 +156,7 @@ def simulate_sample(
 
 
 def _refocus(light_field: LightField, config: DatasetConfig, slopes: list[float]) -> np.ndarray:
-    """Refocus a light field by shift-and-sum, at the size of the targets."""
+    """Refocus a light field with shift-and-sum, at the size of the targets."""
     return area_average(shift_and_sum(light_field, slopes), config.image)
 
 
@@ -179,8 +183,8 @@ def render_sample(
 def render_drawn(
     scene: Scene, config: DatasetConfig, plan: EffectPlan, index: int, rays: int | None = None
 ) -> LightField:
-    """Render the scene of a sample, by so many rays along each axis, or as the plan says."""
-    seed = [config.seed, index, 1]  # of the sensor's noise, apart from the scene's
+    """Render the scene of a sample, with `rays` rays along each axis, or as the plan decides."""
+    seed = [config.seed, index, 1]  # of the sensor's noise, different from the scene's
     if rays:
         return rendering.render_plan(scene, config.camera, plan, "rays", rays, seed)
     return rendering.render_plan(scene, config.camera, plan, seed=seed)

@@ -8,6 +8,20 @@ from lf_flame.errors import InputError
 def split_indices(n: int, shares: tuple[float, float, float], seed: int) -> dict[str, np.ndarray]:
     """Split n samples at random into "train", "validation" and "test".
 
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    shares : (float, float, float)
+        Fractions of training, validation and test.
+    seed : int
+        Seed of the random order.
+
+    Returns
+    -------
+    dict of ndarray of int
+        Indices of each part, rising.
+
     Raises
     ------
     InputError

@@ -1,13 +1,13 @@
 """Data sets of light-field images and their refocused stacks, as Zarr v3 groups.
 
-A group holds ``input`` (n, h, w, channels), what the network is shown of the light field, see
+A group has ``input`` (n, h, w, channels), the network's input from the light field, see
 `lf_flame.datasets.encodings`; ``target`` (n, objects, h, w), the light field refocused at the slope
-of each object; ``parameters/*``, what was drawn; and ``complete`` (n,). Where effects are decided
-for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced and which effects were
-simulated, and an attribute of that name counts the samples. Images lie in shards, files of some
-samples, each of them compressed by itself and with a checksum; all else lies in chunks of as many.
-Attributes hold the hashes of images, parameters and attributes. `lf_flame.datasets.making` makes
-such groups.
+of each object; ``parameters/*``, the values that were drawn; and ``complete`` (n,). If effects are
+planned for each sample, ``simulated`` (n, 1 + effects) says whether rays were traced and which
+effects were simulated, and an attribute of that name counts the samples. Images are in shards,
+files of some samples, each compressed separately and with a checksum; other arrays are in chunks of
+as many samples. Attributes include the hashes of images, parameters and attributes.
+`lf_flame.datasets.making` makes such groups.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ class Dataset:
     Raises
     ------
     InputError
-        If there is none, it is not finished, or it is damaged.
+        If there is no data set, it is not finished, or it is damaged.
     """
 
     def __init__(self, path: str | Path):
@@ -73,17 +73,18 @@ class Dataset:
             raise InputError(f"{path} is not complete: sample {missing} is missing; make it again.")
 
     def verify(self) -> list[str]:
-        """Compute all hashes again, from every sample.
+        """Compare the whole data set with its hashes.
 
         Returns
         -------
         list of str
-            What is as it was written; older data sets know no hashes of parameters and attributes.
+            Names of the parts that are unchanged; older data sets have no hashes of parameters and
+            attributes.
 
         Raises
         ------
         InputError
-            If a sample, or what was drawn for it, is not what was written.
+            If a sample, or what was drawn for it, has changed.
         """
         sound = ["attributes"] if ATTRIBUTES_SHA256 in self.attrs else []
         for what, name, digest in (
@@ -107,14 +108,14 @@ class Dataset:
 
     @property
     def scenes_sha256(self) -> str:
-        """Hash of what was asked for: the same on every machine, whose rounding may differ."""
+        """Hash of the configuration: the same on all machines, whose rounding may differ."""
         asked = {**config_to_json(self.config), "samples": len(self)}
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     @cached_property
     def inputs(self) -> np.ndarray:
         """Network inputs, shape (n, height, width, channels), float32 in [0, 1]."""
-        # Older data sets hold them without an axis of channels.
+        # Older data sets store them without an axis of channels.
         return self._read("input").reshape(-1, *self.config.input.shape(self.config.image))
 
     @cached_property
@@ -145,7 +146,7 @@ class Dataset:
         return samples
 
     def _name_damaged(self, array: zarr.Array, indices: range) -> NoReturn:
-        """Find which of the samples that share a file cannot be read."""
+        """Find the sample that cannot be read among those that share a file."""
         for index in indices:
             try:
                 array[index]

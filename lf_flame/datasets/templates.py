@@ -1,7 +1,7 @@
 """The paper's two kinds of scene, four shapes or four flames on four layers, drawn at random.
 
-A template holds the objects and the ranges over which they vary; `draw` gives one scene and the
-numbers that were drawn, from a generator alone. Both templates are part of a data set's
+A template has the objects and the ranges over which they vary; `draw` gives one scene and the
+values that were drawn, from a generator alone. Both templates are part of a data set's
 configuration.
 """
 
@@ -22,7 +22,7 @@ Pair = tuple[float, float]
 @strict
 @dataclass(frozen=True)
 class ShapeObject:
-    """A shape at its mean place: bounding box (height, width) and centre (y, x), in mm."""
+    """A shape at its mean position: bounding box (height, width) and centre (y, x), in mm."""
 
     shape: Literal["rectangle", "triangle", "circle", "square"]
     depth_mm: float
@@ -31,26 +31,27 @@ class ShapeObject:
 
     @property
     def name(self) -> str:
-        """What the tables call it."""
+        """Name of the shape in tables."""
         return self.shape
 
 
 @strict
 @dataclass(frozen=True)
 class ShapeTemplate:
-    """Shapes that move, grow and dim independently of one another.
+    """Shapes with random position, size and brightness, independent of one another.
 
     Parameters
     ----------
     objects : list of ShapeObject
+        Shapes at their mean positions.
     position_mm : float
-        Each centre moves by up to this much, both ways, uniformly in y and x.
+        Largest displacement of a centre in both directions, uniform in y and x.
     size : float
-        Each shape is scaled by 1 - size to 1 + size, uniformly, its proportions kept.
+        Largest relative change of size in both directions, uniform, with constant proportions.
     brightness : (float, float)
         Range of the radiance, uniform, inside [0, 1].
     opaque : bool, optional
-        Whether shapes hide what is behind them; they then need depths of their own.
+        Whether shapes occlude what is behind them; their depths must then differ.
     """
 
     objects: list[ShapeObject]
@@ -74,7 +75,7 @@ class ShapeTemplate:
         -------
         Scene
         dict
-            ``centre_mm`` and ``size_mm``, shape (objects, 2), and ``brightness``, (objects,).
+            Arrays ``centre_mm`` and ``size_mm``, (objects, 2), and ``brightness``, (objects,).
         """
         n = len(self.objects)
         centres = np.array([o.centre_mm for o in self.objects], float)
@@ -120,21 +121,22 @@ class FlameObject:
 @strict
 @dataclass(frozen=True)
 class FlameTemplate:
-    """Flames that flicker in height, wrinkle, move a little and change brightness.
+    """Flames with random flicker of height, wrinkles, position and brightness.
 
-    The height of a flame is its mean plus ``sqrt(2) height_sd_mm sin(phase)`` with a uniform
-    phase: buoyant flicker seen at a random moment. The paper's standard deviation hardly grows
-    with the mean height, so the flicker adds to it and does not scale it.
+    The height of a flame is its mean plus ``sqrt(2) height_sd_mm sin(phase)`` with a uniform phase:
+    buoyant flicker seen at a random moment. In the paper the standard deviation hardly grows with
+    the mean height, so the flicker is added, not scaled.
 
     Parameters
     ----------
     objects : list of FlameObject
+        Flames at their mean heights.
     position_mm : float
-        Each burner moves by up to this much, both ways, uniformly in y and x.
+        Largest displacement of a burner in both directions, uniform in y and x.
     sway : float
-        Root-mean-square sway of the axis at the tip, relative to the radius.
+        Root mean square of the axis's displacement at the tip, relative to the radius.
     swelling : float
-        Root-mean-square relative change of the radius at the tip.
+        Root mean square of the relative change of the radius at the tip.
     brightness : (float, float)
         Range of the brightest radiance, uniform, inside [0, 1].
     """
@@ -156,7 +158,8 @@ class FlameTemplate:
         -------
         Scene
         dict
-            ``height_mm`` and ``brightness``, shape (objects,), and ``burner_mm``, (objects, 2).
+            Arrays ``height_mm`` and ``brightness``, shape (objects,), and ``burner_mm``,
+            (objects, 2).
         """
         n = len(self.objects)
         burners = np.array([o.burner_mm for o in self.objects], float)

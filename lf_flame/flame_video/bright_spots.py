@@ -1,6 +1,6 @@
-"""The peak of a flame among hot pixels and sparks, which may be brighter.
+"""Peak of a flame among hot pixels and sparks, which may be brighter.
 
-A peak is what a certain number of joined pixels reach: so one hot pixel is none, wherever it is.
+A peak is a level that a certain number of connected pixels reach; a single hot pixel is not a peak.
 """
 
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ import numpy as np
 from scipy import ndimage
 
 LEAST_PIXELS = 4
-"""Number of pixels of a flame at least; what is smaller is taken for a hot pixel, which refocusing
-spreads over its neighbours."""
+"""Smallest number of pixels of a flame; fewer are a hot pixel, which refocusing spreads over its
+neighbours."""
 
 HOT = 1.25
-"""Ratio to what `LEAST_PIXELS` joined pixels reach above which a pixel is hot; the top of a flame
-that is some pixels wide is lower."""
+"""Smallest ratio of a hot pixel to the level that `LEAST_PIXELS` connected pixels reach; the tip of
+a flame some pixels wide is lower."""
 
 SPARK_PIXELS = 25
-"""Number of pixels of a spark at most."""
+"""Largest number of pixels of a spark."""
 
 SPARK_RATIO = 10
 """Area relative to a bright spot's from which another place is the flame, and the spot a spark."""
@@ -25,16 +25,16 @@ SPARK_RATIO = 10
 
 @dataclass(frozen=True)
 class Peak:
-    """The brightest place of an image.
+    """Brightest place of an image.
 
     Attributes
     ----------
     value : float
-        Radiance of its peak.
+        Radiance of the peak.
     place : (int, int)
-        Row and column of a pixel of it.
+        Row and column of one of its pixels.
     is_hot : bool
-        Whether single pixels are brighter.
+        Whether single (hot) pixels are brighter.
     """
 
     value: float
@@ -43,7 +43,7 @@ class Peak:
 
 
 def find_peak(image: np.ndarray) -> Peak:
-    """Find the brightest place that is no hot pixel."""
+    """Find the brightest place that is not a hot pixel."""
     place, reached = joined_pixels(image, LEAST_PIXELS)
     brightest = float(image.max())
     if brightest <= HOT * reached:
@@ -52,7 +52,7 @@ def find_peak(image: np.ndarray) -> Peak:
 
 
 def joined_pixels(image: np.ndarray, count: int) -> tuple[tuple[int, int], float]:
-    """Find the highest radiance that so many joined pixels reach, and the place of one of them."""
+    """Find the highest radiance that `count` connected pixels reach, and one of their places."""
     falling = np.sort(image, axis=None)[::-1]
     low, high = count - 1, min(2 * count, image.size) - 1
     while high < image.size - 1 and _largest(image >= falling[high])[1] < count:
@@ -67,13 +67,13 @@ def joined_pixels(image: np.ndarray, count: int) -> tuple[tuple[int, int], float
 
 
 def region_of(image: np.ndarray, threshold: float, place: tuple[int, int]) -> np.ndarray:
-    """Mark the pixels above a threshold that are joined to a place, by their sides."""
+    """Mark the pixels above a threshold that are connected to a place, by their sides."""
     labels = ndimage.label(image > threshold)[0]
     return labels == labels[place] if labels[place] else np.zeros(image.shape, bool)
 
 
 def larger_flame(image: np.ndarray, spot: np.ndarray) -> Peak | None:
-    """Find a flame that is much larger than a bright spot and apart from it.
+    """Find a flame that is much larger than a bright spot and separate from it.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def larger_flame(image: np.ndarray, spot: np.ndarray) -> Peak | None:
     Returns
     -------
     Peak or None
-        None where the spot is no spark but the flame itself.
+        Peak of the flame; None if the spot is not a spark but the flame itself.
     """
     area = int(np.count_nonzero(spot))
     if area > SPARK_PIXELS or SPARK_RATIO * area > image.size:
@@ -97,7 +97,7 @@ def larger_flame(image: np.ndarray, spot: np.ndarray) -> Peak | None:
 
 
 def _largest(above: np.ndarray) -> tuple[int, int]:
-    """Find a pixel of the largest region, by its place in memory, and the region's size."""
+    """Find a pixel of the largest region, as a flat index, and the region's size."""
     labels, found = ndimage.label(above)
     if not found:
         return 0, 0

@@ -1,4 +1,4 @@
-"""A picture of how a flame flickers."""
+"""Figure of a flame's flicker."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ TITLE_WIDTH = 100
 
 @dataclass(frozen=True)
 class PictureScale:
-    """Lengths in a picture.
+    """Scale of lengths in an image.
 
     Attributes
     ----------
     pixel_mm : float, optional
         Side of a pixel; None for lengths in pixels.
     burner_row : float, optional
-        Row from which heights count; None for the lower edge.
+        Row from which heights are measured; None for the lower edge.
     """
 
     pixel_mm: float | None = None
@@ -37,9 +37,9 @@ class PictureScale:
         return "px" if self.pixel_mm is None else "mm"
 
     def place(self, rows, columns, shape: tuple[int, int]):
-        """Give where rows and columns are: across from the middle and up from the burner, in mm.
+        """Positions of rows and columns: across from the centre and up from the burner, in mm.
 
-        In pixels without a scale: columns and rows as they are.
+        Without a scale they are columns and rows in pixels, unchanged.
         """
         if self.pixel_mm is None:
             return columns, rows
@@ -56,21 +56,22 @@ def flicker_figure(
     scale: PictureScale,
     outliers: np.ndarray,
 ):
-    """Height against time, its spectrum, and contours over the mean picture.
+    """Height against time, its spectrum, and contours over the mean image.
 
     Parameters
     ----------
     times_s, heights : ndarray, shape (frames,)
-        NaN where there is no flame.
+        Times, and heights in the unit of `scale`; NaN without a flame.
     found : Flicker or None
-        None where too few heights are known.
+        Flicker; None if too few heights are known.
     mean_image : ndarray, shape (rows, columns)
+        Mean over the frames.
     contours : sequence of (float, ndarray)
-        Time, and contour as of `FlameShape`.
+        Times, and contours as in `FlameShape`.
     scale : PictureScale
-        Heights are in its unit.
+        Scale of lengths.
     outliers : ndarray of bool, shape (frames,)
-        Heights that were left out of the spectrum.
+        Whether a height was left out of the spectrum.
 
     Returns
     -------

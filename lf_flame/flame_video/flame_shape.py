@@ -1,11 +1,11 @@
 """Shape of a flame in an image: height, tip, width and contour.
 
-A flame is what is brighter than a share of the picture's peak and joined to it; hot pixels and
-sparks do not count (`bright_spots`). Its contour runs between pixels where linear interpolation
-reaches that share.
+A flame is the region that is brighter than a fraction of the image's peak and connected to the
+peak; hot pixels and sparks do not count (`bright_spots`). Its contour runs between pixels where
+linear interpolation reaches that level.
 
 Rows run downwards, and the burner is at the bottom. Row 0 is the centre of the first row of pixels;
-the lower edge of a picture of n rows is at n - 1/2.
+the lower edge of an image of n rows is at n - 1/2.
 """
 
 from dataclasses import dataclass
@@ -23,18 +23,19 @@ from lf_flame.flame_video.bright_spots import (
 )
 
 LEAST_SIGNAL = 8.0
-"""Standard deviations of noise by which a flame's peak must exceed the median of the picture. Of a
-million pixels without light the brightest has five."""
+"""Number of standard deviations of noise by which a flame's peak must exceed the image's median.
+The brightest of a million pixels without light exceeds it by five."""
 
 LEAST_SIDE = 5
-"""Pixels along each axis of a picture, of which noise is measured."""
+"""Smallest number of pixels along each axis of an image, needed to measure the noise."""
 
 APART_SHARE = 0.05
-"""Of the flame's area, from which light apart from it is told; noise leaves single pixels there."""
+"""Smallest area of separate light for a warning, relative to the flame's; noise leaves single
+pixels."""
 
 CEILING_SHARE = 0.05
-"""Of the flame's area at exactly the brightest value, from which that is a ceiling. A Gaussian that
-is cut off over so much of it has a peak 4 % higher."""
+"""Smallest fraction of the flame's area at exactly the brightest value that counts as saturated. A
+Gaussian clipped over this fraction of its area has a peak 4 % higher."""
 
 DARK = "Nothing stands out of the noise: there is no flame."
 SPECK = f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame."
@@ -57,21 +58,21 @@ class FlameShape:
     Attributes
     ----------
     height : float
-        From the burner to the tip.
+        Height from the burner to the tip.
     tip_row : float
-        Row of the contour's highest point, in pixels of the picture.
+        Row of the contour's highest point, in pixels of the image.
     width : float
-        Of the row in which the contour is widest.
+        Width of the contour in its widest row.
     area : float
-        Within the contour, holes included.
+        Area inside the contour, holes included.
     brightness : float
         Mean of the flame's pixels.
     contour : ndarray of float64, shape (points, 2)
-        Rows and columns along the outer contour, in pixels of the picture; the first point is the
-        last one too.
+        Rows and columns along the outer contour, in pixels of the image; the last point equals the
+        first.
     warnings : tuple of str
-        What makes the numbers doubtful, a sentence each, without numbers: `DARK`, `SPECK`, `CUT`,
-        `CEILING`, `APART` or `SPARK`.
+        Sentences, without numbers, on what makes the measurements doubtful: `DARK`, `SPECK`,
+        `CUT`, `CEILING`, `APART` or `SPARK`.
     """
 
     height: float
@@ -100,17 +101,18 @@ def measure_flame(
     Parameters
     ----------
     image : array_like, shape (rows, columns)
-        Grey, finite, black at 0; 5 x 5 pixels or more.
+        Grey image, finite, black at 0; 5 x 5 pixels or more.
     level : float, optional
-        Share of the peak at which the contour runs, above 0 and below 1.
+        Level of the contour as a fraction of the peak, above 0 and below 1.
     pixel_mm : float, optional
-        Side of a pixel in mm where the flame is, above 0. Default: lengths are in pixels.
+        Side of a pixel in mm at the flame, above 0. Default: lengths are in pixels.
     burner_row : float, optional
-        Row from which the height counts, within the picture. Default: its lower edge.
+        Row from which the height is measured, inside the image. Default: its lower edge.
 
     Returns
     -------
     FlameShape
+        Height, width, area, brightness and contour; NaN without a flame.
 
     Raises
     ------
@@ -200,31 +202,31 @@ def _no_flame(reason: str) -> FlameShape:
 
 
 def _noise(image: np.ndarray) -> float:
-    """Measure the noise of a pixel: by second differences along rows, of which glow has few.
+    """Measure the noise of a pixel from second differences along rows, which are small for a flame.
 
-    Over two pixels, since refocusing makes neighbours alike. Their standard deviation is sqrt(6)
-    times a pixel's, and 1.4826 times the median of their absolute values, which a flame in part of
-    the picture hardly changes.
+    They span two pixels, because refocusing correlates neighbours. Their standard deviation is
+    sqrt(6) times that of a pixel, and 1.4826 times the median of their absolute values, which a
+    flame in part of the image hardly changes.
     """
     differences = image[:, 4:] - 2 * image[:, 2:-2] + image[:, :-4]
     return 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
 
 
 def _largest_apart(image: np.ndarray, region: np.ndarray, threshold: float) -> int:
-    """Find the size of the largest region apart from the flame."""
+    """Find the size of the largest region separate from the flame."""
     sizes = np.bincount(measure.label((image > threshold) & ~region, connectivity=1).ravel())
     return int(sizes[1:].max(initial=0))
 
 
 def _outer_contour(image: np.ndarray, region: np.ndarray, threshold: float) -> np.ndarray:
-    """Trace the outer contour of a region, closed along the edges of the picture."""
+    """Trace the outer contour of a region, closed along the edges of the image."""
     alone = np.where(region, image, np.minimum(image, threshold))
     padded = np.pad(alone, 1, mode="edge")
-    # Mirrored at the threshold: the crossing is half a pixel out, which is the picture's edge.
+    # Mirrored at the threshold: the crossing is half a pixel outside, at the image's edge.
     around = np.minimum(padded, 2 * threshold - padded)
     around[1:-1, 1:-1] = alone
     found = measure.find_contours(around, threshold, fully_connected="low")
-    # The others are those of holes, and lie below the outer one's highest point.
+    # The other contours are those of holes, below the outer one's highest point.
     return min(found, key=lambda contour: contour[:, 0].min()) - 1
 
 
@@ -251,7 +253,7 @@ def _doubts(
     found = []
     if region[0].any() or region[:, [0, -1]].any():
         found.append(CUT)
-    # Sums of equal values differ in their last digits.
+    # Equal values may differ in their last digits after summation.
     flame = image[region]
     ceiling = np.count_nonzero(flame >= flame.max() * (1 - 1e-6))
     if ceiling >= max(LEAST_PIXELS, CEILING_SHARE * size):

@@ -1,12 +1,12 @@
-"""Flicker of a flame: the frequencies of a series of heights, and whether there are any.
+"""Flicker of a flame: frequencies in a series of heights, with their significance.
 
-At each frequency a sine is fitted together with a drift, a cubic in time. So times may be uneven
-and frames missing, a drift is not taken for a slow flicker, and taking it out does not take out
-part of a sine of few periods. Heights of flames wander: so noise is white noise and a wander with a
-memory, of which the heights themselves tell how much (`fit_wander`), and frequencies are weighed by
-it. Whether a peak is more than the highest of such noise is told by the bound of Baluev (2008) on
-the false-alarm probability. What was found joins the drift, the noise is fitted anew, and the
-search goes on: neither a slow swing nor a strong line hides another one.
+At each frequency a sine is fitted together with a drift, a cubic in time. Times may therefore be
+uneven and frames missing, a drift is not taken for a slow flicker, and its removal does not remove
+part of a sine of few periods. Heights of flames wander: the noise is white noise plus correlated
+noise, estimated from the heights themselves (`fit_wander`), and frequencies are weighted
+accordingly. The significance of a peak is the bound of Baluev (2008) on the false-alarm
+probability. Each sine found joins the drift, the noise is fitted again, and the search continues:
+neither a slow swing nor a strong line hides another one.
 """
 
 from dataclasses import dataclass
@@ -19,46 +19,47 @@ from lf_flame.flame_video.sine_fit import SineFit, sines
 from lf_flame.flame_video.wander import Wander, fit_wander
 
 LEAST_FRAMES = 16
-"""Heights that a frequency is sought in: drift and sine alone take up seven numbers."""
+"""Smallest number of heights for a frequency; drift and sine alone have seven parameters."""
 
 DRIFT = 4
-"""Numbers of the drift, a cubic."""
+"""Number of parameters of the drift, a cubic."""
 
 FIRST_PERIODS = 1.5
-"""Within the duration, where the spectrum begins: a cubic looks like fewer."""
+"""Number of periods in the duration at the lowest frequency; a cubic resembles fewer periods."""
 
 LEAST_PERIODS = 3
-"""Within the duration: fewer are no rhythm. What a cubic leaves of a drift has its peak there."""
+"""Smallest number of periods in the duration of a rhythm; a drift that is no cubic peaks below."""
 
 OVERSAMPLING = 5
-"""Frequencies of the spectrum for each 1 / duration; fewer would miss the top of peaks."""
+"""Number of frequencies of the spectrum per 1 / duration; fewer would miss the tops of peaks."""
 
 FALSE_ALARM = 0.01
 """Probability below which a peak is more than noise."""
 
 NEGLIGIBLE = 5e-3
-"""Scatter relative to that of the heights which is not looked into: it is what a drift that is no
-cubic, or a rhythm that is not quite even, leaves."""
+"""Residual scatter, relative to that of the heights, that is neglected: a drift that is no cubic,
+or a slightly uneven rhythm, leaves as much."""
 
 MOST_SINES = 8
-"""Sines that are looked for, slow swings included."""
+"""Largest number of sines that are fitted, including slow swings."""
 
 SAME_LINE = 2.0
-"""Distance in 1 / duration within which a peak belongs to a line that is known already: the rhythm
-of a flame is not quite even, so that its line is a little wider than that of a sine."""
+"""Distance in 1 / duration within which a peak belongs to a known line: a flame's rhythm is
+slightly uneven, so that its line is wider than that of a sine."""
 
 
 NEAR = 0.25
-"""Distance relative to the first line up to which others may be of the same, uneven rhythm."""
+"""Distance relative to the first line within which others may belong to the same uneven rhythm."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A frequency that stands out of the noise.
+    """A significant frequency.
 
     Attributes
     ----------
     frequency_hz : float
+        Frequency in Hz.
     amplitude : float
         Amplitude of its sine, in the unit of the heights.
     false_alarm : float
@@ -72,32 +73,33 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Flicker:
-    """Frequencies of a series of heights, and how far to trust them.
+    """Frequencies of a series of heights, with their significance.
 
     Attributes
     ----------
     frequency_hz : float
-        Frequency of the peak that stands out most; NaN if none stands out of the noise.
+        Frequency of the most significant peak; NaN if there is none.
     resolution_hz : float
-        1 / duration: what lies closer is one peak, and none is known better for certain.
+        Resolution, 1 / duration: closer peaks merge, and no frequency is known better for certain.
     false_alarm : float
         Probability that noise alone has such a peak somewhere in the spectrum.
     peak_hz : float
-        Frequency of the highest peak relative to the noise, standing out or not; NaN if heights are
+        Frequency of the highest peak relative to the noise, significant or not; NaN if heights are
         constant or only drift.
     amplitude : float
         Amplitude of the sine at the peak, in the unit of the heights; NaN as `peak_hz`.
     frequencies_hz : ndarray of float64, shape (frequencies,)
-        Frequencies of the spectrum: a period and a half in the duration at least, two frames a
-        period.
+        Frequencies of the spectrum: from one and a half periods in the duration to one period in
+        two frames.
     power : ndarray of float64, shape (frequencies,)
-        Share of the heights' variance about their drift that a sine explains, 0 to 1.
+        Fraction of the heights' variance about their drift that a sine explains, 0 to 1.
     lines : tuple of Line
-        All frequencies that stand out, the first one that of `frequency_hz`.
+        All significant frequencies; the first is `frequency_hz`.
     swings_hz : tuple of float
-        Frequencies of slow swings that stand out, too, but of fewer than three periods: no rhythm.
+        Frequencies of slow swings, which are significant but have fewer than three periods: no
+        rhythm.
     noise : Wander
-        Noise that lines were held against.
+        Noise with which the significance was computed.
     """
 
     frequency_hz: float
@@ -112,7 +114,7 @@ class Flicker:
     noise: Wander
 
     def describe(self) -> str:
-        """Tell in a sentence or two what was found."""
+        """Describe the result in a sentence or two."""
         alarm = f"false-alarm probability {self.false_alarm:.2g}"
         if self.lines:
             told = (
@@ -152,15 +154,15 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
     Parameters
     ----------
     times_s : array_like, shape (frames,)
-        In s, rising; not evenly spaced by need.
+        Times in s, rising, not necessarily evenly spaced.
     heights : array_like, shape (frames,)
-        In any unit; frames of NaN are left out.
+        Heights in any unit; frames with NaN are left out.
 
     Returns
     -------
     Flicker
-        Frequencies up to half the number of frames a second, by the median distance in time; a
-        faster flicker appears at a lower frequency.
+        Frequencies up to half the frame rate, from the median distance in time; a faster flicker
+        appears at a lower frequency (aliasing).
 
     Raises
     ------
@@ -213,14 +215,14 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
 def _frequencies(times: np.ndarray) -> np.ndarray:
     resolution = 1 / (times[-1] - times[0])
     lowest = FIRST_PERIODS * resolution
-    # Right at half the sampling rate, cosine and sine cannot be told apart.
+    # At exactly half the sampling rate, cosine and sine cannot be separated.
     highest = 0.5 / np.median(np.diff(times)) - resolution / 2
     count = max(2, 1 + int(np.ceil((highest - lowest) / resolution * OVERSAMPLING)))
     return np.linspace(lowest, max(highest, lowest + resolution), count)
 
 
 class _Search:
-    """A search for one sine after the other; what was found joins the drift."""
+    """Search for one sine after the other; each sine found joins the drift."""
 
     def __init__(self, times: np.ndarray, values: np.ndarray, frequencies: np.ndarray):
         self.times, self.values, self.frequencies = times, values, frequencies
@@ -235,7 +237,7 @@ class _Search:
         self._slow = np.empty((len(times), 0))
 
     def goes_on(self) -> bool:
-        """Look for one more sine, and tell whether to go on."""
+        """Look for one more sine; returns whether to continue."""
         base = self._columns(self._found)
         if base.shape[1] + 2 > len(self.times) / 2 or self._is_explained(base):
             return False
@@ -243,7 +245,7 @@ class _Search:
         fit = SineFit(self.times, self.values, base, self.noise)
         power = fit.power(self.frequencies)
         is_slow = self.frequencies < LEAST_PERIODS * self.resolution
-        if self._slow.size:  # they look like sines of somewhat more periods, too
+        if self._slow.size:  # they also resemble sines of slightly more periods
             power[self.frequencies < 2 * LEAST_PERIODS * self.resolution] = 0
         top = int(power.argmax())
         peak = fit.refined(self.frequencies, top)
@@ -263,17 +265,17 @@ class _Search:
         return len(self._found) < MOST_SINES
 
     def _is_explained(self, base: np.ndarray) -> bool:
-        """Tell whether what is left is no more than rounding, or negligible."""
+        """Whether the rest is no more than rounding, or negligible."""
         left = SineFit(self.times, self.values, base).scatter
         return left <= NEGLIGIBLE**2 * np.sum((self.values - self.values.mean()) ** 2)
 
     def _slow_curves(self) -> np.ndarray:
-        """Make cosines of up to `LEAST_PERIODS`, for a drift that a cubic and a swing are not."""
+        """Cosines of up to `LEAST_PERIODS`, for a drift that is neither a cubic nor a swing."""
         half_periods = np.arange(1, 2 * LEAST_PERIODS + 1)
         return np.cos(np.pi * self.resolution * np.outer(self.times - self.times[0], half_periods))
 
     def lines(self) -> tuple[Line, ...]:
-        """Tell the lines, in the order in which they were found."""
+        """List the significant lines in the order in which they were found."""
         amplitudes = dict(zip(self._found, self._amplitudes(self._found), strict=True))
         return tuple(Line(one, amplitudes[one], alarm) for one, alarm in self._alarms.items())
 

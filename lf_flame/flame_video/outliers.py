@@ -1,31 +1,33 @@
-"""Frames of a series whose height is far out of what their neighbours have."""
+"""Outliers: frames with a height far from that of their neighbours."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 NEIGHBOURS = 7
-"""Number of frames, the middle one included, of which the median is taken."""
+"""Number of frames of the running median, including the central one."""
 
 FAR = 6.0
-"""Distance from that median in standard deviations, as the median of all distances tells them."""
+"""Smallest distance of an outlier from the median, in standard deviations estimated from the median
+of all distances."""
 
 FEW = 0.05
-"""Share of the frames up to which some are outliers; more are a part of the course of heights."""
+"""Largest fraction of frames that can be outliers; more are part of the course of the heights."""
 
 
 def find_outliers(heights: ArrayLike, *, least: float = 0.0) -> np.ndarray:
-    """Find heights far out of what their neighbours in time have.
+    """Find heights far from those of their neighbours in time.
 
     Parameters
     ----------
     heights : array_like, shape (frames,)
-        NaN where there is none.
+        Heights; NaN where there is none.
     least : float, optional
-        Distance that no outlier is below, in the unit of the heights.
+        Smallest distance of an outlier, in the unit of the heights.
 
     Returns
     -------
     ndarray of bool, shape (frames,)
+        Whether each height is an outlier; all False if more than 5 % would be.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Height and flicker of a flame as the files that a user looks at."""
+"""Output files of a flame's height and flicker."""
 
 import csv
 from collections.abc import Callable, Iterable, Sequence
@@ -23,28 +23,28 @@ TABLE = "flame.csv"
 PICTURE = "flicker.png"
 
 OUTLIER = (
-    "The height is far out of what the frames beside it have, as by a spark or another object: it "
-    "is left out of the frequency."
+    "The height is far from that of neighbouring frames, as with a spark or another object: it is "
+    "left out of the frequency."
 )
 
 CONTOURS = 5
-"""Frames whose contours the picture shows."""
+"""Number of frames with contours in the figure."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """How the flame of a frame is measured.
+    """Options for measuring the flame of a frame.
 
     Attributes
     ----------
     slope : float or None
-        At which frames are refocused; None takes the middle view.
+        Slope at which frames are refocused; None takes the central view.
     level : float
-        Share of the peak at which the contour runs.
+        Level of the contour as a fraction of the peak.
     pixel_mm : float or None
-        Size of a pixel where the flame is; None for lengths in pixels.
+        Side of a pixel in mm at the flame; None for lengths in pixels.
     burner_row : float or None
-        From which heights count; None for the lower edge.
+        Row from which heights are measured; None for the lower edge.
     """
 
     slope: float | None = None
@@ -54,11 +54,11 @@ class Measures:
 
     @property
     def unit(self) -> str:
-        """Of lengths."""
+        """Unit of lengths."""
         return "px" if self.pixel_mm is None else "mm"
 
     def image(self, light_field: LightField) -> np.ndarray:
-        """Make the picture that is measured; grey, float64, shape (t, s)."""
+        """Image in which the flame is measured; grey, float64, shape (t, s)."""
         v, u = light_field.views.shape[:2]
         if self.slope is None:
             image = light_field.views[(v - 1) // 2, (u - 1) // 2]
@@ -70,19 +70,20 @@ class Measures:
 
 @dataclass
 class FlameSeries:
-    """What is kept of all frames: some numbers of each, one picture, and a few contours.
+    """Measurements of all frames: some numbers for each, the sum image, and a few contours.
 
     Attributes
     ----------
     times_s, heights : list of float
-        Heights are NaN where there is no flame.
+        Times and heights of the frames; heights are NaN without a flame.
     names : list of str
+        File names of the frames.
     total : ndarray of float64, shape (t, s), or float
-        Sum of the pictures.
+        Sum of the images.
     contours : list of (float, ndarray)
         Times and contours of frames spread evenly over the sequence.
     doubts : dict of str to list of str
-        Frames by what is doubtful of them.
+        Names of frames by warning.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -93,7 +94,7 @@ class FlameSeries:
     doubts: dict[str, list[str]] = field(default_factory=dict)
 
     def warnings(self) -> list[str]:
-        """Say in a sentence each what is doubtful, and of how many frames."""
+        """Sentences on what is doubtful, each with the number of frames."""
         return [
             f"{len(names)} of {len(self.times_s)} frames, first {names[0]}: {doubt}"
             for doubt, names in self.doubts.items()
@@ -113,16 +114,18 @@ def measure_frames(
     Parameters
     ----------
     paths : sequence of Path
-        Of the frames, in the same order.
+        Paths of the frames, in the same order.
     frames : iterable of LightField
-        Of one shape; each is given up before the next is asked for.
+        Frames of one shape; each is released before the next is requested.
     measures : Measures
+        Options of the measurement.
     times_s : sequence of float
-        When each was taken.
+        Time of each frame in s.
     table : Path
-        To be written.
+        Table to write.
     progress : callable, optional
-        Wraps the pictures, as ``tqdm`` does; which would keep a frame while the next is read.
+        Function that wraps the images, as ``tqdm`` does; wrapping the frames would keep one while
+        the next is read.
 
     Returns
     -------
@@ -162,7 +165,7 @@ def measure_frames(
 def write_flicker(
     series: FlameSeries, measures: Measures, folder: OutputFolder
 ) -> tuple[Flicker | None, list[str]]:
-    """Find the flicker; write ``flicker.png`` and what the record says.
+    """Find the flicker; write ``flicker.png`` and the facts of the record.
 
     Parameters
     ----------
@@ -173,7 +176,7 @@ def write_flicker(
     Returns
     -------
     Flicker or None
-        None where too few frames have a height.
+        Flicker; None if too few frames have a height.
     list of str
         Warnings.
     """
@@ -184,7 +187,7 @@ def write_flicker(
     warnings, found = series.warnings(), None
     try:
         found = find_flicker(times, np.where(outliers, np.nan, heights))
-    except InputError as error:  # the heights are worth having all the same
+    except InputError as error:  # the heights are useful without a frequency
         warnings.append(str(error))
     mean = np.asarray(series.total) / len(times)
     scale = PictureScale(measures.pixel_mm, measures.burner_row)

@@ -1,7 +1,7 @@
-"""Sines of every frequency fitted to a series together with a base model, in noise that wanders.
+"""Fit of sines of any frequency to a series, with a base model and correlated noise.
 
-The generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009) with more than a mean, and
-weighted by the covariance of the noise.
+It is the generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009) with more than a
+mean, weighted by the covariance of the noise.
 """
 
 from math import exp, lgamma, pi, sqrt
@@ -14,13 +14,13 @@ from lf_flame.flame_video.wander import Wander
 WHITE_NOISE = Wander(1.0, 1.0)
 
 CONSTANT = 1e-9
-"""Scatter of values relative to the largest which is that of rounding alone."""
+"""Scatter of values, relative to the largest, up to which it is only rounding."""
 
 TAKEN_UP = 0.1
-"""Share of a sine's square, beside the base model, below which it is taken for a part of that."""
+"""Smallest fraction of a sine's square outside the base model; below it, it is left out."""
 
 AT_ONCE = 1 << 18
-"""Values times frequencies that are worked on together, so that memory is bounded."""
+"""Largest number of values times frequencies processed together, to bound the memory."""
 
 
 def sines(times: np.ndarray, frequency_hz: float) -> np.ndarray:
@@ -30,21 +30,21 @@ def sines(times: np.ndarray, frequency_hz: float) -> np.ndarray:
 
 
 class SineFit:
-    """A series about its base model.
+    """A series relative to its base model.
 
     Parameters
     ----------
     times, values : ndarray, shape (n,)
-        Times are about their mean.
+        Times, relative to their mean, and values.
     base : ndarray, shape (n, k)
         Columns of the base model.
     noise : Wander, optional
-        Default: white.
+        Covariance of the noise. Default: white.
 
     Attributes
     ----------
     scatter : float
-        Sum of the squares about the base model, weighted by the noise; 0 if it is that of rounding.
+        Sum of the squares about the base model, weighted by the noise; 0 if it is only rounding.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class SineFit:
         return columns - self._base @ np.linalg.solve(self._gram, self._weighed_base.T @ columns)
 
     def power(self, frequencies: np.ndarray) -> np.ndarray:
-        """Share of the scatter about the base model that a sine of each frequency explains."""
+        """Fraction of the scatter about the base model that a sine of each frequency explains."""
         some = max(1, AT_ONCE // len(self.times))
         parts = [
             self.explained(frequencies[first : first + some])
@@ -74,7 +74,7 @@ class SineFit:
         return np.concatenate(parts)
 
     def explained(self, frequencies: np.ndarray) -> np.ndarray:
-        """Do as `power`, all at once."""
+        """Compute `power` for all frequencies at once."""
         if self.scatter == 0:
             return np.zeros(len(frequencies))
         angles = 2 * pi * np.outer(self.times, frequencies)
@@ -84,16 +84,16 @@ class SineFit:
         ss = (sine * self._weigh(sine)).sum(axis=0)
         cy, sy = ((one.T @ self._weighed_rest)[:, 0] for one in (cosine, sine))
         determinant = cc * ss - cs**2
-        # Where times make cosine and sine the same, a frequency cannot be told from another.
+        # Where cosine and sine are equal at all times, a frequency cannot be determined.
         told = determinant > 1e-9 * (cc + ss) ** 2
-        # So it is where the base model takes up nearly all of both.
+        # Neither can it where the base model contains nearly all of both.
         told &= (cosine**2 + sine**2).sum(axis=0) > TAKEN_UP * len(self.times)
         determinant = np.where(told, determinant, np.inf)
         a, b = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
         return np.clip((a * cy + b * sy) / self.scatter, 0, 1)
 
     def refined(self, frequencies: np.ndarray, top: int) -> float:
-        """Find where the power is highest between the neighbours of one frequency of a spectrum."""
+        """Find the frequency of highest power between the neighbours of one frequency."""
         ends = frequencies[max(top - 1, 0)], frequencies[min(top + 1, len(frequencies) - 1)]
         found = minimize_scalar(
             lambda frequency: -self.explained(np.array([frequency]))[0],
@@ -112,5 +112,5 @@ class SineFit:
         width = band_hz * sqrt(4 * pi * float(np.mean(self.times**2)))
         gamma = sqrt(2 / free) * exp(lgamma(free / 2) - lgamma((free - 1) / 2))
         crossings = gamma * width * left ** ((free - 3) / 2) * sqrt(free * explained / 2)
-        # Written so that tiny probabilities do not vanish in rounding.
+        # Written so that tiny probabilities are not lost in rounding.
         return float(single - (1 - single) * np.expm1(-crossings))

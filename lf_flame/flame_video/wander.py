@@ -1,4 +1,4 @@
-"""Noise of a series of heights: white noise of each frame, and a wander that remembers.
+"""Noise of a series of heights: white noise of each frame, and correlated noise (wander).
 
 The wander is an Ornstein-Uhlenbeck process, which at even times is the AR(1) noise of climate
 series: its correlation falls as exp(-distance in time / memory). Times may be uneven. The inverse
@@ -14,16 +14,16 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 SHORTEST_MEMORY = 0.3
-"""Shortest memory that is tried, in median distances of frames: correlation of neighbours 0.04."""
+"""Shortest memory that is tried, in median frame distances: neighbours then correlate by 0.04."""
 
 MEMORIES, WHITE = 6, (-6.0, -2.0, 0.0, 2.0)
-"""Start of the search: number of memories, and the logits of the white noise's share."""
+"""Start of the search: number of memories, and the logits of the fraction of white noise."""
 
 IMPOSSIBLE = 1e300
-"""Minus the logarithm of the likelihood of noise whose covariance cannot be inverted."""
+"""Negative log-likelihood of noise with a covariance that cannot be inverted."""
 
 MOST_STEPS = 80
-"""Evaluations of the likelihood in the search, after those of its start."""
+"""Largest number of evaluations of the likelihood in the search, after those of its start."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Wander:
     memory_s : float
         Time in which the wander's correlation falls to 1 / e.
     white_share : float
-        Share of the variance that is white noise, above 0, up to 1.
+        Fraction of the variance that is white noise, above 0, up to 1.
     """
 
     memory_s: float
@@ -59,7 +59,7 @@ class Weigher:
         steps = np.diff(times) / noise.memory_s
         kept = np.exp(-steps)
         gain = -1 / np.expm1(-2 * steps)
-        # Inverse of the wander's own covariance: its diagonal, and the one beside it.
+        # Inverse of the wander's covariance: its diagonal, and the diagonal beside it.
         self._diagonal = np.concatenate([[1.0], gain])
         self._diagonal[:-1] += kept**2 * gain
         self._beside = -kept * gain
@@ -80,14 +80,14 @@ class Weigher:
 
 
 def fit_wander(times: np.ndarray, values: np.ndarray, base: np.ndarray) -> Wander:
-    """Find the noise under which values about a base model are likeliest.
+    """Find the noise with the highest likelihood for values about a base model.
 
-    By restricted maximum likelihood: what the base model takes up does not make noise look whiter.
+    The likelihood is restricted (REML): fitting the base model does not make noise look whiter.
 
     Parameters
     ----------
     times, values : ndarray, shape (n,)
-        Times rise.
+        Rising times, and values.
     base : ndarray, shape (n, k)
         Columns of the base model.
     """
@@ -109,7 +109,7 @@ def fit_wander(times: np.ndarray, values: np.ndarray, base: np.ndarray) -> Wande
 
 
 def _minus_log_likelihood(weigh: Weigher, columns: np.ndarray) -> float:
-    """Restricted likelihood of the last column about the others, its variance the likeliest."""
+    """Negative restricted log-likelihood of the last column about the others, at best variance."""
     count, known = columns.shape[0], columns.shape[1] - 1
     try:
         root = np.diag(np.linalg.cholesky(columns.T @ weigh(columns)))

@@ -1,4 +1,4 @@
-"""Other people's light fields: reading them, and writing ours for other programs."""
+"""Reading light fields of other programs and cameras, and writing light fields for them."""
 
 from lf_flame.formats.arrays import read_array
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch

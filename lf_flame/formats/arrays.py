@@ -1,4 +1,4 @@
-"""Light fields in NumPy's files, never unpickled."""
+"""Light fields in NumPy files; nothing is unpickled."""
 
 from math import isqrt
 from pathlib import Path
@@ -14,24 +14,24 @@ from lf_flame.formats.view_order import Grid, as_grid, fold
 from lf_flame.lightfield import LightField
 
 WEIGHTS = "weights"
-"""Array of an archive with the weight of each view."""
+"""Name of the array with the weights of views in a ``.npz`` file."""
 
 MOST_ARRAYS = 1000
-"""Arrays of an archive among which that of the views is looked for."""
+"""Largest number of arrays in a ``.npz`` file among which the views are searched for."""
 
 MOST_NAMED = 5
-"""Arrays that an error names."""
+"""Largest number of arrays that an error names."""
 
 ORDERS_OF_AXES = (
     "tsvu", "ntsc", "ncts", "cnts", "vtus", "nts", "tsn", "cts", "vucts", "cvuts", "tsvuc",
 )  # fmt: skip
-"""Orders of axes, beside ours, in which other programs keep light fields."""
+"""Axis orders of other programs' light fields, beside ``vuts`` and ``vutsc``."""
 
 MOST_COLOURS = 4
-"""Channels that an array may have whatever the size of its images."""
+"""Number of channels that an array may have with images of any size."""
 
 SQUARE_OF_VIEWS = 25
-"""Views from which on a square number of them beside 3 or 4 more is a count beside colours."""
+"""Number from which a square count beside an axis of 3 or 4 means views beside colours."""
 
 
 def read_array(
@@ -46,22 +46,22 @@ def read_array(
     Parameters
     ----------
     path : str or Path
-        An array ``[v, u, t, s]`` or ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3
-        axes. In a ``.npz`` file it is the one named ``views``, or the only one, or the only one of
-        4 or 5 axes; one named ``weights``, [v, u], tells how much each view counts.
+        File with an array ``[v, u, t, s]`` or ``[v, u, t, s, channels]``, or a raw lenslet array
+        of 2 or 3 axes. In a ``.npz`` file it is the array named ``views``, or the only array, or
+        the only one of 4 or 5 axes; an array ``weights``, [v, u], holds the weights of views.
     views : int, optional
-        Pixels under a lenslet along each axis of a raw lenslet array.
+        Number of pixels under a lenslet along each axis of a raw lenslet array.
     axes : str, optional
-        What the axes are, one letter each: v and u, row and column of the view, or n, its running
-        number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``, ``vutsc``,
-        or a raw array; an array of unlikely shape for these is refused.
+        Meaning of the axes, one letter each: v and u, row and column of the view, or n, its
+        running number; t and s, row and column of the pixel; c, the channel. Default: ``vuts``,
+        ``vutsc``, or a raw array; an array of unlikely shape for these is refused.
     grid : (int, int) or str, optional
-        Rows and columns of views that a running number counts, such as (9, 9) or ``9x9``.
+        Number of rows and columns of views for a running number, such as (9, 9) or ``9x9``.
 
     Returns
     -------
     LightField
-        Unsigned levels of 8 or 16 bits as 0 to 1, floats as they are.
+        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def read_array(
     with open_arrays(path) as file:
         name = _choose(file, axes)
         stored = file.header(name).dtype.itemsize
-        # As stored, as floats, and once more in the order of our axes.
+        # As stored, as floats, and once more after the axes are reordered.
         (array,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
         beside = [WEIGHTS] if name != WEIGHTS and WEIGHTS in file.names else []
         weights = file.read(beside)[0] if beside else None
@@ -101,7 +101,7 @@ def read_array(
 
 
 def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:
-    """Bring an array of stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``."""
+    """Reorder an array with stated axes to ``[v, u, t, s]`` or ``[v, u, t, s, c]``."""
     wanted = ("n" if "n" in axes else "vu") + "ts" + ("c" if "c" in axes else "")
     if sorted(axes) != sorted(wanted) or len(axes) != array.ndim:
         raise InputError(
@@ -120,7 +120,7 @@ def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None)
 
 
 def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
-    """Refuse an array whose axes are hardly ours."""
+    """Refuse an array with a shape that is unlikely for the default axes."""
     axes = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}[len(shape)]
     if not _unlikely(shape, axes):
         return
@@ -136,16 +136,17 @@ def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
 
 
 def _oddness(shape: tuple[int, ...], axes: str) -> tuple[float, int]:
-    """How far the views are from a square, and the number of channels."""
+    """Ratio of view rows to view columns, 1 or above, and the number of channels."""
     size = dict(zip(axes, shape, strict=True))
     v, u = size.get("v", 1), size.get("u", 1)
     return max(v, u) / min(v, u), size.get("c", 1)
 
 
 def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
-    """Whether an array has more views than pixels, or more channels than colours and pixels.
+    """Whether a shape is unlikely for these axes.
 
-    And whether views beside 3 or 4 others look like a running number beside colours.
+    It is, if there are more views than pixels or more channels than colours and pixels, or if the
+    views look like a running number beside 3 or 4 colours.
     """
     size = dict(zip(axes, shape, strict=True))
     views = size.get("n", 1) * size.get("v", 1) * size.get("u", 1)
@@ -160,7 +161,7 @@ def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
 
 
 def _choose(file: ArrayFile, axes: str | None) -> str:
-    """Name the file's array of views."""
+    """Name of the array that holds the views."""
     ranks = (4, 5) if axes is None else (len(axes),)
     if "views" in file.names or len(file.names) == 1:
         return "views" if "views" in file.names else file.names[0]

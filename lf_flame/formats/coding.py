@@ -1,4 +1,4 @@
-"""Whether numbers of image files are likely to be coded for display, and not linear in light."""
+"""Notes on image files with values that are probably gamma-coded, not linear in radiance."""
 
 from pathlib import Path
 
@@ -24,24 +24,24 @@ ALWAYS_CODED = {
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 LINEAR_GAMMA = 0.99
-"""Exponent in a PNG's gAMA chunk from which its numbers are said to be linear in light."""
+"""Smallest gamma in a PNG's gAMA chunk that counts as linear in radiance."""
 
 
 def notes_on_coding(source: str | Path) -> list[str]:
-    """Tell whether an image, or the first image in a folder of views, is likely to be gamma-coded.
+    """Note whether an image, or the first image of a view folder, is probably gamma-coded.
 
-    JPEG, WebP and BMP files are; so are PNG files of 8 bits that do not say that they are linear,
-    and deeper ones that say that they are not.
+    JPEG, WebP and BMP files are; so are 8-bit PNG files that do not state that they are linear,
+    and deeper ones that state that they are not.
 
     Parameters
     ----------
     source : str or Path
-        A file or folder that was read as a light field; one that cannot be read gets no note.
+        File or folder that was read as a light field; if it cannot be read, there is no note.
 
     Returns
     -------
     list of str
-        A note, or nothing.
+        One note, or none.
     """
     path = _first_image(Path(source))
     if path is None:
@@ -63,7 +63,7 @@ def _first_image(source: Path) -> Path | None:
 
 
 def _coded_png(path: Path) -> str | None:
-    """Name the kind of a PNG file that is likely to be coded (ISO/IEC 15948, 11.3.3)."""
+    """Name the kind of a PNG file that is probably gamma-coded (ISO/IEC 15948, 11.3.3)."""
     try:
         check_regular(path)
         with path.open("rb") as file:
@@ -71,7 +71,7 @@ def _coded_png(path: Path) -> str | None:
         with Image.open(path) as image:
             gamma, is_srgb = image.info.get("gamma"), "srgb" in image.info
     except (InputError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        return None  # whoever reads it says so
+        return None  # the reader reports the error
     if not header.startswith(PNG_SIGNATURE):
         return None
     bits = header[24]

@@ -1,4 +1,4 @@
-"""Image files of 8 and 16 bits, grey and colour, and what their numbers mean."""
+"""Image files of 8 and 16 bits, grey and colour, and conversion of their levels."""
 
 import struct
 import zlib
@@ -14,7 +14,7 @@ from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".ppm", ".pgm")
-"""Endings that are taken for images, in small or capital letters."""
+"""File endings of images, in lower or upper case."""
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -27,12 +27,12 @@ def read_image(path: str | Path) -> np.ndarray:
     Returns
     -------
     ndarray of float32, shape (h, w) or (h, w, 3)
-        8- and 16-bit levels as 0 to 1, floats as they are; transparency is left out.
+        8- and 16-bit levels scaled to 0 to 1; floats as they are; transparency is dropped.
 
     Raises
     ------
     InputError
-        If the file is missing or damaged, is no image, or has other channels or levels.
+        If the file is missing or damaged, is not an image, or has other channels or levels.
     """
     pixels = read_pixels(path)
     if pixels.ndim == 3 and pixels.shape[2] in (2, 4):
@@ -47,12 +47,12 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
-    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits, the inverse of `to_unit`.
+    """Round values from 0 to 1 to unsigned levels of 8 or 16 bits; inverse of `to_unit`.
 
     Raises
     ------
     InputError
-        If `bits` is neither, or a value would have to be clipped.
+        If `bits` is neither 8 nor 16, or a value would be clipped.
     """
     if bits not in (8, 16):
         raise InputError(f"bits must be 8 or 16, got {bits}.")
@@ -67,13 +67,13 @@ def to_levels(values: np.ndarray, bits: int) -> np.ndarray:
 
 
 def white_level(pixels: np.ndarray) -> float:
-    """Radiance to show as white: 1, or the brightest pixel where it is above 1 or below 0.1."""
+    """Radiance that is shown as white: 1, or the brightest pixel if it is above 1 or below 0.1."""
     brightest = max(float(pixels.max()), float(np.finfo(np.float32).tiny))
     return max(brightest, 1.0) if brightest > 0.1 else brightest
 
 
 def to_preview(image: np.ndarray, white: float) -> np.ndarray:
-    """Levels of 8 bits to look at: what is brighter than white is white."""
+    """Image as 8-bit levels for display; radiance above `white` is shown as white."""
     return to_levels(np.clip(image / np.float32(white), 0, 1), 8)
 
 
@@ -85,13 +85,13 @@ def write_image(path: str | Path, levels: np.ndarray, *, linear: bool = False) -
     path : str or Path
     levels : ndarray of uint8 or uint16 (`to_levels`); for TIFF of float32 as well
     linear : bool, optional
-        Whether a PNG of 8 bits says that its levels are linear in light (gAMA); without that, such
-        files are taken for coded ones.
+        Whether an 8-bit PNG states that its levels are linear in radiance (gAMA); without it,
+        such files count as gamma-coded.
 
     Raises
     ------
     InputError
-        If the ending is another, or the number of channels.
+        If the ending or the number of channels is another one.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -121,7 +121,7 @@ def _write_deep_png(path: Path, levels: np.ndarray) -> None:
     height, width = levels.shape[:2]
     lines = levels.astype(">u2").reshape(height, -1).view(np.uint8)
     filtered = np.empty((height, 1 + lines.shape[1]), np.uint8)
-    filtered[:, 0] = 2  # filter "up": each byte less the one above it
+    filtered[:, 0] = 2  # filter "up": each byte minus the byte above it
     filtered[:, 1:] = np.diff(lines, axis=0, prepend=np.zeros_like(lines[:1]))
     header = struct.pack(">IIBBBBB", width, height, 16, 2, 0, 0, 0)
     with path.open("wb") as file:

@@ -1,9 +1,9 @@
-"""The grid of micro-images in a raw lenslet image.
+"""The array of micro-images in a raw lenslet image.
 
-Pixel centres are at whole numbers, x runs right with the columns and y down with the rows. The
+Pixel centres are at integers; x runs right with the columns and y down with the rows. The
 micro-image in row i and column j of the array is centred at
-``(x0, y0) + R(rotation) (pitch (j + offset), row_pitch i)``, where the offset is 1/2 in the odd
-rows of a hexagonal array and else 0; a positive rotation turns the x axis towards the y axis.
+``(x0, y0) + R(rotation) (pitch (j + offset), row_pitch i)``. The offset is 1/2 in the odd rows of a
+hexagonal array, else 0; a positive rotation turns the x axis towards the y axis.
 """
 
 import math
@@ -17,33 +17,34 @@ from lf_flame.errors import InputError
 LAYOUTS = ("rectangular", "hexagonal")
 
 HEXAGONAL_ROW_PITCH = math.sqrt(3) / 2
-"""Row distance over pitch where every lenslet touches six others."""
+"""Row distance over pitch in an array where every lenslet touches six others."""
 
 ON_PIXELS = 0.02
-"""Pixels by which micro-images may miss the pixels that they are said to stand on: as estimated."""
+"""Largest distance, in pixels, between borders of micro-images and of pixels that coincide."""
 
 EDGE_SLACK = 0.5
-"""Pixels by which a micro-image may overhang the image and still count as whole."""
+"""Largest overhang, in pixels, of a micro-image at the image's edge that still counts as whole."""
 
 
 @dataclass(frozen=True, init=False)
 class LensletGrid:
-    """Where the micro-images of a raw lenslet image are.
+    """Positions of the micro-images in a raw lenslet image.
 
-    All fields are plain numbers and text: ``dataclasses.asdict`` gives what JSON can hold.
+    All fields are numbers or text: ``dataclasses.asdict`` gives JSON values.
 
     Parameters
     ----------
     x0, y0 : float
-        Centre of one micro-image, of row 0 and column 0, in pixels; it need not be the first.
+        Centre of the micro-image in row 0 and column 0, in pixels; it need not be the first one.
     pitch : float
         Distance between neighbouring micro-image centres along a row, in pixels.
     rotation : float, optional
         Angle in rad from the image's rows to the array's rows, x towards y, within pi/4.
     layout : {"rectangular", "hexagonal"}, optional
+        Arrangement of the lenslets.
     row_pitch : float, optional
-        Distance between neighbouring rows, in pixels. Default: the pitch, or sqrt(3)/2 of it in
-        a hexagonal array.
+        Distance between neighbouring rows, in pixels. Default: the pitch, times sqrt(3)/2 in a
+        hexagonal array.
 
     Raises
     ------
@@ -105,7 +106,7 @@ class LensletGrid:
         return self.y0 + y, self.x0 + x
 
     def turned(self, down: Number, along: Number) -> tuple[Number, Number]:
-        """Turn a vector across and along the array's rows into ``(y, x)`` of the image."""
+        """Rotate a vector (across, along) the array's rows to ``(y, x)`` of the image."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         return sin * along + cos * down, cos * along - sin * down
 
@@ -113,19 +114,19 @@ class LensletGrid:
     def window(self) -> tuple[float, float]:
         """Height and width of a micro-image in pixels.
 
-        In a hexagonal array it is the square around the round micro-image, whose corners reach
-        into the neighbours'.
+        In a hexagonal array it is the square around the round micro-image; its corners overlap
+        the neighbours.
         """
         height = self.row_pitch if self.layout == "rectangular" else self.pitch
         return height, self.pitch
 
     def block(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the array's largest block of whole micro-images in an image.
+        """Rows and columns of the largest block of whole micro-images in an image.
 
         Parameters
         ----------
         shape : (int, int)
-            Rows and columns of the image; further axes are ignored.
+            Number of rows and columns of the image; further entries are ignored.
 
         Returns
         -------
@@ -135,7 +136,7 @@ class LensletGrid:
         Raises
         ------
         InputError
-            If no micro-image lies whole in the image.
+            If no micro-image is whole in the image.
         """
         rows, columns = self.indices(shape)
         y, x = self.position(rows[:, None], columns)
@@ -151,7 +152,7 @@ class LensletGrid:
         return rows[top:bottom], columns[left:right]
 
     def count(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Rows and columns of whole micro-images in an image of this shape."""
+        """Count the rows and columns of whole micro-images in an image of this shape."""
         rows, columns = self.block(shape)
         return len(rows), len(columns)
 
@@ -161,24 +162,24 @@ class LensletGrid:
         return np.stack(self.position(rows[:, None], columns), axis=-1)
 
     def describe(self) -> str:
-        """Tell in a line what array this is."""
+        """One line that describes the array: layout, pitches, rotation."""
         return (
             f"{self.layout} lenslets, pitch {self.pitch:.3f} pixels along rows and "
             f"{self.row_pitch:.3f} between them, turned by {self.rotation:+.5f} rad"
         )
 
     def own_views(self, views: int, margin: float | None = None) -> np.ndarray:
-        """Tell which views are their own lenslet's: bool, shape (views, views).
+        """Find the views that belong to their own lenslet: bool, shape (views, views).
 
-        In a rectangular array all are; in a hexagonal one the corners hold neighbours' light.
+        In a rectangular array all do; in a hexagonal one the corners hold light of neighbours.
 
         Parameters
         ----------
         views : int
-            Equal parts along each side of a micro-image.
+            Number of equal parts along each side of a micro-image.
         margin : float, optional
-            Pixels around a part that must be its lenslet's own, too. Default: the middle of a part
-            is enough.
+            Width around a part, in pixels, that must belong to the same lenslet too. Default: only
+            the centre of a part must.
         """
         height, width = (np.abs(centred(views)) * side / views for side in self.window)
         if margin is not None:
@@ -193,14 +194,14 @@ class LensletGrid:
 
     @property
     def on_pixels(self) -> bool:
-        """Whether the borders between micro-images are borders between pixels."""
+        """Whether the borders between micro-images coincide with borders between pixels."""
         height, width = self.window
         sides = np.array([height, width, self.y0 - height / 2 + 0.5, self.x0 - width / 2 + 0.5])
         straight = self.layout == "rectangular" and self.rotation == 0.0
         return straight and bool(np.all(np.abs(sides - np.rint(sides)) < ON_PIXELS))
 
     def indices(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the array that may lie in the image, and a few more."""
+        """Rows and columns of the array that may be in the image, and a few more."""
         y, x = np.meshgrid([0.0, shape[0]], [0.0, shape[1]])
         back = replace(self, rotation=-self.rotation)
         down, along = back.turned(y - self.y0, x - self.x0)
@@ -224,13 +225,13 @@ class LensletGrid:
 
 
 def check_layout(layout: str) -> None:
-    """Refuse layouts that are not known."""
+    """Refuse unknown layouts."""
     if layout not in LAYOUTS:
         raise InputError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}.")
 
 
 def _largest_block(first: np.ndarray, last: np.ndarray) -> tuple[int, int, int, int]:
-    """Largest block (top, bottom, left, right) in rows that are filled from first to last."""
+    """Largest block (top, bottom, left, right) of rows that are filled from first to last."""
     largest, block = 0, (0, 0, 0, 0)
     for top in range(len(first)):
         left = np.maximum.accumulate(first[top:])
@@ -250,17 +251,17 @@ def grid_from_pitch(
     layout: str = "rectangular",
     row_pitch: float | None = None,
 ) -> LensletGrid:
-    """Grid of a stated pitch, where there is no white image.
+    """Grid of micro-images for a stated pitch, without a white image (flat field).
 
     Parameters
     ----------
     shape : (int, int)
-        Rows and columns of the image; further axes are ignored.
+        Number of rows and columns of the image; further entries are ignored.
     pitch : float
         Distance between neighbouring micro-image centres along a row, in pixels.
     centre : (float, float), optional
-        ``(y, x)`` of any one micro-image, in pixels. Default: the array stands in the middle of
-        the image, with as many whole micro-images as it holds.
+        Centre ``(y, x)`` of any one micro-image, in pixels. Default: the array is centred in the
+        image, with as many whole micro-images as fit.
     rotation, layout, row_pitch : optional
         As in `LensletGrid`.
 
@@ -282,7 +283,7 @@ def grid_from_pitch(
     grid = LensletGrid(0.0, 0.0, pitch, rotation, layout, row_pitch)
     height, width = grid.window
     half = 0.5 if layout == "hexagonal" else 0.0
-    # A hair more, so that rounding does not cost a row where the micro-images tile the image.
+    # Slightly more, so that rounding does not cost a row where micro-images tile the image.
     rows = math.floor((shape[0] - height) / grid.row_pitch + 1 + 1e-6)
     columns = math.floor((shape[1] - width) / pitch + 1 - half + 1e-6)
     if rows < 1 or columns < 1:

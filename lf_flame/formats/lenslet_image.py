@@ -1,4 +1,4 @@
-"""Lenslet images: one picture in which N x N pixels, the micro-image, lie under each lenslet."""
+"""Lenslet images: one image with a micro-image of N x N pixels under each lenslet."""
 
 import math
 from pathlib import Path
@@ -12,10 +12,10 @@ from lf_flame.formats.mosaic import refuse_mosaic
 from lf_flame.lightfield import LightField
 
 MOST_VIEWS = 64
-"""Pixels under a lenslet up to which divisors of an image's sides are offered."""
+"""Largest number of pixels under a lenslet that error messages offer as a divisor."""
 
 SMALLEST_MOSAIC = 5
-"""Pixels under a lenslet from which a mosaic is looked for: fewer are as many views as colours."""
+"""Fewest pixels under a lenslet for the mosaic check; with fewer, views look like colours."""
 
 
 def read_lenslet_image(
@@ -26,23 +26,23 @@ def read_lenslet_image(
     Parameters
     ----------
     path : str or Path
-        An image whose sides are multiples of `views`; micro-images as they lie, not turned.
+        Image with sides that are multiples of `views`; micro-images in sensor order, not turned.
     views : int
-        Pixels under a lenslet along each axis; 14 in files of the Lytro Illum.
+        Number of pixels under a lenslet along each axis; 14 in files of the Lytro Illum.
     keep : int, optional
-        Views to keep along each axis, about the middle: the outer ones, which look past the main
-        lens's aperture, are dark in many files. Default: all.
+        Number of central views to keep along each axis. In many files the outer views are dark,
+        because they look past the main lens's aperture. Default: all.
 
     Returns
     -------
     LightField
-        Values from 0 to 1.
+        Views, with values from 0 to 1.
 
     Raises
     ------
     InputError
-        If the image cannot be read, `views` is missing or does not divide its sides, or `keep` is
-        not from 1 to `views`; or if a grey image shows the 2 x 2 pattern of a colour mosaic.
+        If the image cannot be read, `views` is missing or does not divide its sides, `keep` is
+        not from 1 to `views`, or a grey image shows the 2 x 2 pattern of a colour mosaic.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def read_lenslet_image(
 def cut_views(
     raw: np.ndarray, views: int | None, source: str | Path, keep: int | None = None
 ) -> np.ndarray:
-    """Cut a raw lenslet array into views, and say what would fit where `views` does not."""
+    """Cut a raw lenslet array into views; if `views` does not fit, the error says what would."""
     if views is None or views < 1 or any(n % views for n in raw.shape[:2]):
         common = math.gcd(*raw.shape[:2])
         fit = [str(n) for n in range(2, min(common, MOST_VIEWS) + 1) if common % n == 0]
@@ -94,13 +94,12 @@ def write_lenslet_image(
     Parameters
     ----------
     light_field : LightField
-        Values from 0 to 1, unless written as floats; without a channel axis, or with 1 or 3
-        channels.
+        Values from 0 to 1, unless written as floats; grey, or with 1 or 3 channels.
     path : str or Path
     bits : int, optional
-        8 or 16; 32 for floats, in TIFF files.
+        Number of bits: 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
-        As in `write_light_field`.
+        Whether values are linear in radiance; an 8-bit PNG then states it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Mosaics: raw images of colour sensors (Bayer), which must not be read as grey ones."""
+"""Detection of colour mosaics (Bayer), so that such raw images are not read as grey ones."""
 
 import math
 
@@ -8,43 +8,43 @@ from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid
 
 WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
-"""Weights of the pixels around a micro-image's centre; even and odd ones have equal sums, and a
-profile that is a cubic polynomial has equal sums under them."""
+"""Weights of the pixels around a micro-image's centre. Even and odd pixels get equal total weight
+for constant light and for any cubic profile."""
 
 SMALL_PITCH = 10.0
-"""Pixels under a lenslet below which the shape of a grey micro-image can be like a mosaic."""
+"""Pitch in pixels below which the profile of a grey micro-image may resemble a mosaic."""
 
 LEAST_CONTRAST, LEAST_SMALL_CONTRAST = 0.15, 0.6
-"""Logarithm of (red blue / green^2) from which an image counts as a mosaic, by the pitch.
+"""Smallest logarithm of (red blue / green^2) of a mosaic, from pitch SMALL_PITCH on and below.
 
-With red and blue at half of green, as in daylight, it is 1.4; in the light of a lamp (red 1, blue
-0.4) 0.9. It is 0 where the profile of a grey micro-image is a product of one along y and one along
-x. Round ones of an even pitch, whose pixels repeat as those of a mosaic do, reach 0.12 where the
-lit part has a radius of 2 pixels or more, and 0.54 where it has 1.2.
+With red and blue at half of green, as in daylight, it is 1.4; in lamp light (red 1, blue 0.4) 0.9.
+It is 0 where the profile of a grey micro-image is a product of a function of y and one of x. Round
+micro-images of an even pitch, with pixels that repeat like those of a mosaic, reach 0.12 if the lit
+part has a radius of 2 pixels or more, and 0.54 at a radius of 1.2.
 """
 
 GROUPS = 8
-"""Number of groups of lenslets that are measured apart, so that texture is not taken for colour."""
+"""Number of groups of lenslets with separate contrasts, so that texture is not taken for colour."""
 
 LEAST_DEVIATIONS = 8.0
-"""Standard errors that a contrast must exceed."""
+"""Number of standard errors that a contrast must exceed."""
 
 
 def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
-    """Refuse an image whose pixels differ as those of a Bayer mosaic do.
+    """Refuse an image with the 2 x 2 pixel pattern of a Bayer mosaic.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
     grid : LensletGrid
     name : str
-        What the image is, for the message.
+        Name of the image, for the message.
 
     Raises
     ------
     InputError
-        If, in the middle of the micro-images, the four pixels of each 2 x 2 differ in a pattern
-        that no grey micro-image has.
+        If, at the centres of the micro-images, the four pixels of each 2 x 2 differ in a way
+        that no grey micro-image does.
     """
     sums = _phase_sums(image, grid.centres(image.shape))
     if not np.all(sums > 0):  # too few lenslets, or no light

@@ -1,4 +1,4 @@
-"""Sweeps through focus as moving pictures."""
+"""Focal sweeps as movies."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ FRAMES_PER_S = 12
 
 
 def check_movie(path: str | Path) -> None:
-    """Refuse a movie that could not be written, before any work is done.
+    """Refuse a movie that cannot be written, before any work is done.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def check_movie(path: str | Path) -> None:
 
 
 def write_movie(path: str | Path, frames: np.ndarray) -> None:
-    """Write frames as a GIF that starts over at its end, or as an MP4 (H.264).
+    """Write frames as a looping GIF or as an MP4 (H.264), at 12 frames per second.
 
     Parameters
     ----------
     path : str or Path
-        Ends in .gif or .mp4.
+        Output file, ending in .gif or .mp4.
     frames : ndarray of uint8, shape (n, h, w) or (n, h, w, 3)
 
     Raises
@@ -73,5 +73,5 @@ def _write_mp4(path: Path, frames: np.ndarray) -> None:
         raise InputError("An .mp4 needs frames of 2 x 2 pixels or more: write a .gif.")
     with imageio.get_writer(path, fps=FRAMES_PER_S, macro_block_size=2, quality=8) as movie:
         for frame in colour[:, :height, :width]:
-            # imageio declares no more of a writer than what readers have too
+            # imageio's type hints of a writer lack its own methods
             movie.append_data(frame)  # type: ignore[attr-defined]

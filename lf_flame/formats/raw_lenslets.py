@@ -1,7 +1,7 @@
-"""Decoding: the raw lenslet image of a plenoptic camera into a light field.
+"""Decoding of a plenoptic camera's raw lenslet image into a light field.
 
-Micro-image pixels stay in sensor order, not flipped (`lf_flame.lightfield`). The views' rows and
-columns follow the array, so that a rotation of the array against the sensor is taken out.
+Micro-image pixels stay in sensor order, not flipped (`lf_flame.lightfield`). The rows and columns
+of views follow the array, so that a rotation of the array against the sensor is removed.
 """
 
 import numpy as np
@@ -16,20 +16,20 @@ from lf_flame.formats.mosaic import refuse_mosaic
 from lf_flame.lightfield import LightField
 
 LEAST_LIT = 0.5
-"""Brightness against the middle of its micro-image at which a pixel still counts as lit.
+"""Smallest brightness, relative to its micro-image's centre, of a pixel that counts as lit.
 
-One that is darker lies partly beyond the image of the aperture. Its light comes from its inner
-part: brightened in full, it would pull the slope of sharpest focus towards 0.
+A darker pixel is partly outside the image of the aperture; its light comes from its inner part.
+Scaled to full brightness, it would pull the slope of sharpest focus towards 0.
 """
 
 SHARED = 0.5
-"""Pixels, in the mean, by which a part reaches into a pixel that it shares with what is beside."""
+"""Mean overlap, in pixels, of a part with a pixel that it shares with a neighbouring part."""
 
 LEAST_LEVEL = 0.05
-"""Brightness of a micro-image's middle against the median one below which it is not trusted."""
+"""Smallest centre brightness, relative to the median, of a micro-image that is trusted."""
 
 MARGIN = 16
-"""Pixels of repeated edge around an image: a spline forgets its end by 0.27 for each."""
+"""Number of repeated edge pixels around an image; a spline's end effect falls by 0.27 for each."""
 
 
 def decode_raw(
@@ -42,45 +42,45 @@ def decode_raw(
 ) -> LightField:
     """Resample the micro-images of a raw lenslet image into views.
 
-    A micro-image is divided into views x views equal parts, so that a slope does not depend on
-    how many pixels it has. A view's pixel is the mean radiance of its part: the sums of the
-    sensor's pixels, known at every border between them, are interpolated by a cubic spline and
-    differenced (the parabolic spline method of Zerroukat, Wood and Staniforth 2006). That keeps
-    the light, returns the pixels themselves where the parts coincide with them, and does not
-    widen the views as linear interpolation does, which lowers the slope of sharpest focus by
-    some per cent. Like any sharp interpolation it may overshoot at a micro-image's rim. Parts of
-    a turned array stand at their true centres, but are taken upright.
+    A micro-image is divided into views x views equal parts, so that a slope does not depend on its
+    number of pixels. A view's pixel is the mean radiance of its part: the cumulative sums of the
+    sensor's pixels, known at every border between pixels, are interpolated with a cubic spline and
+    differenced (the parabolic spline method of Zerroukat, Wood and Staniforth 2006). This
+    conserves light and reproduces the pixels where parts coincide with them. It does not widen the
+    views, unlike linear interpolation, which lowers the slope of sharpest focus by some per cent.
+    Like any sharp interpolation it may overshoot at a micro-image's rim. Parts of a rotated array
+    have their true centres, but are taken as upright.
 
-    The lenslets of a hexagonal array are resampled to a square grid as far apart as its rows: the
-    rows are kept, and along each, linear interpolation undoes the offset of every other row and
-    brings the columns from the pitch to the row distance. Slopes of the result are in row
-    distances per view: 2 / sqrt(3) times those in pitches per view.
+    A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
+    and along each row linear interpolation removes the offset of every other row and changes the
+    column distance from the pitch to the row distance. Slopes of the result are in row distances
+    per view: 2 / sqrt(3) times those in pitches per view.
 
-    Views that are not their lenslet's own have weight 0 in the result: their parts lie nearer to a
+    Views with light that is not their own lenslet's get weight 0: their parts are nearer to a
     neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
-    image. Their light comes from elsewhere, and would move a slope by per cents.
+    image. Their light would change a slope by some per cent.
 
     Parameters
     ----------
     raw : array_like, shape (rows, columns) or (rows, columns, channels)
-        Linear in radiance, of any real type. A Bayer mosaic must be interpolated before.
+        Image, linear in radiance, of any real type. A Bayer mosaic must be demosaiced before.
     grid : LensletGrid
-        Of `estimate_grid` or `grid_from_pitch`.
+        Positions of the micro-images, from `estimate_grid` or `grid_from_pitch`.
     views : int, optional
-        Views along each axis. Default: the odd number of whole pixels under a lenslet: the
-        rounded pitch, or one less.
+        Number of views along each axis. Default: the largest odd number not above the rounded
+        pitch.
     white : array_like, shape as raw, or without channels; optional
-        White image, by which the views are divided, relative to the median of its central view
-        (in each channel). Where it is darker than half the middle of its micro-image, it is
-        divided by that half, so that the dark rim stays dark. Default: not divided.
+        White image (flat field), by which the views are divided, relative to the median of its
+        central view (in each channel). Pixels darker than half the centre of their micro-image are
+        divided by that half, so that the dark rim stays dark. Default: no division.
     dark : array_like, shape as raw, or without channels; optional
         Image without light, in the same units. It is subtracted from both raw and white image,
-        each of which holds the sensor's black level. Default: black is 0.
+        because each contains the sensor's black level. Default: black is 0.
 
     Returns
     -------
     LightField
-        Of the largest block of whole micro-images, with the weights of its views.
+        Views of the largest block of whole micro-images, with the weights of views.
 
     Raises
     ------
@@ -117,18 +117,18 @@ def decode_raw(
 
 
 def _counted(grid: LensletGrid, lit: np.ndarray) -> np.ndarray:
-    """Tell which of the views that are lit are their lenslet's own, too: bool, shape (v, u)."""
+    """Find the views that are lit and belong to their own lenslet: bool, shape (v, u)."""
     views = len(lit)
     own = lit & grid.own_views(views)
     if grid.on_pixels:
         return own
     alone = lit & grid.own_views(views, SHARED)
-    # Of a few views, those at the rim are needed.
+    # With few views, those at the rim are needed.
     return alone if 2 * alone.sum() >= own.sum() else own
 
 
 def _lit(white: np.ndarray) -> np.ndarray:
-    """Tell which views are mostly lit in a cut white image: bool, shape (v, u)."""
+    """Find the views that are mostly lit in a cut white image: bool, shape (v, u)."""
     level = np.median(white.mean(axis=4, dtype=np.float64), axis=(2, 3))
     return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
 
@@ -136,12 +136,12 @@ def _lit(white: np.ndarray) -> np.ndarray:
 def less_dark(
     raw: ArrayLike, white: ArrayLike | None, dark: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Subtract a dark image from a raw and a white one, each as (rows, columns, channels).
+    """Subtract a dark image from a raw and a white image, each as (rows, columns, channels).
 
     Raises
     ------
     InputError
-        If one is no image, or their shapes differ.
+        If one is not an image, or their shapes differ.
     """
     image = _as_image(raw, "raw")
     others = {
@@ -156,12 +156,12 @@ def less_dark(
             )
     if others["dark"] is None:
         return image, others["white"]
-    black = others["dark"].astype(np.float64)  # unsigned levels would wrap below 0
+    black = others["dark"].astype(np.float64)  # unsigned levels would wrap around below 0
     return image - black, None if others["white"] is None else others["white"] - black
 
 
 def _as_image(image: ArrayLike, name: str) -> np.ndarray:
-    """Check an image and give it an axis of channels."""
+    """Check an image and add an axis of channels if it has none."""
     image = np.asarray(image)
     if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "uif":
         raise InputError(
@@ -197,7 +197,7 @@ def _cut(image: np.ndarray, grid: LensletGrid, views: int, what: str) -> np.ndar
     with progress.bar(what, image.shape[2] * len(centres), "row") as shown:
         for channel in range(image.shape[2]):
             table = _summed_area(image[..., channel])
-            for row, centre in enumerate(centres):  # by rows of lenslets: near each other in memory
+            for row, centre in enumerate(centres):  # one row of lenslets is contiguous in memory
                 y, x = np.add.outer(down, centre[:, 0]), np.add.outer(along, centre[:, 1])
                 out[:, :, row, :, channel] = _mean(table, y, x, height, width)
                 shown.update()
@@ -205,7 +205,7 @@ def _cut(image: np.ndarray, grid: LensletGrid, views: int, what: str) -> np.ndar
 
 
 def _summed_area(image: np.ndarray) -> np.ndarray:
-    """Spline through the sums of all pixels above and to the left of each corner of pixels."""
+    """Spline through the sum of all pixels above and to the left of each pixel corner."""
     padded = np.pad(image.astype(np.float64), MARGIN, mode="edge")
     sums = np.pad(padded.cumsum(axis=0).cumsum(axis=1), [(1, 0), (1, 0)])
     return ndimage.spline_filter(sums)
@@ -214,8 +214,8 @@ def _summed_area(image: np.ndarray) -> np.ndarray:
 def _mean(
     table: np.ndarray, y: np.ndarray, x: np.ndarray, height: float, width: float
 ) -> np.ndarray:
-    """Mean over upright rectangles about y, x, from the sums at their corners."""
-    first = MARGIN + 0.5  # the middle of pixel 0
+    """Mean over upright rectangles centred at y, x, from the sums at their corners."""
+    first = MARGIN + 0.5  # the centre of pixel 0
     total = np.zeros(y.shape)
     for down, right in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         corner = [y + first + down * height / 2, x + first + right * width / 2]
@@ -225,7 +225,7 @@ def _mean(
 
 
 def _level(white: np.ndarray) -> np.ndarray:
-    """White views relative to the median of the central one, where they are bright enough."""
+    """White views relative to the median of the central one, bounded below for dark pixels."""
     middle = white[white.shape[0] // 2, white.shape[1] // 2]
     level = np.median(middle, axis=(0, 1))
     if not np.all(level > 0):
@@ -237,7 +237,7 @@ def _level(white: np.ndarray) -> np.ndarray:
 
 
 def _squared(views: np.ndarray, grid: LensletGrid, rows: np.ndarray) -> np.ndarray:
-    """Resample the rows of a hexagonal array to one square grid, where both kinds of rows are."""
+    """Resample a hexagonal array to a square grid that both kinds of rows share."""
     columns = views.shape[3]
     spacing = grid.row_pitch / grid.pitch
     count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0

@@ -1,4 +1,4 @@
-"""One door for all kinds of light-field files."""
+"""One function for reading all kinds of light-field files."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,7 +36,7 @@ CONTAINERS = {
     ".mat": _MATLAB,
     **dict.fromkeys((".h5", ".hdf5"), _HDF5),
 }
-"""Files that often hold light fields and are not read, and what to do."""
+"""File endings that often hold light fields but are not read, with advice."""
 
 
 def read_light_field(
@@ -49,7 +49,7 @@ def read_light_field(
     axes: str | None = None,
     dark: str | Path | None = None,
 ) -> LightField:
-    """Read a light field, whatever holds it.
+    """Read a light field from a file or folder of any supported kind.
 
     ================================  ==============================================
     a folder                          `read_view_folder`, one image for each view
@@ -62,17 +62,17 @@ def read_light_field(
     ----------
     path : str or Path
     views : int, optional
-        Pixels under a lenslet along each axis, of a lenslet image or a raw array.
+        Number of pixels under a lenslet along each axis, for a lenslet image or a raw array.
     order : str, optional
-        What the rows and columns of views count, such as ``row,-col``; `scan_view_folder` tells.
-        Default: as the parallax shows, for folders and pages; as it stands, for the others.
+        Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
+        folders and pages, the order that the parallax shows; otherwise the stored order.
     progress : callable, optional
-        Wraps the list of a folder's files, as ``tqdm`` does.
+        Function that wraps the list of a folder's files, as ``tqdm`` does.
     grid : (int, int) or str, optional
-        Rows and columns of views that a running number counts, such as (1, 9) or ``1x9``: of a
+        Number of rows and columns of views for a running number, such as (1, 9) or ``1x9``: of a
         folder, of pages, of an array with an axis n. Default: a square, if the parallax shows one.
     axes : str, optional
-        What the axes of an array are, as in `read_array`. Default: ``vuts`` or ``vutsc``.
+        Meaning of an array's axes, as in `read_array`. Default: ``vuts`` or ``vutsc``.
     dark : str or Path, optional
         Light field without light, of the same form and size, which is subtracted.
 
@@ -83,7 +83,7 @@ def read_light_field(
     Raises
     ------
     InputError
-        If there is nothing of that name, it cannot be read, or an argument does not fit.
+        If the path does not exist or cannot be read, or an argument does not fit.
 
     Examples
     --------
@@ -106,11 +106,11 @@ def read_light_field(
     if path.is_dir():
         folder = scan_view_folder(path, order, grid=grid)
         light_field = folder.read(progress)
-        # A dark image has no parallax that would show its order.
+        # A dark image has no parallax from which its order could be found.
         return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
     pages = suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path))
     if dark is not None:
-        stored = None if not pages else "row,col"  # a dark image shows no order
+        stored = None if not pages else "row,col"  # a dark image has no parallax
         light_field = read_light_field(path, views, stored, grid=grid, axes=axes)
         counted = light_field.views.shape[:2] if pages else grid  # nor does it show a grid
         light_field = subtract_dark(light_field, dark, views, stored, grid=counted, axes=axes)
@@ -137,7 +137,7 @@ def read_light_field(
 
 
 def _arranged(light_field: LightField, order: str | None) -> LightField:
-    """Bring the views of a light field, and their weights, from a stated order to ours."""
+    """Reorder the views of a light field, and their weights, from a stated order."""
     if not order:
         return light_field
     weights = light_field.weights
@@ -162,14 +162,14 @@ def subtract_dark(
     ----------
     light_field : LightField
     dark : str or Path or None
-        None: nothing is subtracted.
+        Light field without light; None subtracts nothing.
     views, order, grid, axes : optional
-        As in `read_light_field`; order and grid as found in the light field itself.
+        As in `read_light_field`; order and grid are those found for the light field itself.
 
     Raises
     ------
     InputError
-        If it cannot be read, or its shape differs.
+        If the dark light field cannot be read, or its shape differs.
     """
     if dark is None:
         return light_field
@@ -196,22 +196,27 @@ def read_raw(
     Parameters
     ----------
     path : str or Path
-        Image, demosaiced if it is in colour.
+        Raw image, demosaiced if it is in colour.
     white : str or Path, optional
-        White image, in which the micro-images are found and by which the views are divided.
+        White image (flat field), in which the micro-images are found and by which the views are
+        divided.
     pitch : float, optional
-        Distance of micro-images in pixels; with a white image, roughly; without one it must be
-        given, and the array is taken to stand upright in the middle of the image.
+        Distance between micro-images in pixels. With a white image a rough value suffices. Without
+        one it is required, and the array is assumed to be upright and centred in the image.
     layout : {"rectangular", "hexagonal"}, optional
-        Default: as the white image shows; rectangular without one.
+        Arrangement of the lenslets. Default: found in the white image; rectangular without one.
     views : int, optional
-        Default: the odd number of whole pixels under a lenslet.
+        Number of views along each axis. Default: the largest odd number not above the rounded
+        pitch.
     dark : str or Path, optional
         Image without light, which is subtracted from both raw and white image.
 
     Returns
     -------
-    LightField, LensletGrid
+    LightField
+        Decoded views.
+    LensletGrid
+        Positions of the micro-images.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""TIFF files of many pages: views of a light field, and refocused images with their slopes."""
+"""Multi-page TIFF files: views of a light field, and refocused images with their slopes."""
 
 import json
 from pathlib import Path
@@ -18,13 +18,13 @@ from lf_flame.formats.view_order import Grid, arranged, as_grid, find_order, fol
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
-"""Channels up to which an axis that a file calls C may hold colours and not pages."""
+"""Largest size of an axis C that may hold colours instead of pages."""
 
 UNNAMED = frozenset("QI")
-"""Axes of pages that a file does not name, and may so be rows and columns of views."""
+"""Letters of page axes without a stated meaning, which may be rows and columns of views."""
 
 LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
-"""ImageJ reads classic TIFF only, whose offsets have 32 bits."""
+"""Largest size in bytes that ImageJ opens: classic TIFF, with offsets of 32 bits."""
 
 
 def is_stack(path: str | Path) -> bool:
@@ -48,24 +48,24 @@ def read_view_stack(
     Parameters
     ----------
     path : str or Path
-        Rows and columns of pages where the file tells them apart, without calling them times or
-        depths; or pages in one row, which are a square of views if the parallax shows one.
+        TIFF file. Its pages form rows and columns if the file states two page axes that are not
+        times or depths; otherwise a running number, which is a square if the parallax shows one.
     order : str, optional
-        What the pages count, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row by row.
-        Default: as the parallax shows.
+        Meaning of the page numbers, as in `lf_flame.formats.scan_view_folder`: ``row,col`` is row
+        by row. Default: the order that the parallax shows.
     grid : (int, int) or str, optional
-        Rows and columns of views in the order of the pages, such as (1, 9) or ``1x9``.
+        Number of rows and columns of views in the order of the pages, such as (1, 9) or ``1x9``.
 
     Returns
     -------
     LightField
-        Unsigned levels of 8 or 16 bits as 0 to 1, floats as they are.
+        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
 
     Raises
     ------
     InputError
-        If the file cannot be read, its pages show no square of views and no grid is stated, or it
-        is a focal stack.
+        If the file cannot be read, its pages show no square of views and no grid is stated, or
+        it is a focal stack.
 
     Examples
     --------
@@ -89,20 +89,20 @@ def read_view_stack(
 
 
 def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> None:
-    """Write refocused images as a TIFF file of float32 pages that ImageJ opens too.
+    """Write refocused images as a TIFF file of float32 pages that ImageJ can open.
 
     Parameters
     ----------
     stack : array_like, shape (n, t, s) or (n, t, s, channels)
-        Up to 4 channels; a single one loses its axis.
+        Refocused images, up to 4 channels; a single channel loses its axis.
     slopes : sequence of float
-        One for each image; they are kept in the file's description and label its pages.
+        Slope of each image, stored in the file's description and in the labels of its pages.
     path : str or Path
 
     Raises
     ------
     InputError
-        If stack and slopes do not fit together, or are larger than ImageJ can open.
+        If stack and slopes do not match, or are larger than ImageJ can open.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> 
     if stack.nbytes > LARGEST_IMAGEJ_BYTES:
         raise InputError(f"A focal stack must stay below 4 GiB, got {stack.nbytes / 2**30:.1f}.")
     axes = "ZYX"
-    if stack.ndim == 4:  # ImageJ has no float colour: channels are planes of their own
+    if stack.ndim == 4:  # ImageJ has no float colour: each channel is a separate page
         stack, axes = np.moveaxis(stack, 3, 1), "ZCYX"
     channels = stack.shape[1] if stack.ndim == 4 else 1
     metadata = {
@@ -143,18 +143,18 @@ def write_focal_stack(stack: ArrayLike, slopes: ArrayLike, path: str | Path) -> 
 
 
 def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Read a focal stack, with its slopes where `write_focal_stack` kept them.
+    """Read a focal stack, with the slopes that `write_focal_stack` stored, if any.
 
     Returns
     -------
     stack : ndarray of float32, shape (n, t, s) or (n, t, s, channels)
-        Unsigned levels of 8 or 16 bits as 0 to 1, floats as they are.
+        Unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
     slopes : ndarray of float64, shape (n,), or None
 
     Raises
     ------
     InputError
-        If the file cannot be read, or its pages are in more than one row.
+        If the file cannot be read, or its pages have more than one axis.
 
     Examples
     --------
@@ -181,15 +181,15 @@ def read_focal_stack(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
-    """Read the pages with their channels last.
+    """Read the pages, with their channels last.
 
-    Returns them with the number of axes of one image, ImageJ's description, and the letters of the
-    axes of pages.
+    Returns the pages, the number of axes of one image, ImageJ's description, and the letters of
+    the page axes.
     """
     with open_tiff(path) as file:
         metadata = file.imagej_metadata or {}
         alike = _alike(file)
-        # Axes of length one are kept; from tifffile 2026.11 on, without being asked to.
+        # Keep axes of length one, as tifffile does from 2026.11 on by default.
         whole = {"squeeze": False} if hasattr(alike[0], "get_axes") else {}
         axes = "I" + (alike[0].get_axes(**whole) if whole else alike[0].axes)
         transparent = transparency(alike[0].keyframe)
@@ -212,13 +212,13 @@ def _read(path: str | Path) -> tuple[np.ndarray, int, dict, str]:
 
 
 def _alike(file: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
-    """Leave out thumbnails and the like: what has another shape or type than the first."""
+    """Series with the shape and type of the first; others, such as thumbnails, are left out."""
     first, *others = file.series
     return [first, *(one for one in others if (one.shape, one.dtype) == (first.shape, first.dtype))]
 
 
 def _channel_axis(axes: str, shape: tuple[int, ...], focal: bool) -> int | None:
-    """Find the axis of colours by tifffile's letters: samples, or a few channels beside pages."""
+    """Index of the colour axis by tifffile's letters: samples, or few channels beside pages."""
     sizes = dict(zip(axes, shape, strict=True))
     image = sizes["Y"] * sizes["X"]
     if sizes.get("S", 1) > 1:

@@ -32,17 +32,18 @@ from lf_flame.lightfield import LightField
 
 @dataclass(frozen=True, eq=False)
 class ViewFolder:
-    """The files of a light field, in their order.
+    """Files of a light field in the order of its views.
 
     Attributes
     ----------
     path : Path
         The folder.
     files : ndarray of Path, shape (v, u)
+        Paths of the views.
     found : FoundOrder
-        How the file names count the views, and how that was found.
+        Order in which the file names count the views, and how it was found.
     left_out : int
-        Other files in the folder.
+        Number of other files in the folder.
     """
 
     path: Path
@@ -52,12 +53,12 @@ class ViewFolder:
 
     @property
     def counted(self) -> tuple[int, int]:
-        """Rows and columns as the file names count them: what ``grid`` would state."""
+        """Number of rows and columns as the file names count them: the value of ``grid``."""
         rows, columns = self.files.shape
         return (columns, rows) if "col," in self.found.order else (rows, columns)
 
     def describe(self) -> str:
-        """Tell in a few lines what was found and how it is read."""
+        """Describe the views and their order in a few lines."""
         v, u = self.files.shape
         first, last = (printable(path.name) for path in self.files[[0, -1], [0, -1]])
         lines = [
@@ -66,8 +67,8 @@ class ViewFolder:
         ]
         if self.found.slopes and self.found.slopes[0] > 0 and self.found.order == "row,col":
             lines.append(
-                "most slopes are above 0, those of parallel cameras below: if the nearer things "
-                "have the higher ones here, the order is -row,-col"
+                "most slopes are above 0, those of parallel cameras below: if nearer objects have "
+                "the higher slopes here, the order is -row,-col"
             )
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
@@ -79,12 +80,12 @@ class ViewFolder:
         Parameters
         ----------
         progress : callable, optional
-            Wraps the list of files, as ``tqdm`` does.
+            Function that wraps the list of files, as ``tqdm`` does.
 
         Returns
         -------
         LightField
-            Values from 0 to 1; colour in a last axis of 3 channels.
+            Values from 0 to 1; colour images give a last axis of 3 channels.
 
         Raises
         ------
@@ -105,9 +106,7 @@ class ViewFolder:
                 )
             views[k] = image
 
-        with ThreadPoolExecutor(
-            _readers(paths)
-        ) as pool:  # decoders work outside the interpreter's lock
+        with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
@@ -117,25 +116,25 @@ class ViewFolder:
 def scan_view_folder(
     path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
 ) -> ViewFolder:
-    """Find out which files of a folder are the views of a light field, and how they count.
+    """Find the files of a folder that are the views of a light field, and their order.
 
-    The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) whose names differ in their
-    numbers only: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
+    The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) with names that differ only in
+    numbers: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
     ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
-    ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and on: one running number along a square,
-    if the parallax shows one, or along the rows of `grid`. Numbers may start anywhere. Other files
-    are left out; a second set of images half as large or larger is refused.
+    ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and so on. A running number counts a square
+    row by row, if the parallax shows one, or the rows of `grid`. Numbers may start anywhere. Other
+    files are left out; a second set of images half as large or larger is refused.
 
     Parameters
     ----------
     path : str or Path
     order : str, optional
-        What the numbers count, the slower first, a minus for an axis that runs the other way:
-        ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
-        bottom), ``row,-col``, and so on. Default: as the parallax of the four central views
-        shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
+        Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
+        way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
+        bottom), ``row,-col``, and so on. Default: the order that the parallax of the four central
+        views shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
     grid : (int, int) or str, optional
-        Rows and columns that a running number counts, such as (1, 9) or ``1x9``.
+        Number of rows and columns for a running number, such as (1, 9) or ``1x9``.
 
     Returns
     -------
@@ -148,10 +147,10 @@ def scan_view_folder(
 
     Notes
     -----
-    With rows counted downward and columns to the right, as seen by the cameras, nearer things have
-    the lower slope, as `lf_flame.refocus` has it: the camera moves to the right, and what is near
-    moves to the left. Parallel cameras then have slopes below 0 only. A folder that gives higher
-    slopes to nearer things has both axes turned, which no parallax shows: read it as ``-row,-col``.
+    With rows counted downward and columns to the right, as seen by the cameras, nearer objects have
+    the lower slope, as in `lf_flame.refocus`: when the camera moves to the right, near objects move
+    to the left. Parallel cameras then give only slopes below 0. A folder that gives higher slopes
+    to nearer objects has both axes turned, which no parallax shows: read it as ``-row,-col``.
 
     Examples
     --------
@@ -179,22 +178,22 @@ def scan_view_folder(
 
 
 def _check_memory(files: list[Path], folder: Path) -> None:
-    """Refuse views that need too much memory, by the header of the first, before any is decoded.
+    """Refuse views that need too much memory, from the header of the first, before decoding.
 
-    As floats, with those that are being decoded, or with the search for their order.
+    Counted are the views as floats, with those being decoded, or with the search for their order.
     """
     shape = read_shape(files[0])
     values = prod(shape)
     if shape[2] in (2, 4):
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
-    # A byte for each value says whether it is finite.
+    # One byte per value stores whether it is finite.
     reading = (FLOAT + 1) * values * len(files) + decoding * _readers(files)
     check_memory(max(reading, order_memory(shape) + decoding), folder)
 
 
 def _readers(files: list[Path]) -> int:
-    """Count the files that are decoded side by side."""
+    """Count the files that are decoded at the same time."""
     return min(len(files), os.cpu_count() or 1)
 
 
@@ -205,7 +204,7 @@ def read_view_folder(
     *,
     grid: Grid | str | None = None,
 ) -> LightField:
-    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; parameters as there.
+    """Read a folder of views: `scan_view_folder`, then `ViewFolder.read`; same parameters.
 
     Examples
     --------
@@ -233,19 +232,18 @@ def write_view_folder(
     Parameters
     ----------
     light_field : LightField
-        Values from 0 to 1, unless written as floats; without a channel axis, or with 1 or 3
-        channels.
+        Values from 0 to 1, unless written as floats; grey, or with 1 or 3 channels.
     folder : str or Path
-        A new or an empty folder. It is written aside and renamed when it is whole.
+        A new or an empty folder. It appears when all views are written.
     bits : int, optional
-        8 or 16; 32 for floats.
+        Number of bits: 8 or 16; 32 for floats.
     linear : bool, optional
-        As in `write_light_field`.
+        Whether values are linear in radiance; an 8-bit PNG then states it.
 
     Raises
     ------
     InputError
-        If the folder holds files, or values or channels do not fit.
+        If the folder contains files, or values or channels do not fit.
 
     Examples
     --------

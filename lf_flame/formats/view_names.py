@@ -15,11 +15,11 @@ from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 
 MOST_NAMED = 3
-"""Missing views that an error names."""
+"""Largest number of missing views that an error names."""
 
 
 def view_files(folder: Path) -> list[Path]:
-    """Find the images of a folder that are named alike but for their numbers, the most numerous.
+    """Largest set of images in a folder with names that differ only in numbers.
 
     Raises
     ------
@@ -49,19 +49,19 @@ def view_files(folder: Path) -> list[Path]:
 
 
 def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.ndarray:
-    """Arrange files by their numbers.
+    """Arrange files by the numbers in their names.
 
-    Two neighbouring numbers that make a full grid count rows and columns, the first such pair: they
-    may start anywhere and rise by any steps; a constant number counts only where it is 0 or 1
-    and written as wide as its partner. Signs and decimals count, as of positions, unless the digits
-    alone make a fuller grid (``01.02``). Otherwise one running number counts all views.
+    The first two neighbouring numbers that make a full grid count rows and columns. They may start
+    anywhere and rise by any step; a constant number counts only if it is 0 or 1 and has as many
+    digits as its partner. Signs and decimals are read, as in positions, unless the digits alone
+    make a fuller grid (``01.02``). Otherwise one running number counts all views.
 
     Parameters
     ----------
     files : list of Path
-        As `view_files` finds them.
+        Files from `view_files`.
     shape : (int, int), optional
-        Rows and columns as stated, of which a running number need not tell.
+        Stated number of rows and columns; a running number need not show them.
 
     Returns
     -------
@@ -70,10 +70,10 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
     Raises
     ------
     InputError
-        If a view is missing, or the numbers make no grid, or another one than stated.
+        If a view is missing, or the numbers make no grid, or not the stated one.
     """
     readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
-    readings = readings[readings[0] == readings[1] :]  # one, where there is no sign or decimal
+    readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
     pairs = [pair for numbers in readings if (pair := _pair(numbers))]
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])
@@ -98,32 +98,32 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
 
 @dataclass(frozen=True, order=True)
 class _Count:
-    """A number of a name, and how it is written there."""
+    """A number in a name, with its digits as written."""
 
     value: Decimal
     text: str = field(compare=False)
 
 
 Columns = list[tuple[_Count, ...]]
-"""Numbers of each file."""
+"""Numbers in the name of each file."""
 
 
 def _numbers(parts: list[Parts]) -> Columns:
-    """Take the numbers that all names have, with their signs and decimals."""
+    """Numbers that all names have, with signs and decimals."""
     shared = min(len(part) // 2 for part in parts)
     values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
     return [tuple(_Count(x, f"{x}") for x in one[:shared]) for one in values]
 
 
 def _digits(files: list[Path]) -> Columns:
-    """Take whatever stands in digits that all names have."""
+    """Find the runs of digits that all names have."""
     words = [re.findall(r"[0-9]+", path.stem) for path in files]
     shared = min(map(len, words))
     return [tuple(_Count(Decimal(word), word) for word in one[:shared]) for one in words]
 
 
 def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
-    """Find the neighbouring numbers that make the fullest grid, the first of them, and its size."""
+    """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
     found = []
     for k in range(len(numbers[0]) - 1):
         pair = [(one[k], one[k + 1]) for one in numbers]
@@ -131,7 +131,7 @@ def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
         widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
         constant = next((values for values in (rows, columns) if len(values) == 1), None)
         one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
-        # Less than half a grid is no grid with gaps, but numbers that count something else.
+        # A grid that is less than half full is not one with gaps: its numbers mean something else.
         full_enough = len(rows) * len(columns) <= 2 * len(numbers)
         if one_row and full_enough and len(set(pair)) == len(numbers):
             found.append((pair, len(rows) * len(columns)))
@@ -139,7 +139,7 @@ def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
 
 
 def _full_grid(files: list[Path], numbers: list[tuple[_Count, _Count]]) -> np.ndarray:
-    """Put the files in their places and refuse a grid with gaps."""
+    """Place the files in a grid; gaps are refused."""
     rows, columns = (_evenly(axis) for axis in zip(*numbers, strict=True))
     placed = dict(zip(numbers, files, strict=True))
     wanted = [(row, column) for row in rows for column in columns]
@@ -156,21 +156,21 @@ def _gaps(column: tuple[_Count, ...]) -> list[str]:
 
 
 def _evenly(numbers: tuple[_Count, ...]) -> list[_Count]:
-    """All numbers from the lowest to the highest, in the step that they have in common."""
+    """Numbers from the lowest to the highest, in steps of their greatest common divisor."""
     found = sorted(set(numbers))
     finest = min(int(count.value.as_tuple().exponent) for count in found)
     ticks = [int(count.value.scaleb(-finest)) for count in found]
     step = gcd(*(after - before for before, after in pairwise(ticks))) or 1
     steps = range(ticks[0], ticks[-1] + 1, step)
     if len(steps) > 2 * len(found):
-        # Wide gaps are no missing views, but another way of counting, by positions or times.
+        # Wide gaps are not missing views; these numbers are positions or times.
         return found
     width, known = min(len(count.text) for count in found), dict(zip(ticks, found, strict=True))
     return [known.get(k) or _between(Decimal(k).scaleb(finest), width) for k in steps]
 
 
 def _between(value: Decimal, width: int) -> _Count:
-    """Write a number that no name has, as the others are written."""
+    """Write a number that no name has like the others."""
     return _Count(value, f"{value:f}".zfill(width))
 
 

@@ -1,6 +1,6 @@
-"""Which way the views of a light field are counted, as stated or as the parallax shows.
+"""Order of the views: as stated, or as the parallax shows.
 
-An order names what the two numbers of a view count, the slower one first: ``row,col`` is row by
+An order names the meaning of the two numbers of a view, the slower one first: ``row,col`` is row by
 row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the right.
 """
 
@@ -23,57 +23,58 @@ ORDERS = tuple(
 )
 
 SCALES = (1, 2, 4, 8, 16)
-"""Reductions of the views at which the parallax is looked for: it should be below a pixel."""
+"""Factors by which views are reduced for the parallax search; it should be below one pixel."""
 
 PATCH = 16
-"""Side of the patches that are taken to lie at one depth, in reduced pixels."""
+"""Side of the patches that are assumed to lie at one depth, in reduced pixels."""
 
 SMOOTHING = 1.0
-"""Standard deviation, in reduced pixels, of the Gaussian that the gradients are taken of."""
+"""Standard deviation of the Gaussian for the gradients, in reduced pixels."""
 
 BORDER = 4
-"""Reduced pixels that are left out on each side."""
+"""Width of the border that is left out on each side, in reduced pixels."""
 
 MOST_PIXELS = 4_000_000
-"""Pixels of a view in which the parallax is looked for; larger ones are reduced before."""
+"""Largest number of pixels of a view for the parallax search; larger views are reduced first."""
 
 ORDER_BYTES = 140
-"""Bytes of memory that this takes for each of these pixels."""
+"""Number of bytes of memory that the search takes for each of these pixels."""
 
 LEAST_EXPLAINED, LEAST_RATIO = 0.3, 2.0
-"""Share of the change between views that an order must explain, and how far before the next."""
+"""Smallest fraction of the change between views that an order must explain, and its smallest ratio
+to the next order."""
 
 LEAST_LEAD = 2.5
-"""How far before the next an order must be for a running number to count a square.
+"""Smallest ratio to the next order with which a running number counts a square.
 
-Of one row of n * n views, whatever its texture, the best order explains at most 1.96 times as much
-as the next: what is taken for a step down is n steps along the row.
+For a single row of n * n views the best order explains at most 1.96 times as much as the next,
+whatever the texture: a step down in the square would be n steps along the row.
 """
 
 LEAST_NEXT = 1e-6
-"""Share below which the next order counts as nothing."""
+"""Explained fraction below which the next order counts as this much."""
 
 
 Grid = tuple[int, int]
-"""Rows and columns of views."""
+"""Number of rows and columns of views."""
 
 
 @dataclass(frozen=True)
 class FoundOrder:
-    """The order of the views, and what speaks for it.
+    """Order of the views, and the evidence for it.
 
     Attributes
     ----------
     order : str
         One of `ORDERS`.
     reason : str
-        How it was found, for people.
+        Sentence for users on how the order was found.
     slopes : (float, float), optional
-        About the slopes at which the scene is sharp in this order, in pixels per view step: the
-        5th and the 95th percentile of its patches.
+        Approximate range of the scene's slopes in this order, in pixels per view step: the 5th and
+        the 95th percentile of the patches.
     lead : float, optional
-        How many times as much of the change between the views it explains as the next order; 0 if
-        the parallax does not tell.
+        Explained change between views, divided by that of the next order; 0 if the parallax does
+        not show an order.
     """
 
     order: str
@@ -83,7 +84,7 @@ class FoundOrder:
 
 
 def arranged(views: np.ndarray, order: str) -> np.ndarray:
-    """Bring an array of views, or of their files, from an order of `ORDERS` to ``[v, u, ...]``."""
+    """Reorder an array of views, or of files, from an order of `ORDERS` to ``[v, u, ...]``."""
     for axis, name in enumerate(check_order(order).split(",")):
         if name.startswith("-"):
             views = np.flip(views, axis)
@@ -91,7 +92,7 @@ def arranged(views: np.ndarray, order: str) -> np.ndarray:
 
 
 def check_order(order: str) -> str:
-    """Return a stated order without its blanks.
+    """Return a stated order without blanks.
 
     Raises
     ------
@@ -105,26 +106,26 @@ def check_order(order: str) -> str:
 
 
 def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
-    """Find the order of the views from the parallax of the four in the middle.
+    """Find the order of the views from the parallax of the four central ones.
 
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
     Wang 1992). Each order pairs the changes with the gradients differently; the one that explains
-    most of the change, with one d for each patch, holds. Both axes turned at once only turn the
-    sign of all slopes, which no parallax tells, and where rows and columns disagree, either could
-    be turned: then the columns are taken to run from left to right.
+    most of the change, with one d for each patch, is chosen. Turning both axes only changes the
+    sign of all slopes, which no parallax shows. Where rows and columns disagree, either could be
+    turned: the columns are then assumed to run from left to right.
 
     Parameters
     ----------
     grid : ndarray, shape (first number, second number, ...)
-        The views, or what `read` makes them of, as their numbers count.
+        Views, or arguments of `read`, in the order of their numbers.
     read : callable, optional
-        Makes a view of an entry of the grid.
+        Function that gives the view for an entry of the grid.
 
     Returns
     -------
     FoundOrder
-        ``row,col`` if the views are too few, too small, too alike or too different to tell.
+        The order; ``row,col`` if the views are too few, too small, too similar or too different.
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
@@ -142,18 +143,19 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
 def fold(
     views: np.ndarray, source: str | Path, shape: Grid | None = None, read: Callable = np.asarray
 ) -> np.ndarray:
-    """Put views that one running number counts in rows and columns.
+    """Arrange views with one running number in rows and columns.
 
     Parameters
     ----------
     views : ndarray, shape (number, ...)
-        The views in their order, or what `read` makes them of.
+        Views in their order, or arguments of `read`.
     source : str or Path
-        Where they are from, for the message.
+        Origin of the views, for the message.
     shape : (int, int), optional
-        Rows and columns. Default: a square, if the parallax of the four views in its middle shows
-        rows and columns.
+        Number of rows and columns. Default: a square, if the parallax of the four views in its
+        centre shows rows and columns.
     read : callable, optional
+        Function that gives the view for an entry of `views`.
 
     Returns
     -------
@@ -162,7 +164,7 @@ def fold(
     Raises
     ------
     InputError
-        If the shape holds another number of views, or none is stated and no square is shown.
+        If the shape does not match the number of views, or none is stated and no square shows.
     """
     count, side = len(views), isqrt(len(views))
     if shape is not None:
@@ -184,12 +186,12 @@ def fold(
 
 
 def as_grid(grid: Grid | str | None) -> Grid | None:
-    """Take rows and columns of views as two numbers, or as text such as ``1x9``.
+    """Read rows and columns of views from two numbers, or from text such as ``1x9``.
 
     Raises
     ------
     InputError
-        If they are no two whole numbers above 0.
+        If they are not two whole numbers above 0.
     """
     if grid is None:
         return None
@@ -206,10 +208,10 @@ def as_grid(grid: Grid | str | None) -> Grid | None:
 
 
 def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int], int]:
-    """Read the four views in the middle, and tell at which scales their parallax may show.
+    """Read the four central views, and find the scales at which their parallax may show.
 
-    At no scale, if they differ in shape or are not finite. The last number returned is that of the
-    pixels along an axis that are averaged to one of the block.
+    There is no such scale if they differ in shape or are not finite. The last result is the number
+    of pixels along an axis that were averaged to one.
     """
     v, u = ((n - 1) // 2 for n in grid.shape[:2])
     block = [_grey(read(view)) for row in grid[v : v + 2, u : u + 2] for view in row]
@@ -222,7 +224,7 @@ def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[in
 
 
 def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
-    """Average the colours, and the pixels of a large view, so many to one along each axis."""
+    """Average the colours, and n x n pixels of a large view to one; also returns n."""
     times = ceil(sqrt(prod(view.shape[:2]) / MOST_PIXELS))
     grey = view.mean(axis=2, dtype=np.float64) if view.ndim == 3 else view.astype(np.float64)
     return skimage.transform.downscale_local_mean(
@@ -231,13 +233,13 @@ def _grey(view: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def order_memory(shape: tuple[int, ...]) -> int:
-    """Bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
+    """Count the bytes that `find_order` takes for views of a shape (rows, columns, ...)."""
     rows, columns = shape[:2]
     return ORDER_BYTES * min(rows * columns, MOST_PIXELS) + 8 * rows * columns
 
 
 def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[float, float]]:
-    """Explained share of the change by the best and the second-best order, at one scale."""
+    """Fractions of the change that the best and the second-best order explain, at one scale."""
     first, second, down, right = _changes(block, scale)
     texture = _patches(down**2 + right**2)
     found = []
@@ -257,7 +259,7 @@ def _explain(block: np.ndarray, scale: int) -> tuple[float, float, str, tuple[fl
 
 
 def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
-    """Change from row to row and from column to column, and the gradients down and right."""
+    """Find the changes from row to row and column to column, and the gradients down and right."""
     reduced = skimage.transform.downscale_local_mean(block, (1, 1, scale, scale))
     views = gaussian_filter(reduced, SMOOTHING, axes=(2, 3))
     first = np.diff(views, axis=0)[0].mean(0)
@@ -271,7 +273,7 @@ def _changes(block: np.ndarray, scale: int) -> list[np.ndarray]:
 def _fit(
     first: np.ndarray, second: np.ndarray, with_first: np.ndarray, with_second: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    """Fit one slope to each patch; the share of the change that they explain, and the slopes."""
+    """Fit one slope to each patch; returns the explained fraction of the change, and the slopes."""
     product = _patches(first * with_first + second * with_second)
     texture = _patches(with_first**2 + with_second**2)
     slopes = -np.divide(product, texture, out=np.zeros_like(product), where=texture > 0)
@@ -280,7 +282,7 @@ def _fit(
 
 
 def _patches(field: np.ndarray) -> np.ndarray:
-    """Sum over the whole patches."""
+    """Sum over all whole patches."""
     rows, columns = (n // PATCH for n in field.shape)
     whole = field[: rows * PATCH, : columns * PATCH]
     return whole.reshape(rows, PATCH, columns, PATCH).sum(axis=(1, 3))

@@ -1,4 +1,4 @@
-"""Estimation: the grid of micro-images that a white image shows."""
+"""Estimation of the micro-image positions from a white image (flat field)."""
 
 import math
 from dataclasses import replace
@@ -13,74 +13,75 @@ from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid, check_layout
 
 SMALLEST_PITCH = 4.0
-"""Pixels under a lenslet below which its micro-image has no shape to be found."""
+"""Smallest pitch in pixels; a smaller micro-image has no shape that could be found."""
 
 PATCH = 1024
-"""Pixels along a side of the middle of a white image, from which the first guess is made."""
+"""Side in pixels of the central part of a white image that gives the first guess."""
 
 NOISE_WIDTH = 1.0
-"""Standard deviation in pixels of the Gaussian that keeps noise out of the first guess."""
+"""Standard deviation in pixels of the Gaussian that suppresses noise in the first guess."""
 
 LEAST_CORRELATION = 0.1
-"""Share of the white image's variance that repeats itself from lenslet to lenslet."""
+"""Smallest fraction of the white image's variance that must repeat from lenslet to lenslet."""
 
 EQUAL_PEAKS = 0.5
-"""Part of the highest correlation from which a lag counts as one of the array's."""
+"""Smallest fraction of the highest correlation with which a lag is one of the array's."""
 
 SAME_PEAKS = 0.9
-"""The same for lags that are shorter than a stated pitch: structure within the micro-images."""
+"""The same for lags shorter than a stated pitch, which may be structure inside micro-images."""
 
 PITCH_MARGIN = 0.3
-"""Relative error that a rough pitch may have."""
+"""Largest relative error of a rough pitch."""
 
 SMOOTHING = math.sqrt(2) / (2 * math.pi)
 """Standard deviation, in pitches, of the Gaussian that locates a micro-image with least noise.
 
 Noise in the gradient falls with sigma^-2, the gradient of a pattern of one pitch with
-exp(-2 pi^2 sigma^2); their ratio is best here.
+exp(-2 pi^2 sigma^2); their ratio is largest here.
 """
 
 SHAPE_SMOOTHING = 0.12
-"""The same for the mean micro-image: little of its shape is lost, but narrow gaps reach farther."""
+"""Standard deviation, in pitches, of the Gaussian for the mean micro-image: it hardly changes the
+shape, but widens narrow gaps."""
 
 FIRST_REACH = 4
-"""Lenslets around the middle on which the first guess is refined."""
+"""Number of lenslets around the central one with which the first guess is refined."""
 
 LARGEST_RESIDUAL = 0.1
-"""Root-mean-square distance, in pitches, of micro-images from the grid that explains them."""
+"""Largest root-mean-square distance, in pitches, of micro-images from the fitted grid."""
 
 
 def estimate_grid(
     white: ArrayLike, pitch: float | None = None, layout: str | None = None
 ) -> LensletGrid:
-    """Find the micro-images in a white image: bright ones on darker gaps.
+    """Find the micro-images in a white image (flat field): bright spots with darker gaps.
 
-    The white image is divided by its local mean, which takes out vignetting. The nearest peaks of
-    its autocorrelation are the array's shortest vectors, whatever the micro-images' shape; the
-    strongest peak of its spectrum need not be: of round micro-images that touch in a hexagonal
-    array it is a harmonic. Then every micro-image is located to a fraction of a pixel by its
-    likeness to the mean of some, and the grid fitted to these points by least squares without
-    the outliers, from the middle of the image outwards.
+    The white image is divided by its local mean, which removes vignetting. The nearest peaks of
+    its autocorrelation are the array's shortest vectors, whatever the shape of the micro-images.
+    (The strongest peak of the spectrum may be a harmonic, as for round micro-images that touch in
+    a hexagonal array.) Each micro-image is then located to a fraction of a pixel by correlation
+    with a mean micro-image, and the grid is fitted to these points by least squares without
+    outliers, from the centre of the image outwards.
 
     Parameters
     ----------
     white : array_like, shape (rows, columns) or (rows, columns, channels)
-        White image, at least five lenslets along each side; channels are averaged,
-        and a Bayer mosaic may stay.
+        White image with at least five lenslets along each side; channels are averaged, and a Bayer
+        mosaic is allowed.
     pitch : float, optional
         Rough pitch in pixels, within 30 %. Default: found, from 4 pixels up.
     layout : {"rectangular", "hexagonal"}, optional
-        Default: found.
+        Arrangement of the lenslets. Default: found.
 
     Returns
     -------
     LensletGrid
-        With row and column 0 in the middle of the image, and the row pitch as measured.
+        Grid with row and column 0 at the centre of the image, and the measured row pitch.
 
     Raises
     ------
     InputError
-        If the image cannot be used, shows no grid, or shows another than stated.
+        If the image cannot be used, or shows no grid, or not the stated one.
 
     Examples
     --------
@@ -145,15 +146,15 @@ def _no_grid(reason: str) -> InputError:
 
 
 def _flattened(image: np.ndarray, width: float) -> np.ndarray:
-    """Image over its local mean, less 1: contrast without vignetting."""
+    """Image over its local mean, minus 1: contrast without vignetting."""
     mean = image
-    for _ in range(2):  # a triangle: the ripple that a box leaves is squared
-        mean = ndimage.uniform_filter(mean, 2 * round(width / 2) + 1)  # odd: about its pixel
+    for _ in range(2):  # twice a box is a triangle, which squares the ripple left by a box
+        mean = ndimage.uniform_filter(mean, 2 * round(width / 2) + 1)  # odd: symmetric
     return (image - mean) / np.maximum(mean, max(1e-3 * mean.max(), np.finfo(float).tiny))
 
 
 def _guess(white: np.ndarray, pitch: float | None) -> LensletGrid:
-    """Grid from the shortest vectors of the autocorrelation; its phase is not found yet."""
+    """Grid from the shortest vectors of the autocorrelation, with an arbitrary phase."""
     one, other = _shortest_vectors(_middle(white), pitch)
     cosine = abs((one * other.conjugate()).real) / abs(one * other)
     if cosine < 0.25:  # half-way from a right angle to the 60 degrees of a hexagonal array
@@ -174,7 +175,7 @@ def _middle(white: np.ndarray) -> np.ndarray:
 
 
 def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, complex]:
-    """Two shortest vectors ``x + iy`` by which the patch repeats itself, not parallel."""
+    """Two shortest vectors ``x + iy`` that repeat the patch and are not parallel."""
     correlation = _autocorrelation(patch)
     reach = correlation.shape[0] // 2
     peak = correlation == ndimage.maximum_filter(correlation, 3)
@@ -197,7 +198,7 @@ def _shortest_vectors(patch: np.ndarray, pitch: float | None) -> tuple[complex, 
 
 
 def _parabola_top(correlation: np.ndarray, lag: complex, reach: int) -> complex:
-    """Sub-pixel place of a correlation's peak."""
+    """Sub-pixel position of a correlation peak."""
     y, x = int(lag.imag) + reach, int(lag.real) + reach
     offsets = []
     for before, top, after in (correlation[y, x - 1 : x + 2], correlation[y - 1 : y + 2, x]):
@@ -206,7 +207,7 @@ def _parabola_top(correlation: np.ndarray, lag: complex, reach: int) -> complex:
 
 
 def _autocorrelation(patch: np.ndarray) -> np.ndarray:
-    """Correlation of a patch with itself, 1 at lag 0, which is in the middle of the result."""
+    """Autocorrelation of a patch, 1 at lag 0, which is at the centre of the result."""
     contrast = _flattened(patch, min(patch.shape) / 4)
     window = np.hanning(patch.shape[0])[:, None] * np.hanning(patch.shape[1])
     size = [fft.next_fast_len(2 * n, real=True) for n in patch.shape]  # room for every lag
@@ -224,7 +225,7 @@ def _autocorrelation(patch: np.ndarray) -> np.ndarray:
 
 
 def _refine(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
-    """Lock a guessed grid to the micro-images, from the middle of the image outwards."""
+    """Fit a guessed grid to the micro-images, from the centre of the image outwards."""
     contrast = _flattened(white, 2 * grid.pitch)
     grid = _in_phase(grid, contrast)
     likeness = ndimage.spline_filter(_likeness(grid, contrast))
@@ -243,9 +244,9 @@ def _refine(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
 
 
 def _likeness(grid: LensletGrid, contrast: np.ndarray) -> np.ndarray:
-    """Correlate the image with its mean micro-image, made even: best where one is centred.
+    """Correlate the image with its mean micro-image, made symmetric: a peak at each centre.
 
-    That is the matched filter, the least noisy way to locate a known shape.
+    This is the matched filter, the least noisy way to locate a known shape.
     """
     near = np.arange(-FIRST_REACH, FIRST_REACH + 1)
     centres = grid.position(near[:, None], near)
@@ -259,7 +260,7 @@ def _likeness(grid: LensletGrid, contrast: np.ndarray) -> np.ndarray:
 
 
 def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:
-    """Move the grid within a cell to where the lenslets around the middle are brightest."""
+    """Shift the grid within a cell to where the lenslets around the centre are brightest."""
     near = np.arange(-FIRST_REACH, FIRST_REACH + 1)
     y, x = grid.position(near[:, None], near)
     share = np.arange(16) / 16
@@ -271,20 +272,20 @@ def _in_phase(grid: LensletGrid, contrast: np.ndarray) -> LensletGrid:
 
 
 def _between(image: np.ndarray, y: np.ndarray, x: np.ndarray, order: int = 1) -> np.ndarray:
-    """Values of an image, or for order 3 of its spline, between the pixels."""
+    """Values between the pixels of an image, or for order 3 of its spline coefficients."""
     return ndimage.map_coordinates(image, [y, x], order=order, mode="mirror", prefilter=False)
 
 
 def _micro_images(grid: LensletGrid, likeness: np.ndarray, reach: int):
-    """Find micro-images up to `reach` lenslets from the middle one.
+    """Find micro-images up to `reach` lenslets from the central one.
 
-    Returns their rows and columns in the array, y and x, and whether each is there: its peak is
-    not much flatter than the others', and near where it was expected.
+    Returns rows and columns in the array, y, x, and whether each was found: its peak must not be
+    much flatter than the others, and must be near its expected position.
     """
     rows, columns = (i[np.abs(i) <= reach] for i in grid.indices(likeness.shape))
     row, column = (i.ravel() for i in np.meshgrid(rows, columns, indexing="ij"))
     y, x = grid.position(row, column)
-    clear, (height, width) = grid.pitch, likeness.shape  # of what stands half beyond the border
+    clear, (height, width) = grid.pitch, likeness.shape  # excludes those cut off by the border
     inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
     if not inside.any():
         raise _no_grid("no micro-image stands clear of its border")
@@ -296,9 +297,10 @@ def _micro_images(grid: LensletGrid, likeness: np.ndarray, reach: int):
 
 
 def _peaks(likeness: np.ndarray, y, x, step: float):
-    """Peaks near y, x and the lesser of their curvatures along y and x.
+    """Peaks near y, x and the smaller of their curvatures along y and x.
 
-    By parabolas, again from their tops: even for wide steps without bias where the peak is even.
+    Parabolas are fitted again around their tops, which gives no bias for symmetric peaks even with
+    wide steps.
     """
     for _ in range(4):
         top = _between(likeness, y, x, order=3)
@@ -312,7 +314,7 @@ def _peaks(likeness: np.ndarray, y, x, step: float):
 
 
 def _fitted(grid: LensletGrid, row, column, y, x, found) -> tuple[LensletGrid, float]:
-    """Grid through the points by least squares, and their root-mean-square distance from it.
+    """Fit a grid to points by least squares; also returns their root-mean-square distance.
 
     Points more than three times as far off as the median are left out.
     """
@@ -330,8 +332,8 @@ def _fitted(grid: LensletGrid, row, column, y, x, found) -> tuple[LensletGrid, f
 def _least_squares(grid: LensletGrid, row, column, y, x) -> LensletGrid:
     """Least squares in complex numbers: ``x + iy = z0 + turn (pitch along + i row_pitch row)``.
 
-    First with a turn for the rows and one for the columns, then with their mean, weighted by
-    how far apart the points are.
+    The first fit has separate rotations for rows and columns; the second uses their mean, weighted
+    by how far apart the points are.
     """
     along = column + (row % 2 / 2 if grid.layout == "hexagonal" else 0.0)
     z, design = x + 1j * y, np.stack([np.ones(len(row)), along, 1j * row], axis=1)

@@ -1,4 +1,4 @@
-"""One door for writing a light field."""
+"""One function for writing light fields of all kinds."""
 
 from pathlib import Path
 
@@ -14,25 +14,25 @@ from lf_flame.lightfield import LightField
 def write_light_field(
     light_field: LightField, path: str | Path, bits: int = 16, *, linear: bool = True
 ) -> None:
-    """Write a light field in the form that the ending of the path asks for.
+    """Write a light field in the format that the path's ending selects.
 
     Parameters
     ----------
     light_field : LightField
-        For images of 8 or 16 bits, values from 0 to 1.
+        Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
-        Without an ending, a new folder with an image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, that and, where views do not all count alike, ``weights``,
-        which no other form holds.
+        Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
+        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights``, which no
+        other format stores.
     bits : int, optional
-        8 or 16, of images; 32 for floats, in TIFF files.
+        Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
-        Whether values are linear in light, as PNG files of 8 bits then say.
+        Whether values are linear in radiance; an 8-bit PNG then states it.
 
     Raises
     ------
     InputError
-        If the ending is another, or values or channels do not fit.
+        If the ending is unknown, or values or channels do not fit.
 
     Examples
     --------

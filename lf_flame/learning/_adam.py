@@ -1,8 +1,8 @@
 """Adam's update (Kingma & Ba 2015, section 2, last paragraph) as compiled loops, in place.
 
-One pass over memory: each element of parameter, mean and square is read once and written once.
-Written as element-wise operations the same update reads and writes all of them several times.
-Every element is updated by one thread, so the bits do not depend on the number of threads.
+There is one pass over memory: each element of parameter, mean and square is read once and written
+once. Element-wise array operations would read and write all of them several times. One thread
+updates each element, so the bits do not depend on the number of threads.
 """
 
 import numpy as np
@@ -11,14 +11,14 @@ from numba import njit
 from lf_flame._common.threads import pieces, shared
 
 BLOCK = 1 << 14
-"""Elements that a thread updates at a time; four arrays of them fit its cache."""
+"""Number of elements that a thread updates at a time; four arrays of this size fit its cache."""
 
 SMALL = 1 << 17
-"""Elements up to which one thread is done before the others are awake."""
+"""Largest number of elements for one thread alone, which finishes before others have started."""
 
 
 def _update(parameter, mean, square, gradient, rate, weight1, weight2, epsilon):
-    """Update one block; rate holds the bias corrections, the weights are 1 - beta."""
+    """Update one block; `rate` includes the bias corrections, the weights are 1 - beta."""
     for k in range(parameter.size):
         g = gradient[k]
         mean[k] += (g - mean[k]) * weight1
@@ -38,11 +38,11 @@ def _update_large(queue, parameter, mean, square, gradient, rate, weight1, weigh
 
 
 def _update_product(queue, parameter, mean, square, left, right, rate, weight1, weight2, epsilon):
-    """Update a matrix whose gradient is left.T @ right, without writing that gradient down.
+    """Update a matrix with the gradient left.T @ right, without storing that gradient.
 
-    The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and what
-    comes back to its outputs (samples, columns); for a batch of two it is as large as the kernel
-    and holds next to nothing.
+    The gradient of a dense layer's kernel is the product of its inputs (samples, rows) and the
+    gradient of its outputs (samples, columns). For a batch of two it is as large as the kernel and
+    has almost no information.
     """
     rows, columns = parameter.shape
     blocks = (columns + BLOCK - 1) // BLOCK
@@ -63,7 +63,7 @@ def _add(total, factor, values):
         total[k] += factor * values[k]
 
 
-# Python's error for a division by zero would keep the loops from being vectorised.
+# Python's error for a division by zero would prevent vectorised loops.
 update = njit(error_model="numpy")(_update)
 add = njit(error_model="numpy")(_add)
 update_large = shared(_update_large, error_model="numpy")
@@ -71,6 +71,6 @@ update_product = shared(_update_product, error_model="numpy")
 
 
 def update_all(parameter, *others):
-    """Update a flat parameter from its gradient, see `_update_large`, on as many threads as pay."""
+    """Update a flat parameter from its gradient, see `_update_large`; small ones on one thread."""
     work = update_large.alone if parameter.size <= SMALL else update_large
     work(parameter, *others)

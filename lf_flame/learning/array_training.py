@@ -1,9 +1,9 @@
 """Training on processor cores, in three parts: arrays, gradients, and Adam.
 
 `ParameterArrays` keeps the values of a decoder's variables in NumPy arrays, `FactoredGradients`
-lets TensorFlow compute the gradients of a batch from them, and `ArrayAdam` updates them in place.
+computes the gradients of a batch from them with TensorFlow, and `ArrayAdam` updates them in place.
 `lf_flame.learning.trainers.ArrayTrainer` runs the epochs with the three. The dense layer before the
-image holds nearly all parameters; its kernel's gradient stays in factors all the way
+image has nearly all parameters; its kernel's gradient is kept as two factors throughout
 (`lf_flame.learning.fast_decoder`).
 """
 
@@ -17,18 +17,18 @@ from lf_flame.learning import _adam
 from lf_flame.learning.fast_decoder import training_view
 
 ALIGNMENT = 64
-"""Bytes of which TensorFlow wants addresses to be multiples, to read memory where it lies."""
+"""Alignment of addresses, in bytes, with which TensorFlow reads memory without a copy."""
 
 
 class Product(NamedTuple):
-    """The gradient of a dense layer's kernel, as the factors of ``inputs.T @ back``.
+    """Gradient of a dense layer's kernel, as the factors of ``inputs.T @ back``.
 
     Attributes
     ----------
     inputs : ndarray of float32, shape (samples, rows)
-        What went into the layer.
+        Inputs of the layer.
     back : ndarray of float32, shape (samples, columns)
-        Gradient of what came out.
+        Gradient of its outputs.
     """
 
     inputs: np.ndarray
@@ -45,10 +45,10 @@ class ParameterArrays:
     Attributes
     ----------
     trainable : list of ndarray of float32
-        In the order of the model's trainable variables; updated in place.
+        Values in the order of the model's trainable variables; updated in place.
     others : list of ndarray
-        In the order of the model's other variables: statistics of batch normalisations, and states
-        of random generators. Each batch brings new ones.
+        Values in the order of the model's other variables: statistics of batch normalisations, and
+        states of random generators. Each batch replaces them.
     """
 
     def __init__(self, model: keras.Model):
@@ -56,7 +56,7 @@ class ParameterArrays:
         self.others = [x.numpy() for x in model.non_trainable_variables]
 
     def tensors(self) -> list:
-        """Give tensors on the memory of the trainable ones, which must not change meanwhile."""
+        """Tensors on the memory of the trainable arrays, which must not change meanwhile."""
         from tensorflow.experimental import dlpack
 
         return [dlpack.from_dlpack(x.__dlpack__()) for x in self.trainable]
@@ -67,21 +67,21 @@ class ParameterArrays:
 
 
 class FactoredGradients:
-    """Loss and gradients of a batch by TensorFlow, the dense kernel's gradient in its factors.
+    """Loss and gradients of a batch by TensorFlow, with the dense kernel's gradient in factors.
 
-    The factors are the vectors that went into the layer and what comes back to its outputs, which
-    is the gradient of an offset of zero there. All stays on the processor, where the parameters
-    are, even if there is a GPU.
+    The factors are the inputs of the layer and the gradient of its outputs, which is the gradient
+    of a zero offset added there. Everything stays on the processor, where the parameters are, even
+    if there is a GPU.
 
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`.
+        Decoder from `lf_flame.learning.decoder.build_decoder`.
 
     Attributes
     ----------
     model : keras.Model
-        Its training view.
+        Training view of the decoder.
     """
 
     def __init__(self, decoder: keras.Model):
@@ -98,7 +98,7 @@ class FactoredGradients:
     def of_batch(
         self, arrays: ParameterArrays, features: np.ndarray, targets: np.ndarray
     ) -> tuple[float, list[np.ndarray | Product], list[np.ndarray]]:
-        """Compute the loss of a batch in training, and what follows from it.
+        """Compute loss and gradients of a batch in training mode.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class FactoredGradients:
         -------
         loss : float
         gradients : list of (ndarray of float32 or Product)
-            One for each trainable array.
+            Gradient of each trainable array.
         others : list of ndarray
             New values of the other variables.
         """
@@ -128,7 +128,7 @@ class FactoredGradients:
         return float(loss), gradients, others
 
     def _run_batch(self, parameters, others, features, targets):
-        """Loss, new other values, gradients of all but the dense layer's, and its two factors."""
+        """Loss, new other values, gradients except the dense layer's, and that one's factors."""
         import tensorflow as tf
 
         offset = tf.zeros((tf.shape(features)[0], self._units))
@@ -158,12 +158,12 @@ class ArrayAdam:
     ----------
     learning_rate : float or keras.optimizers.schedules.LearningRateSchedule
     parameters : list of ndarray of float32
-        Those to be updated; only their shapes are read here.
+        Arrays to update; only their shapes are read here.
 
     Attributes
     ----------
     steps : ndarray of int64, shape ()
-        Updates so far.
+        Number of updates so far.
     moments : list of ndarray of float32, shape (2, *shape of the parameter)
         Running means of the gradient and of its square.
     """
@@ -175,7 +175,7 @@ class ArrayAdam:
         self.moments = [np.zeros((2, *x.shape), np.float32) for x in parameters]
 
     def update(self, parameters: list[np.ndarray], gradients: list[np.ndarray | Product]) -> None:
-        """Take one step: `gradients` holds an array or a `Product` for each parameter."""
+        """Take one step; `gradients` has an array or a `Product` for each parameter."""
         constants = self._next_constants()
         for parameter, moments, gradient in zip(parameters, self.moments, gradients, strict=True):
             if isinstance(gradient, Product):
@@ -195,7 +195,7 @@ class ArrayAdam:
 
 
 def mean_squared_error(targets, stack):
-    """Mean over samples, planes and pixels alike."""
+    """Mean squared difference over samples, output images (planes) and pixels."""
     return ops.mean(ops.square(stack - targets))
 
 

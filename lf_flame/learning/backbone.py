@@ -1,9 +1,9 @@
-"""The frozen encoder: ResNet-50, cut behind its third, fourth or fifth stage, in inference mode.
+"""The frozen encoder: ResNet-50 in inference mode, cut after its third, fourth or fifth stage.
 
-Or none at all, to see what it is worth.
+It can also be left out, to measure its benefit.
 
 Its weights come from ImageNet (`lf_flame.learning.imagenet_weights`), from a file, or from a seed.
-Frozen means that the batch normalisations use their stored statistics too (deviation 8).
+Frozen means that the batch normalisations also use their stored statistics (deviation 8).
 """
 
 import hashlib
@@ -24,16 +24,16 @@ STAGES = {
     "conv4": "conv4_block6_out",
     "conv5": "conv5_block3_out",
 }
-"""Where the backbone can be cut, and the layer that is its output then."""
+"""Layer that is the backbone's output, for each depth at which it can be cut."""
 
 NO_BACKBONE = "none"
-"""The depth at which the picture itself is the feature map."""
+"""Depth without a backbone: the image itself is the feature map."""
 
 IMAGENET_BGR_MEAN = (103.939, 116.779, 123.68)
-"""Subtracted by `keras.applications.resnet.preprocess_input`, in the 0..255 range."""
+"""Mean that `keras.applications.resnet.preprocess_input` subtracts, on a scale from 0 to 255."""
 
 SMALLEST = 32
-"""Side of the smallest image that Keras's ResNet-50 takes."""
+"""Side of the smallest image that Keras's ResNet-50 accepts."""
 
 
 def build_backbone(
@@ -47,29 +47,30 @@ def build_backbone(
     Parameters
     ----------
     shown : (int, int, int)
-        Height, width and channels of the input: one, which all three channels of ResNet-50 get, or
-        three, which they get in the order of red, green and blue.
+        Height, width and channels of the input: one channel, which all three channels of ResNet-50
+        receive, or three, in the order red, green, blue.
     weights : {"imagenet", "random"} or path
-        "imagenet" downloads once into Keras's cache, ``~/.keras/models``. A path names a Keras
-        weights file (``.h5``, ``.weights.h5``) of `keras.applications.ResNet50` without its top, or
-        an ``.npz`` with arrays ``layer/variable``. "random" draws He-normal kernels from `seed` by
-        NumPy, the same on every Keras backend.
+        Source of the weights. "imagenet" downloads once into Keras's cache, ``~/.keras/models``. A
+        path is that of a Keras weights file (``.h5``, ``.weights.h5``) of
+        `keras.applications.ResNet50` without its top, or of an ``.npz`` with arrays
+        ``layer/variable``. "random" draws He-normal kernels from `seed` with NumPy, the same on
+        every Keras backend.
     depth : {"conv5", "conv4", "conv3", "none"}
-        Stage whose output is the feature map; "none" for the picture itself, without any weights.
+        Stage with the feature map as output; "none" for the image itself, without any weights.
     seed : int
         Seed of random weights.
 
     Returns
     -------
     keras.Model
-        Named "backbone", not trainable; input `shown` in [0, 1], output (h', w', channels).
+        Model "backbone", not trainable; input `shown` in [0, 1], output (h', w', channels).
 
     Raises
     ------
     ImagenetUnavailable
-        If "imagenet" cannot be had within seconds.
+        If "imagenet" cannot be obtained within seconds.
     InputError
-        If depth is unknown, or the file does not hold the weights of this network.
+        If the depth is unknown, or the file does not contain the weights of this network.
     """
     if depth == NO_BACKBONE:
         picture = keras.Input(shown, name="light_field_image")
@@ -93,14 +94,14 @@ def build_backbone(
 
 
 def _to_bgr(seen):
-    """Repeat one channel, or turn the order of three."""
+    """Repeat one channel, or reverse the order of three."""
     if seen.shape[-1] == 1:
         return keras.layers.Concatenate(name="grey_to_bgr")([seen, seen, seen])
     return keras.ops.flip(seen, axis=-1)
 
 
 def describe_weights(weights: str | Path, depth: str, seed: int) -> str:
-    """Name the weights for tables and records: a file by its name and the start of its SHA-256."""
+    """Name the weights for tables and records: a file by its name and part of its SHA-256."""
     if depth == NO_BACKBONE:
         return "no backbone"
     if weights == "imagenet":
@@ -123,11 +124,11 @@ def _load_resnet50(image, weights, seed, depth) -> keras.Model:
 
 
 def _randomise(model: keras.Model, seed: int) -> None:
-    """Draw He-normal kernels (He et al. 2015) and keep the features of order 1.
+    """Draw He-normal kernels (He et al. 2015) that keep the features of order 1.
 
-    Without measured statistics two normalisations must do by their constants what they do in a
-    trained network: the first divides by the range of the pixels, and the last of each residual
-    block keeps the sum from doubling its variance block by block.
+    Without measured statistics, constants of two normalisations replace their effect in a trained
+    network: the first divides by the range of the pixels, and the last of each residual block
+    keeps the sum from doubling its variance in every block.
     """
     rng = np.random.default_rng(seed)
     for layer in model.layers:
@@ -155,7 +156,7 @@ def _load_file(full: keras.Model, cut: keras.Model, path: Path) -> None:
         return
     fault = "does not hold the weights of keras.applications.ResNet50(include_top=False)"
     with readable(path, KERAS_ERRORS, fault), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of each layer that the file lacks
+        warnings.simplefilter("ignore")  # Keras warns of each layer that the file lacks
         full.load_weights(path)
 
 

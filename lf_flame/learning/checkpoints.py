@@ -1,8 +1,8 @@
-"""A training run's checkpoints: the history, the best weights and the whole state of the trainer.
+"""A training run's checkpoints: history, best weights, and the whole state of the trainer.
 
-A run folder holds ``checkpoint-EPOCH/``, written aside and renamed, then its predecessor is
-removed; so there is always one that is whole. Its ``manifest.json`` says which run it belongs to,
-and knows its files by their SHA-256. ``history.csv`` is for reading.
+A run folder contains ``checkpoint-EPOCH/``. A new one is written under a temporary name and renamed
+before its predecessor is removed, so there is always a complete one. Its ``manifest.json`` names
+the run that it belongs to, and the SHA-256 of its files. ``history.csv`` is for reading.
 """
 
 import shutil
@@ -22,12 +22,12 @@ from lf_flame.errors import InputError
 MANIFEST = "manifest.json"
 
 FILES = ("state.npz", "best.npz", "history.json")
-"""What a checkpoint is made of."""
+"""Names of a checkpoint's files."""
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a checkpoint belongs to, and the SHA-256 of its files."""
+    """Run that a checkpoint belongs to, and the SHA-256 of its files."""
 
     run: dict[str, Any]
     sha256: dict[str, str]
@@ -35,7 +35,7 @@ class Manifest:
 
 @dataclass(frozen=True)
 class Epoch:
-    """A row of the history; the noise ratio of an image without an error is no number."""
+    """A row of the history; the PSNR of images without an error is None."""
 
     epoch: int
     loss: float
@@ -46,24 +46,24 @@ class Epoch:
 
 @dataclass(frozen=True)
 class History:
-    """The history as a checkpoint keeps it."""
+    """The history as stored in a checkpoint."""
 
     epochs: list[Epoch]
 
 
 @dataclass
 class Checkpoint:
-    """How far a training run has come.
+    """Progress of a training run.
 
     Parameters
     ----------
     history : list of dict
-        One row an epoch, from 0, the start; with "epoch", "loss", "val_loss" and "seconds"
-        (of epoch 0: since the run was started).
+        One row for each epoch, from 0 (the start), with "epoch", "loss", "val_loss" and "seconds"
+        (for epoch 0: since the start of the run).
     best : list of ndarray
         Weights of the epoch with the lowest validation loss.
     state : list of ndarray
-        Of the trainer, see `lf_flame.learning.trainers`; empty before the first epoch.
+        State of the trainer, see `lf_flame.learning.trainers`; empty before the first epoch.
     """
 
     history: list[dict] = field(default_factory=list)
@@ -72,12 +72,12 @@ class Checkpoint:
 
     @property
     def next_epoch(self) -> int:
-        """Epoch to run next: 1 to the recipe's last, or 0 to measure the start."""
+        """Number of the next epoch: 1 to the last of the configuration, or 0 for the start."""
         return len(self.history)
 
     @property
     def epochs_done(self) -> int:
-        """Epochs of training behind us."""
+        """Number of completed epochs of training."""
         return max(len(self.history) - 1, 0)
 
     @property
@@ -86,21 +86,21 @@ class Checkpoint:
         return min(self.history, key=lambda row: row["val_loss"])
 
     def record(self, row: dict, trainer) -> None:
-        """Add an epoch to the history and keep its weights if they are the best."""
+        """Add an epoch to the history, and keep its weights if they are the best."""
         self.history.append(row)
         if self.best_row is row:
             self.best = trainer.weights
 
 
 def save_checkpoint(checkpoint: Checkpoint, folder: Path, run: dict) -> None:
-    """Write a checkpoint of a run beside the last one, then remove that.
+    """Write a checkpoint of a run beside the previous one, then remove that.
 
     Parameters
     ----------
     checkpoint : Checkpoint
     folder : Path
     run : dict
-        All that decides how the run goes up to here, as JSON values.
+        Everything that determines the run up to here, as JSON values.
     """
     name = f"checkpoint-{checkpoint.epochs_done:06d}"
     with atomic_folder(folder / name, "checkpoint") as aside:
@@ -120,7 +120,7 @@ def _tidy(folder: Path, checkpoint: Checkpoint) -> None:
 
 
 def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
-    """Load the newest checkpoint of a run folder; an empty one where there is none.
+    """Load the newest checkpoint of a run folder, or an empty one if there is none.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
     Raises
     ------
     InputError
-        If it is damaged, or belongs to another run.
+        If the checkpoint is damaged, or belongs to another run.
     """
     if not find_checkpoints(folder):
         return Checkpoint()
@@ -145,7 +145,7 @@ def load_checkpoint(folder: Path, run: dict) -> Checkpoint:
 
 
 def verify_checkpoint(path: Path) -> Manifest:
-    """Compute the hashes of a checkpoint's files again.
+    """Compare a checkpoint's files with their hashes.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def verify_checkpoint(path: Path) -> Manifest:
     Raises
     ------
     InputError
-        If a file is not what was written, or the manifest is missing.
+        If a file differs from its hash, or the manifest is missing.
     """
     if not (path / MANIFEST).is_file():
         raise InputError(

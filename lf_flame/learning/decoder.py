@@ -1,10 +1,11 @@
-"""The paper's network (section II.C, Figure 4): frozen ResNet-50 and a decoder of its own.
+"""The paper's network (section II.C, Figure 4): a frozen ResNet-50 and the paper's decoder.
 
-Images are [n, h, w, channels] in, [n, planes, h, w, 1] out, float32 in [0, 1].
+The input is [n, h, w, channels], the output [n, planes, h, w, 1], both float32 in [0, 1]; `planes`
+is the number of refocused images.
 
 Other modules find layers by name, and trained networks keep the names: "backbone" and "decoder" of
-the whole model; "neck", "basis" and "planes" of the decoder, by the closed form
-(`lf_flame.learning.warm_start`) and the fast training (`array_training`, `fast_decoder`).
+the whole model; "neck", "basis" and "planes" of the decoder, which the closed form
+(`lf_flame.learning.warm_start`) and the fast training (`array_training`, `fast_decoder`) use.
 """
 
 from pathlib import Path
@@ -18,7 +19,7 @@ from lf_flame.learning.backbone import build_backbone
 DROPOUT_PLACES = ("image", "vector", "none")
 NECKS = ("pooled", "positions")
 AVERAGES = 256
-"""Numbers that the decoder draws all its images from."""
+"""Number of values from which the decoder makes all its images."""
 
 
 def build_refocus_resnet50(
@@ -32,7 +33,7 @@ def build_refocus_resnet50(
     seed: int = 0,
     shown: tuple[int, int, int] | None = None,
 ) -> keras.Model:
-    """Build the Keras functional model that turns one light-field image into refocused images.
+    """Build the Keras model that turns one light-field image into refocused images.
 
     Parameters
     ----------
@@ -43,16 +44,16 @@ def build_refocus_resnet50(
     backbone_weights, backbone_depth
         See `lf_flame.learning.backbone.build_backbone`.
     dropout : float
-        Rate, in [0, 1).
+        Rate of the dropout, in [0, 1).
     dropout_place : {"image", "vector", "none"}
-        "image" is the paper's order, before the last convolution; "vector" behind the global
-        average pooling (deviation 9).
+        Position of the dropout: "image" is the paper's, before the last convolution; "vector" is
+        after the global average pooling (deviation 9).
     neck : {"pooled", "positions"}
-        How the feature map becomes 256 numbers. "pooled" is the paper's: two convolutions and
+        Layers from the feature map to 256 numbers. "pooled" is the paper's: two convolutions and
         their averages over all positions. "positions" is one dense layer on the whole map, which
-        tells one place from another (deviation 17).
+        distinguishes positions (deviation 17).
     seed : int
-        Of the initial weights, of random backbone weights and of the dropout.
+        Seed of the initial weights, of random backbone weights and of the dropout.
     shown : (int, int, int), optional
         Height, width and channels of the input, see `lf_flame.datasets.encodings`. Default:
         (h, w, 1).
@@ -60,9 +61,9 @@ def build_refocus_resnet50(
     Returns
     -------
     keras.Model
-        Input `shown`, output (planes, h, w, 1). Its layers "backbone", frozen and in inference
-        mode, and "decoder" are models themselves; because the first never changes, the second
-        can be trained on cached features.
+        Model with input `shown`, output (planes, h, w, 1). Its layers "backbone", frozen and in
+        inference mode, and "decoder" are models themselves; since the backbone never changes, the
+        decoder can be trained on cached features.
 
     Raises
     ------
@@ -99,13 +100,24 @@ def build_decoder(
 ) -> keras.Model:
     """Build the trainable part, layer by layer as in the paper's section II.C.
 
-    What the paper leaves open is as Keras has it by default: "same" padding, a linear dense
-    layer, slope 0.3 of the leaky ReLU, a 3x3 last convolution (deviation 10).
+    What the paper does not state follows Keras's defaults: "same" padding, a linear dense layer,
+    slope 0.3 of the leaky ReLU, a 3x3 last convolution (deviation 10).
+
+    Parameters
+    ----------
+    features : (int, int, int)
+        Height, width and channels of the feature map.
+    image : (int, int)
+        Height and width of the outputs.
+    planes : int
+        Number of refocused images.
+    dropout, dropout_place, neck, seed
+        See `build_refocus_resnet50`.
 
     Returns
     -------
     keras.Model
-        Named "decoder"; input `features`, output (planes, h, w, 1).
+        Model "decoder" with input `features`, output (planes, h, w, 1).
 
     Examples
     --------

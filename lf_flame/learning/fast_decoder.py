@@ -1,17 +1,16 @@
-"""What makes training the decoder fast at the paper's batch of two, on processor cores.
+"""A form of the decoder that trains fast at the paper's batch of two, on processor cores.
 
-The decoder (`lf_flame.learning.decoder`) is written plainly, in Keras's own layers. Its training
-view is the same function on the same variables, rearranged where batches of two waste time:
+The decoder (`lf_flame.learning.decoder`) consists of Keras's own layers. Its training view is the
+same function of the same variables, rearranged where batches of two waste time:
 
 - Each 3x3 convolution becomes one matrix product. On feature maps of a few positions and thousands
   of channels a library's convolution spends most of its time rearranging.
-- The dense layer shows its inputs and takes an offset of its outputs, so that the gradient of its
-  kernel, as large as the kernel itself, need never be written down: Adam is applied to its two
+- The dense layer outputs its inputs too, and takes an offset of its outputs. The gradient of its
+  kernel, as large as the kernel itself, is therefore never stored: Adam is applied to its two
   factors (`lf_flame.learning._adam.update_product`).
 
-The matrix products were measured to make a step at batch 2 up to 3.1 times faster on two cores (1.6
-times where the cores had other work too). Nothing outside training needs this module: what is saved
-and used is the plain decoder.
+Measured on two cores, the matrix products make a step at batch 2 up to 3.1 times faster (1.6 times
+with other work on the cores). Only training needs this module: the plain decoder is saved and used.
 """
 
 import keras
@@ -21,13 +20,13 @@ from keras import layers, ops
 class MatrixConvolution(layers.Layer):
     """A "same" 3x3 convolution as one matrix product, on the weights of a `Conv2D`.
 
-    The nine neighbours of every position are gathered side by side, and multiplied once by the
-    kernel, laid out as a matrix (9 channels, filters).
+    The nine neighbours of every position are concatenated, and multiplied by the kernel as a
+    matrix (9 channels, filters).
 
     Parameters
     ----------
     convolution : keras.layers.Conv2D
-        3x3, "same" padding, stride 1, with a bias and without an activation.
+        Convolution with a 3x3 kernel, "same" padding, stride 1, with a bias, without activation.
     """
 
     def __init__(self, convolution: layers.Conv2D):
@@ -35,7 +34,7 @@ class MatrixConvolution(layers.Layer):
         self.convolution = convolution
 
     def call(self, x):
-        """Convolve [n, h, w, channels]; gives [n, h, w, filters]."""
+        """Convolve [n, h, w, channels] to [n, h, w, filters]."""
         height, width = x.shape[1:3]
         padded = ops.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)))
         neighbours = [padded[:, i : i + height, j : j + width] for i in range(3) for j in range(3)]
@@ -43,20 +42,20 @@ class MatrixConvolution(layers.Layer):
         return ops.matmul(ops.concatenate(neighbours, axis=-1), kernel) + self.convolution.bias
 
     def compute_output_shape(self, input_shape):
-        """Shape of the result: as the convolution's own."""
+        """Shape of the result: that of the convolution."""
         return self.convolution.compute_output_shape(input_shape)
 
 
 class OffsetDense(layers.Layer):
     """A dense layer, on its own weights, with an offset of its outputs for each sample.
 
-    The gradient of the offset is what comes back to the outputs; together with the inputs it gives
-    the gradient of the kernel, which need not be written down (`lf_flame.learning.trainers`).
+    The gradient of the offset is that of the outputs. Together with the inputs it gives the
+    gradient of the kernel, which need not be stored (`lf_flame.learning.trainers`).
 
     Parameters
     ----------
     dense : keras.layers.Dense
-        With a bias, and without an activation.
+        Dense layer with a bias, without activation.
     """
 
     def __init__(self, dense: layers.Dense):
@@ -64,7 +63,7 @@ class OffsetDense(layers.Layer):
         self.dense = dense
 
     def call(self, inputs):
-        """Take [n, inputs] and an offset [n, outputs]; give [n, outputs]."""
+        """Apply to [n, inputs] and an offset [n, outputs]; returns [n, outputs]."""
         x, offset = inputs
         return ops.matmul(x, self.dense.kernel) + (offset + self.dense.bias)
 
@@ -76,19 +75,19 @@ class OffsetDense(layers.Layer):
 def training_view(decoder: keras.Model) -> keras.Model:
     """Give the same decoder, on the same variables, in the form that trains fastest on a CPU.
 
-    The convolutions on the feature map become matrix products, and the dense layer shows what goes
-    in and takes an offset; all else is shared. Training this trains `decoder`.
+    The convolutions on the feature map become matrix products, and the dense layer outputs its
+    inputs and takes an offset; the rest is shared. Training this model trains `decoder`.
 
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`.
+        Decoder from `lf_flame.learning.decoder.build_decoder`.
 
     Returns
     -------
     keras.Model
-        Inputs: features [n, h', w', channels], and the offset [n, outputs of the dense layer].
-        Outputs: inputs of the dense layer [n, 256], and the decoder's stack [n, planes, h, w, 1].
+        Model with inputs: features [n, h', w', channels], and the offset [n, outputs of the dense
+        layer]; outputs: inputs of the dense layer [n, 256], and images [n, planes, h, w, 1].
     """
     x = decoder.input
     offset = keras.Input((decoder.get_layer("basis").units,), name="offset")

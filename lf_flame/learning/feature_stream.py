@@ -1,7 +1,7 @@
 """Backbone features of the training samples: those of a data set, then fresh scenes, in blocks.
 
-A recipe of epochs needs all of them again and again. One without epochs looks at each block once,
-so its memory hardly grows with the scenes.
+Training by epochs needs all of them repeatedly. The closed form alone reads each block once,
+so that its memory hardly grows with the number of scenes.
 """
 
 from collections.abc import Iterable, Iterator
@@ -15,21 +15,21 @@ from lf_flame.datasets.fresh_scenes import TOGETHER, fresh_samples
 from lf_flame.datasets.store import Dataset
 
 BATCH = 16
-"""Samples that the backbone sees together."""
+"""Number of samples that the backbone processes together."""
 
 REMEMBERED = 2048
-"""Samples of a recipe without epochs whose features stay: its training loss is over these."""
+"""Number of samples with features that are kept without epochs; the training loss is over these."""
 
 Pair = tuple[np.ndarray, np.ndarray]
 
 
 def compute_features(model: keras.Model, inputs: np.ndarray) -> np.ndarray:
-    """Run the frozen backbone over inputs once.
+    """Run the frozen backbone once over inputs.
 
     Parameters
     ----------
     model : keras.Model
-        From `lf_flame.learning.decoder.build_refocus_resnet50`.
+        Model from `lf_flame.learning.decoder.build_refocus_resnet50`.
     inputs : ndarray, shape (n, h, w, channels)
 
     Returns
@@ -44,27 +44,27 @@ def compute_features(model: keras.Model, inputs: np.ndarray) -> np.ndarray:
 
 
 class FeatureStream:
-    """Features and targets of the training samples, block by block, under a progress bar.
+    """Features and targets of the training samples, block by block, with a progress bar.
 
-    Iterating gives pairs of features (n, h', w', channels) and targets (n, planes, h, w, 1), both
-    float32; the length is the number of samples in all.
+    Iteration gives pairs of features (n, h', w', channels) and targets (n, planes, h, w, 1), both
+    float32; the length is the total number of samples.
 
     Parameters
     ----------
     model : keras.Model
-        From `lf_flame.learning.decoder.build_refocus_resnet50`.
+        Model from `lf_flame.learning.decoder.build_refocus_resnet50`.
     dataset : Dataset
     indices : ndarray of int
-        Its training samples.
+        Indices of its training samples.
     fresh : int
-        Scenes that come behind them, see `lf_flame.datasets.fresh_scenes`.
+        Number of fresh scenes after them, see `lf_flame.datasets.fresh_scenes`.
     keep_all : bool
-        Keep every sample, instead of the first `REMEMBERED` ones.
+        Whether to keep all samples, instead of the first `REMEMBERED`.
 
     Raises
     ------
     InputError
-        If what is kept would take too much memory.
+        If the samples to keep would exceed the memory limit.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class FeatureStream:
         self._filled = min(first + len(pair[0]), len(self._features))
 
     def kept(self) -> Pair:
-        """Features and targets that stay: computed now, if nobody has iterated."""
+        """Features and targets that are kept; computed now if there was no iteration yet."""
         if self._filled < len(self._features):
             for _ in self:
                 pass

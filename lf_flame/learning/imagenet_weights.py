@@ -1,6 +1,6 @@
-"""The file of ResNet-50's ImageNet weights: from Keras's cache, else downloaded into it.
+"""File of ResNet-50's ImageNet weights: from Keras's cache, else downloaded into it.
 
-Keras would download it too, but gives its connection no limit of time, and a limit from outside,
+Keras can download it too, but sets no time limit for its connection, and a limit from outside,
 `socket.setdefaulttimeout`, would hold for every connection of the process.
 """
 
@@ -18,13 +18,13 @@ from lf_flame.errors import InputError
 NAME = "resnet50_weights_tf_dim_ordering_tf_kernels_notop.h5"
 ORIGIN = "https://storage.googleapis.com/tensorflow/keras-applications/resnet/"
 MD5 = "4d473c1dd8becc155b73f8504c6f6626"
-"""As `keras.applications.ResNet50` has them."""
+"""MD5 checksum of the file, as in `keras.applications.ResNet50`."""
 
 TIMEOUT_S = 5.0
-"""Seconds to wait for the connection, and for each next part of the file."""
+"""Longest time in seconds to wait for the connection, and for each part of the file."""
 
 PART = 1 << 20
-"""Bytes that are read at a time."""
+"""Number of bytes that are read at a time."""
 
 
 class ImagenetUnavailable(InputError):
@@ -37,13 +37,13 @@ def imagenet_file() -> Path:
     Returns
     -------
     Path
-        In ``models`` of the folder that ``KERAS_HOME`` names, by default ``~/.keras``.
+        File in ``models`` of the folder in ``KERAS_HOME``, by default ``~/.keras``.
 
     Raises
     ------
     ImagenetUnavailable
-        If it cannot be had: there is no connection, nothing comes for `TIMEOUT_S`, what came is
-        not the file, or it cannot be written.
+        If there is no connection, no data arrive for `TIMEOUT_S`, the file received is another
+        one, or it cannot be written.
     """
     path = Path(os.environ.get("KERAS_HOME", "~/.keras")).expanduser() / "models" / NAME
     if path.is_file() and _md5(path) == MD5:

@@ -1,4 +1,4 @@
-"""Loading Keras, without the pages that TensorFlow writes as it starts, and what it has saved."""
+"""Loading Keras without TensorFlow's start-up messages, and loading saved networks."""
 
 import os
 import sys
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 def load_keras() -> None:
-    """Import Keras and start its backend's devices, with standard error shut meanwhile.
+    """Import Keras and start its backend's devices, with standard error closed meanwhile.
 
-    To be called before anything else imports Keras.
+    Call it before anything else imports Keras.
 
     Raises
     ------
     InputError
-        If Keras is told to take a backend that there is none of.
+        If the configured backend does not exist.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     sys.stderr.flush()
@@ -44,16 +44,16 @@ def load_keras() -> None:
 
 
 LARGEST_CONFIG = 1 << 24
-"""Bytes of a network's description at most; that of ResNet-50 has 0.2 million."""
+"""Largest size of a network's description in bytes; that of ResNet-50 has 0.2 million."""
 
 KERAS_ERRORS = (
     OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, NotImplementedError,
     OverflowError, EOFError, BadZipFile, zlib.error,
 )  # fmt: skip
-"""What Keras, h5py and zipfile raise at a damaged or strange file of a network or its weights."""
+"""Exceptions of Keras, h5py and zipfile for a damaged or unknown file of a network or weights."""
 
 MEMBERS = {"metadata.json", "config.json", "model.weights.h5"}
-"""Of a saved network; anything else in the archive is not ours."""
+"""Names of the files in a saved network; an archive with any other file is refused."""
 
 CLASSES = frozenset(
     (
@@ -67,27 +67,27 @@ CLASSES = frozenset(
         "TrueDivide",
     )
 )  # fmt: skip
-"""Names of Keras's classes that networks of this package are made of: all that a file may name.
+"""Names of Keras classes in networks of this package; a file may name no others.
 
-None of them runs code that a file brings along. Keras's own safe mode alone has let code run more
-than once (CVE-2025-1550, -8747, -9905, -9906, -49655, CVE-2026-1462)."""
+None of them runs code from the file. Keras's own safe mode alone has let code run more than once
+(CVE-2025-1550, -8747, -9905, -9906, -49655, CVE-2026-1462)."""
 
 
 def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.Model":
-    """Load a saved network for prediction; code that may come with it is not run.
+    """Load a saved network for prediction; code in the file is not run.
 
-    Before Keras sees the file, it must be made of what networks of this package are made of.
+    Before Keras reads the file, its classes are compared with those of this package's networks.
 
     Parameters
     ----------
     path : Path
     shapes : (tuple, tuple), optional
-        Of input and output, without samples, that the network must have; None in them: any length.
+        Required shapes of input and output, without samples; None in them: any length.
 
     Raises
     ------
     InputError
-        If the file is no Keras file, is damaged, needs too much memory, or holds another network.
+        If the file is not a Keras file, is damaged, needs too much memory, or is another network.
     """
     import keras
 
@@ -96,7 +96,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
         raise InputError(f"{path} is not a Keras file, or is cut short.")
     _check_classes(_read_config(path), path)
     with readable(path, KERAS_ERRORS), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of each layer that lacks its weights
+        warnings.simplefilter("ignore")  # Keras warns of each layer without weights
         network = keras.saving.load_model(path, compile=False, safe_mode=True)
     found = tuple(network.input_shape[1:]), tuple(network.output_shape[1:])
     if shapes not in (None, found):
@@ -108,7 +108,7 @@ def load_model(path: Path, shapes: tuple[tuple, tuple] | None = None) -> "keras.
 
 
 def _read_config(path: Path) -> Any:
-    """Read what a network is made of, if there is memory for all that the archive holds."""
+    """Read a network's description, if the whole archive fits into memory."""
     with readable(path, (KeyError, *ZIP_ERRORS)), ZipFile(path) as archive:
         sizes = {member.filename: member.file_size for member in archive.infolist()}
         if sizes.keys() != MEMBERS:
@@ -124,9 +124,9 @@ def _read_config(path: Path) -> Any:
 
 
 def _check_classes(config: Any, path: Path) -> None:
-    """Refuse classes that are not of `CLASSES`, wherever the file names one.
+    """Refuse classes that are not in `CLASSES`, wherever the file names one.
 
-    What it says of its training is left out: it is not read.
+    The description of its training is skipped, because it is not read.
     """
     if isinstance(config, dict):
         config = {key: value for key, value in config.items() if key != "compile_config"}

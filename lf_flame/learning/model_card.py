@@ -1,6 +1,6 @@
-"""A trained network in a file, and the card that says what it is.
+"""A trained network in a file, and the card that describes it.
 
-In a run folder the network is ``model.keras``; the run's record and its data set say the rest. An
+In a run folder the network is ``model.keras``; the run's record and its data set describe it. An
 exported network is ``NAME.keras``, which Keras loads without this package, and ``NAME.json``, its
 card.
 """
@@ -34,39 +34,39 @@ SHOWN = {
     "views": "the leftmost, central and rightmost view of the middle row, as channels",
     "grid": "views from all over the main lens, side by side",
 }
-"""What the input is, by its kind."""
+"""Description of the input by its kind."""
 
 
 @strict
 @dataclass(frozen=True)
 class NetworkCard:
-    """What a stranger needs to know of a trained network.
+    """Description of a trained network for its users.
 
     Parameters
     ----------
     title, preset : str
-        Of the training.
+        Title and preset of the training.
     backbone_weights : str
-        Those that were used.
+        Weights of the backbone that were used.
     image : (int, int)
         Height and width of the output.
     depths_mm, slopes : list of float
-        Where each plane of the output is refocused; positive = behind the focal plane of `camera`,
-        slopes in its lenslets per view step.
+        Depth and slope at which each output image is refocused; positive = behind the focal plane
+        of `camera`, slopes in its lenslets per view step.
     objects : list of str
-        What stood at these depths in every training image.
+        Names of the objects at these depths in every training image.
     camera : PlenopticCamera
-        Of the training images.
+        Camera of the training images.
     sha256 : str
-        Of the network's file.
+        SHA-256 of the network's file.
     training : dict
-        The rest of the run's record.
+        Other entries of the run's record.
     input : InputEncoding, optional
-        What the network is shown of a light field.
+        Encoding of a light field as the network's input.
     exported : dict, optional
-        By which program, see `lf_flame._common.provenance.environment`.
+        Program that exported it, see `lf_flame._common.provenance.environment`.
     usage : str, optional
-        What the network takes and makes.
+        Description of inputs and outputs.
     record_sha256 : str, optional
         Hash of the card itself, see `lf_flame._common.checksums`.
     """
@@ -97,7 +97,7 @@ class NetworkCard:
 
 
 def read_card(path: str | Path) -> NetworkCard:
-    """Read what there is to know of a trained network, without loading it.
+    """Read the description of a trained network, without loading it.
 
     Parameters
     ----------
@@ -152,43 +152,44 @@ def _card_of_run(folder: Path) -> NetworkCard:
 
 
 def load_network(path: str | Path, card: NetworkCard) -> "keras.Model":
-    """Load a trained network; no code but Keras's own is run.
+    """Load a trained network; only Keras's own code is run.
 
     Parameters
     ----------
     path : str or Path
-        As for `read_card`.
+        Folder of a finished run, or an exported ``.keras`` file.
     card : NetworkCard
+        Card of the network, from `read_card`.
 
     Returns
     -------
     keras.Model
-        Not compiled: for prediction.
+        Network for prediction, not compiled.
 
     Raises
     ------
     InputError
-        If the file is no Keras file, is damaged, needs code of others, or takes or makes images
-        of other shapes than the card says.
+        If the file is not a Keras file, is damaged, needs other code, or has inputs or outputs of
+        other shapes than the card states.
     """
     stated = card.input.shape(card.image), (len(card.depths_mm), *card.image, 1)
     return load_model(_model_file(Path(path)), stated)
 
 
 def export_network(run: str | Path, out: str | Path) -> None:
-    """Write a run's network so that others can use it: ``NAME.json``, its card, and ``NAME.keras``.
+    """Write a run's network for use elsewhere: ``NAME.json``, its card, and ``NAME.keras``.
 
     Parameters
     ----------
     run : str or Path
         Folder of a finished run.
     out : str or Path
-        The ``.keras`` file, outside that folder.
+        Name of the ``.keras`` file, outside that folder.
 
     Raises
     ------
     InputError
-        If the run is not finished, `out` is no such file, or ``NAME.json`` is another's.
+        If the run is not finished, `out` is not such a file, or ``NAME.json`` is not a card.
     """
     run, out = Path(run), Path(out)
     beside = out.with_suffix(".json")

@@ -1,4 +1,4 @@
-"""A prediction: the refocused images that a trained network makes of one picture."""
+"""Prediction: the refocused images that a trained network makes from one image."""
 
 import hashlib
 import time
@@ -27,19 +27,21 @@ if TYPE_CHECKING:
     import keras
 
 ASPECT_TOLERANCE = 0.02
-"""Share by which a picture's aspect ratio may differ from the network's."""
+"""Largest relative difference between an image's aspect ratio and the network's."""
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkInput:
-    """A picture as the network sees it.
+    """An image in the form that the network receives.
 
     Attributes
     ----------
     source : Path
+        Path of the image.
     image : ndarray of float32, shape (h, w), values in [0, 1]
+        Image at the network's size.
     notes : list of str
-        What had to be done to it beyond area averaging.
+        Changes to it, other than area averaging.
     """
 
     source: Path
@@ -48,12 +50,12 @@ class NetworkInput:
 
 
 def input_size(card: NetworkCard) -> tuple[int, int]:
-    """Height and width of the pictures that a network is shown.
+    """Height and width of a network's input images.
 
     Raises
     ------
     InputError
-        If it is shown several views, which no picture holds.
+        If the input is several views, which no image contains.
     """
     if card.input.kind != "raw":
         raise InputError(
@@ -64,23 +66,23 @@ def input_size(card: NetworkCard) -> tuple[int, int]:
 
 
 def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
-    """Read a picture or a light field, and bring it to the network's size as in training.
+    """Read an image or a light field, and bring it to the network's size as in training.
 
-    By area averaging where that divides its size (deviation 5: so a raw lenslet image and the
-    photograph of its light field are the same input), else by interpolation.
+    It is area-averaged if the network's size divides its size (deviation 5: a raw lenslet image and
+    the photograph of its light field therefore are the same input), else interpolated.
 
     Parameters
     ----------
     source : str or Path
-        An image or a light field, see `lf_flame.formats.read_light_field`; colours become
-        luminance (Rec. 709).
+        Image or light field, see `lf_flame.formats.read_light_field`; colours become luminance
+        (Rec. 709).
     size : (int, int)
         Height and width of the network's images.
 
     Raises
     ------
     InputError
-        If it cannot be read, holds NaN or infinite values, or its aspect ratio is another.
+        If it cannot be read, has NaN or infinite values, or its aspect ratio is another one.
 
     Examples
     --------
@@ -111,7 +113,7 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
 
 
 def _read_grey(source: Path) -> np.ndarray:
-    """Read the photograph of a light field, of which a picture is a single view."""
+    """Read the photograph of a light field; an image counts as a light field of one view."""
     try:
         picture = read_light_field(source, views=1).photograph
     except InputError as error:
@@ -125,14 +127,16 @@ def _read_grey(source: Path) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a network made of a picture.
+    """Refocused images that a network made from one image.
 
     Attributes
     ----------
     seen : NetworkInput
+        Input of the network.
     stack : ndarray of float32, shape (planes, h, w), values in [0, 1]
+        Refocused images.
     ms : float
-        Milliseconds from input to stack, by a network that is loaded and compiled.
+        Time from input to stack in milliseconds, for a network that is loaded and compiled.
     """
 
     seen: NetworkInput
@@ -140,14 +144,15 @@ class Prediction:
     ms: float
 
     def write(self, card: NetworkCard, out: Path) -> None:
-        """Write pictures, stack and record into a folder.
+        """Write images, stack and record into a folder.
 
         Parameters
         ----------
         card : NetworkCard
+            Card of the network.
         out : Path
             Folder for ``refocused.tif`` (stack, float32), ``refocused_N_DEPTHmm.png``,
-            ``prediction.png`` (input and planes side by side) and ``prediction.json`` (record).
+            ``prediction.png`` (input and outputs side by side) and ``prediction.json`` (record).
         """
         planes = enumerate(zip(card.depths_mm, self.stack, strict=True), 1)
         with output_folder(out, "prediction.json") as folder:
@@ -166,17 +171,19 @@ class Prediction:
 
 
 def predict(network: "keras.Model", inputs: Iterable[NetworkInput]) -> Iterator[Prediction]:
-    """Let a network refocus pictures, one by one.
+    """Refocus images with a network, one by one.
 
     Parameters
     ----------
     network : keras.Model
-        From `lf_flame.learning.model_card.load_network`.
+        Network from `lf_flame.learning.model_card.load_network`.
     inputs : iterable of NetworkInput
+        Inputs from `read_input`.
 
     Yields
     ------
     Prediction
+        Refocused images for each input, with the time taken.
     """
     network.predict_on_batch(np.zeros((1, *network.input_shape[1:]), np.float32))  # compiles
     for seen in inputs:

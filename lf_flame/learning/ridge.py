@@ -1,9 +1,9 @@
-"""Ridge regression of images on features, its strength chosen on samples that were held out.
+"""Ridge regression of images on features, with the strength chosen on held-out samples.
 
-The regression is done on inner products with some of the samples (Saunders et al. 1998; Smola &
-Schölkopf 2000 for a part of them), so the number of features costs little, the time grows with the
-number of samples and no faster, and a sample's features are looked at once and let go. Images are
-regressed as logits, which a sigmoid turns back.
+The regression uses inner products with some of the samples, the landmarks (Saunders et al. 1998;
+Smola & Schölkopf 2000 for a subset). The number of features therefore costs little, the time grows
+only linearly with the number of samples, and each sample's features are used once and released.
+Images are regressed as logits, which a sigmoid turns back.
 """
 
 from collections.abc import Iterator
@@ -14,38 +14,39 @@ from scipy.linalg import eigh
 from scipy.special import expit, logit
 
 FLOOR = 1e-3
-"""Images are clipped to [FLOOR, 1 - FLOOR] before the logit."""
+"""Distance from 0 and 1 to which images are clipped before the logit."""
 
 STRENGTHS = 10.0 ** np.arange(-4.0, 0.1, 0.5)
-"""Strengths that are tried, relative to the mean square of the features about their mean."""
+"""Strengths of the regularisation that are tried, relative to the mean square of the centred
+features."""
 
 LANDMARKS = 2048
-"""Samples whose features span the weights; with no more samples than this, the ridge is whole."""
+"""Number of samples (landmarks) whose features span the weights; up to it the ridge is exact."""
 
 PRECISION = 1e-8
-"""Directions whose mean square is a smaller share of the largest one are rounding errors."""
+"""Mean square of a direction, relative to the largest, below which it is a rounding error."""
 
 BLOCK = 1024
-"""Samples whose images are looked at together."""
+"""Number of samples with images that are processed together."""
 
 VISIBILITY_SAMPLES = 512
-"""Samples that say how visible a pixel is: a mean square is known from them to some per cent."""
+"""Number of samples for the visibility of a pixel: a mean square is then known to some per cent."""
 
 
 @dataclass(frozen=True)
 class Products:
-    """What is kept of samples' features: their inner products with those of the landmarks.
+    """Inner products of samples' features with those of the landmarks.
 
     Attributes
     ----------
     landmarks : ndarray of float32, shape (m, features)
-        Features of the first samples, about the mean of these.
+        Features of the first samples, minus the mean of these.
     mean : ndarray of float32, shape (features,)
-        Of all samples.
+        Mean of all samples.
     gram : ndarray of float32, shape (m, m)
         Inner products of the landmarks with each other.
     values : ndarray of float32, shape (n, m)
-        Inner products of all features about their mean with the landmarks.
+        Inner products of all features, minus their mean, with the landmarks.
     """
 
     landmarks: np.ndarray
@@ -54,17 +55,17 @@ class Products:
     values: np.ndarray
 
     def of_others(self, features: np.ndarray) -> np.ndarray:
-        """Compute those of other samples from their features: (n, features) to (n, m)."""
+        """Inner products of other samples from their features: (n, features) to (n, m)."""
         return (features - self.mean) @ self.landmarks.T
 
 
 class ProductGatherer:
-    """Takes the features of samples block by block, and keeps their products with the first ones.
+    """Takes the features of samples block by block, and keeps their products with the landmarks.
 
     Parameters
     ----------
     count : int
-        Samples that will come.
+        Number of samples that will be added.
     """
 
     def __init__(self, count: int):
@@ -74,7 +75,7 @@ class ProductGatherer:
         self._seen = 0
 
     def add(self, features: np.ndarray) -> None:
-        """Take the next samples' features, shape (n, features)."""
+        """Add the next samples' features, shape (n, features)."""
         if not self._seen:
             self._landmarks = np.empty((self._wanted, features.shape[1]), np.float32)
             self._total = np.zeros(features.shape[1])
@@ -91,13 +92,13 @@ class ProductGatherer:
             self._values[later:last] = about @ self._landmarks.T
 
     def _settle(self) -> None:
-        """Take the landmarks' mean off them, as soon as they are all there."""
+        """Subtract the landmarks' mean from them as soon as they are complete."""
         self._centre = self._landmarks.mean(axis=0, dtype=float).astype(np.float32)
         self._landmarks -= self._centre
         self._values[: self._wanted] = self._landmarks @ self._landmarks.T
 
     def finish(self) -> Products:
-        """Give what was kept, when all samples have come."""
+        """Give the products when all samples have been added."""
         mean = (self._total / self._seen).astype(np.float32)
         gram = self._values[: self._wanted].copy()
         if self._seen > self._wanted:
@@ -106,7 +107,7 @@ class ProductGatherer:
 
 
 def gather_products(features: np.ndarray) -> Products:
-    """Gather the products of features that are all there, shape (n, features)."""
+    """Gather the products of features in one array, shape (n, features)."""
     gatherer = ProductGatherer(len(features))
     for part in _blocks(features):
         gatherer.add(features[part])
@@ -115,26 +116,29 @@ def gather_products(features: np.ndarray) -> Products:
 
 @dataclass(frozen=True)
 class Regression:
-    """What ridge regression found.
+    """Result of a ridge regression.
 
-    That is, logits = (features - mean) @ landmarks.T @ turn @ images + offset.
+    It predicts logits = (features - mean) @ landmarks.T @ turn @ images + offset.
 
     Parameters
     ----------
     landmarks, mean
         See `Products`.
     turn : ndarray of float32, shape (m, directions)
-        From inner products with the landmarks to scores, which are orthogonal over the samples.
+        Matrix from inner products with the landmarks to scores, orthogonal over the samples.
     squares : ndarray, shape (directions,)
         Sum of each score's squares over the samples.
     images : ndarray of float32, shape (directions, pixels)
         Logits that one unit of each score adds.
     offset : ndarray of float32, shape (pixels,)
+        Mean logits.
     visibility : ndarray, shape (pixels,)
-        Root-mean-square, over the first samples, of the derivative of a pixel's value by its logit.
+        Root mean square, over the first samples, of the derivative of a pixel's value with respect
+        to its logit.
     samples : int
+        Number of samples.
     strength : float
-        The one of `STRENGTHS` with the lowest error on the held-out samples.
+        Strength of `STRENGTHS` with the lowest error on the held-out samples.
     """
 
     landmarks: np.ndarray
@@ -152,21 +156,21 @@ class Regression:
         return self.of_features(self.turn @ self.images)
 
     def of_features(self, weights: np.ndarray) -> np.ndarray:
-        """Turn weights of inner products, shape (m, k), into those of features, (features, k)."""
+        """Turn weights of inner products, shape (m, k), into weights of features, (features, k)."""
         return self.landmarks.T @ weights
 
     def components(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Best approximation by few numbers: the principal components of what was fitted.
+        """Best approximation by few numbers: the principal components of the fitted values.
 
-        Reduced-rank regression (Izenman 1975), each pixel weighted by how much its value changes
-        with its logit: nobody sees by how much a black pixel is black.
+        This is reduced-rank regression (Izenman 1975), with each pixel weighted by the change of
+        its value with its logit: differences between nearly black logits are invisible.
 
         Returns
         -------
         ndarray of float32, shape (m, count)
             Weights of the inner products in each number; over the samples it has mean square 1.
         ndarray of float32, shape (count, pixels)
-            Logits that one unit of each number adds. What the samples do not determine is zero.
+            Logits that one unit of each number adds; 0 where the samples do not determine it.
         """
         length = np.sqrt(self.squares)[:, None]
         seen = (length * self.images * self.visibility).astype(np.float32)
@@ -190,11 +194,11 @@ def ridge_regression(products: Products, images: np.ndarray, held_out: tuple) ->
     Parameters
     ----------
     products : Products
-        Of the samples' features.
+        Products of the samples' features.
     images : ndarray, shape (n, pixels)
-        In [0, 1].
+        Images in [0, 1].
     held_out : (ndarray, ndarray)
-        Features, shape (k, features), and images of other samples.
+        Features, shape (k, features), and images of other samples, for the choice of strength.
 
     Returns
     -------
@@ -217,7 +221,7 @@ def ridge_regression(products: Products, images: np.ndarray, held_out: tuple) ->
     for strength in STRENGTHS[1:]:
         found = attempt(strength)
         if found[0] >= best[0]:
-            break  # the error has one minimum: too little noise taken out before, too much after
+            break  # the error has a single minimum
         best = found
     value = expit(scores[:VISIBILITY_SAMPLES] @ best[2] + offset)
     visibility = np.sqrt(np.mean((value * (1 - value)) ** 2, axis=0, dtype=float))
@@ -228,11 +232,11 @@ def ridge_regression(products: Products, images: np.ndarray, held_out: tuple) ->
 
 
 def _scores(products: Products) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Orthogonal scores of the samples, the turn to them, and the sums of their squares."""
+    """Orthogonal scores of the samples, the matrix to them, and the sums of their squares."""
     squares, axes = _principal_axes(products.gram)
     turn = axes / np.sqrt(squares)
     if len(products.values) == len(products.gram):
-        scores = axes * np.sqrt(squares)  # that is values @ turn, without its rounding
+        scores = axes * np.sqrt(squares)  # equals values @ turn, without its rounding
     else:
         scores = products.values @ turn.astype(np.float32)
         squares, axes = _principal_axes(scores.T @ scores)

@@ -1,7 +1,8 @@
 """Finished training runs: their records, and their networks on the test split.
 
-A run stands alone: its record says of the data set what its network needs to be used, so that the
-data set may lie elsewhere, or be gone. Only scores on the test split need the data set itself.
+A run is self-contained: its record has the part of the data set's description that its network
+needs for use, so that the data set may be elsewhere, or deleted. Only scores on the test split
+need it.
 """
 
 import os
@@ -28,14 +29,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What the record of a finished run says, of whatever network; there is more in it.
+    """Required content of the record of any finished run; there is more in it.
 
     Attributes
     ----------
     system : str, optional
-        Of `lf_flame.systems`; the paper's network has none.
+        Name of the system in `lf_flame.systems`; the paper's network has none.
     start_s, train_s : float, optional
+        Duration of the start and of the training in seconds.
     model_sha256 : str, optional
+        SHA-256 of the network's file.
     """
 
     system: str | None = None
@@ -46,7 +49,7 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class DatasetFacts:
-    """What a run's record says of its data set, see `describe_dataset`."""
+    """Content of a run's record on its data set, see `describe_dataset`."""
 
     config: dict[str, Any]
     slopes: list[float]
@@ -55,32 +58,41 @@ class DatasetFacts:
 
 @dataclass(frozen=True)
 class RecipeFacts:
-    """What tables say of a run's recipe; there is more in it."""
+    """Content of a run's recipe that tables need; there is more in it."""
 
     batch_size: int
 
 
 @dataclass(frozen=True)
 class PaperRunRecord:
-    """What the record of a finished run of the paper's network says beside that.
+    """Further required content of the record of a finished run of the paper's network.
 
     Attributes
     ----------
     title, preset : str
+        Title and preset of the training.
     seed, epochs, best_epoch : int
+        Seed, number of epochs, and epoch of the lowest validation loss.
     recipe : RecipeFacts
+        Options of the training.
     train_s : float
+        Duration of the training in seconds.
     machine : str
+        Machine of the training.
     backbone_weights : str
+        Weights of the backbone that were used.
     model : dict
+        Options of the model.
     split : (float, float, float)
-        Shares of training, validation and test.
+        Fractions of training, validation and test.
     parts : dict of int
-        Samples in each.
+        Number of samples in each.
     test_indices : list of int
+        Indices of the test samples.
     data, data_sha256 : str
-        Where the data set was, and its hash.
+        Path of the data set, and its hash.
     dataset : DatasetFacts
+        Description of the data set.
     """
 
     title: str
@@ -109,18 +121,20 @@ class PaperRunRecord:
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """A finished run of the paper's network, and what it was trained on.
+    """A finished run of the paper's network, with the description of its data set.
 
     Attributes
     ----------
     folder : Path
+        Run folder.
     record : dict
+        Record of the run.
     config : DatasetConfig
-        Of the data set.
+        Configuration of the data set.
     slopes : list of float
-        Of the planes, in lenslets per view step.
+        Slope of each refocused image, in lenslets per view step.
     objects : list of str
-        What stood at the depths of the planes.
+        Names of the objects at the depths of the refocused images.
     """
 
     folder: Path
@@ -131,7 +145,7 @@ class TrainedRun:
 
     @property
     def data(self) -> Path:
-        """Where the data set was when the network was trained."""
+        """Path of the data set when the network was trained."""
         return _data_of(self.folder, self.record)
 
     def load_network(self) -> "keras.Model":
@@ -146,7 +160,7 @@ class TrainedRun:
         Raises
         ------
         InputError
-            If it is no longer there, or no longer the same.
+            If it is no longer there, or has changed.
         """
         dataset = Dataset(self.data)
         same = dataset.attrs["sha256"] == self.record["data_sha256"]
@@ -165,19 +179,19 @@ def _data_of(folder: Path, record: dict) -> Path:
 
 
 def describe_dataset(dataset: Dataset) -> dict:
-    """Keep, for a run's record, what its network needs to be used: JSON values."""
+    """Part of a data set's description that its network needs for use, as JSON values."""
     names = ("config", "slopes", "objects")
     return {name: dataset.attrs[name] for name in names}
 
 
 def load_run(folder: str | Path) -> dict:
-    """Read the record of a finished run, of whatever network.
+    """Read the record of any finished run.
 
     Raises
     ------
     InputError
-        If the run is missing or not finished, its record is damaged, or its network is not the
-        one that the record was written for.
+        If the run is missing or not finished, its record is damaged, or its network differs from
+        the hash in the record.
     """
     folder = Path(folder)
     if not (folder / "model.keras").exists() or not (folder / "run.json").exists():
@@ -192,14 +206,14 @@ def load_run(folder: str | Path) -> dict:
 
 
 def read_run_record(folder: Path) -> dict:
-    """Read what a run's record says, whatever has become of the network."""
+    """Read the record of a run, without a check of the network."""
     record = read_record(folder / "run.json")
     build_record(RunRecord, record, folder / "run.json")
     return record
 
 
 def is_whole(model: Path, sha256: str | None) -> bool:
-    """Whether a network is the one that was written, by its hash; older records know none."""
+    """Whether a network is unchanged, by its hash; older records have none."""
     if sha256 is not None:
         return file_sha256(model) == sha256
     try:
@@ -215,7 +229,7 @@ def open_run(folder: str | Path) -> TrainedRun:
     Raises
     ------
     InputError
-        If the run is missing or not finished, is of something else, or its record is damaged.
+        If the run is missing, not finished or not of the paper's network, or its record is damaged.
     """
     folder, record = Path(folder), load_run(folder)
     if "data" not in record:
@@ -234,21 +248,23 @@ def open_run(folder: str | Path) -> TrainedRun:
 def predict_test_split(
     folder: str | Path, only: np.ndarray | None = None
 ) -> tuple[Dataset, np.ndarray, np.ndarray]:
-    """Run the whole trained network, backbone included, over the test split of its data set.
+    """Apply the whole trained network, backbone included, to the test split of its data set.
 
     Parameters
     ----------
     folder : str or Path
         Run folder.
     only : ndarray of int, optional
-        Samples to run it over, those of them that are in the test split. Default: all of it.
+        Samples to use, as far as they are in the test split. Default: the whole test split.
 
     Returns
     -------
     Dataset
+        Data set of the run.
     ndarray of int, shape (n,)
         Indices of the test samples.
     ndarray of float32, shape (n, planes, h, w)
+        Predicted images.
     """
     run = open_run(folder)
     dataset, indices = run.open_dataset(), np.array(run.record["test_indices"])

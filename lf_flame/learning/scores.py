@@ -8,17 +8,17 @@ import pandas as pd
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 FOREGROUND = 0.01
-"""Truth above which a pixel is foreground, of the peak 1. Two thirds of the pixels are background,
-black in the truth and easily so in a prediction: taken in, they dilute the error of the objects,
-and PSNR comes out 4 to 6 dB higher, the more so the smaller the object."""
+"""Value of the truth, relative to the peak 1, above which a pixel is foreground. Two thirds of the
+pixels are background, black in the truth and easily so in a prediction. Included, they dilute the
+error of the objects, and PSNR is 4 to 6 dB higher, more so for smaller objects."""
 
 
 def ssim(truth: np.ndarray, image: np.ndarray) -> float:
     """Structural similarity as Wang et al. (2004) define it, for values in [0, 1].
 
-    Of colours, a third axis, the mean over the channels.
-    Gaussian window of standard deviation 1.5 pixels, K1 = 0.01, K2 = 0.03, population covariance:
-    the paper does not state its constants (deviation 12).
+    For colours (a third axis) it is the mean over the channels. The window is Gaussian with a
+    standard deviation of 1.5 pixels, K1 = 0.01, K2 = 0.03, with population covariance; the paper
+    does not state its constants (deviation 12).
     """
     return structural_similarity(
         truth, image, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
@@ -27,7 +27,7 @@ def ssim(truth: np.ndarray, image: np.ndarray) -> float:
 
 
 def _uniform_ssim(side: int) -> Callable[[np.ndarray, np.ndarray], float]:
-    """SSIM in a square window of equal weights, scikit-image's other constants."""
+    """SSIM in a square window of equal weights, with scikit-image's other constants."""
     return partial(structural_similarity, data_range=1.0, win_size=side)
 
 
@@ -36,7 +36,7 @@ WINDOWS = {
     "7 x 7, scikit-image's default": _uniform_ssim(7),
     "11 x 11": _uniform_ssim(11),
 }
-"""Windows of the structural similarity."""
+"""Windows of the structural similarity by name."""
 
 
 def psnr(truth: np.ndarray, image: np.ndarray) -> float:
@@ -46,23 +46,24 @@ def psnr(truth: np.ndarray, image: np.ndarray) -> float:
 
 
 def psnr_foreground(truth: np.ndarray, image: np.ndarray) -> float:
-    """`psnr` over the foreground pixels alone; NaN where there are none."""
+    """`psnr` of the foreground pixels alone; NaN if there are none."""
     foreground = truth > FOREGROUND
     return psnr(truth[foreground], image[foreground]) if foreground.any() else np.nan
 
 
 def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
-    """Score every plane over all samples.
+    """Score predicted images against the truth, image by image of the stack, over all samples.
 
     Parameters
     ----------
     targets, predictions : ndarray, shape (n, planes, h, w) or (n, planes, h, w, channels)
+        Truth and prediction of n samples, with `planes` refocused images each.
 
     Returns
     -------
     DataFrame
-        One row a plane: mean and standard deviation (over the samples, n - 1) of SSIM, of PSNR,
-        and of PSNR over the foreground pixels, where samples without any are left out.
+        One row for each refocused image: mean and standard deviation (over the samples, n - 1) of
+        SSIM, of PSNR, and of PSNR over the foreground pixels, without samples that have none.
 
     Examples
     --------
@@ -89,10 +90,10 @@ def score(targets: np.ndarray, predictions: np.ndarray) -> pd.DataFrame:
 
 
 def standard_deviation(values: pd.Series) -> float:
-    """Take the standard deviation (n - 1), where equal images may make a PSNR infinite.
+    """Find the standard deviation (n - 1) of values of which some may be infinite.
 
-    Infinite values among finite ones spread infinitely, infinite ones alone not at all; pandas
-    would take the difference of two infinite numbers. NaN is left out.
+    It is infinite for finite and infinite values together, and 0 for infinite values alone; pandas
+    would subtract infinite numbers. NaN is left out.
     """
     values = values.dropna()
     if len(values) < 2 or np.all(np.isfinite(values)):

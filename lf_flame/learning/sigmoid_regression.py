@@ -1,28 +1,28 @@
-"""Least squares of images that a linear layer and a sigmoid draw from few numbers.
+"""Least-squares fit of images that are a sigmoid of a linear function of few numbers.
 
-Regression of logits (`lf_flame.learning.ridge`) asks a dark pixel to be right to the same share of
-its value as a bright one. What is wanted is the smallest error of the image itself. Its equations
-are not linear, but each pixel has its own, in few unknowns: damped Gauss-Newton steps (Levenberg
-1944, Marquardt 1963; Madsen, Nielsen & Tingleff 2004, section 3.2) for all pixels side by side.
+A regression of logits (`lf_flame.learning.ridge`) has the same relative accuracy for dark and
+bright pixels. Here the error of the image itself is minimised. Its equations are nonlinear, but
+separate for each pixel, with few unknowns: damped Gauss-Newton steps (Levenberg 1944, Marquardt
+1963; Madsen, Nielsen & Tingleff 2004, section 3.2) run for all pixels in parallel.
 """
 
 import numpy as np
 from scipy.special import expit
 
 DAMPING = 1e-2
-"""First damping, relative to the normal matrix's diagonal; ten times more after a step in vain."""
+"""First damping, relative to the normal matrix's diagonal; tenfold after each rejected step."""
 
 LEAST_CURVATURE = 1e-6
-"""Unknowns that hardly change a pixel are damped as if they had this share of the largest."""
+"""Smallest scale of damping, relative to the largest unknown's, for unknowns of little effect."""
 
 MATRIX_BYTES = 1 << 26
-"""Memory of the normal matrices; as many pixels are refined at a time as fit."""
+"""Memory in bytes for the normal matrices; it limits the number of pixels refined at a time."""
 
 IMAGE_BYTES = 1 << 28
-"""Memory of what is drawn of these pixels; with very many samples there are fewer of them."""
+"""Memory in bytes for the images of these pixels; it limits them if there are many samples."""
 
 SAMPLES = 2048
-"""Samples that enter the normal matrices at a time."""
+"""Number of samples that are added to the normal matrices at a time."""
 
 
 def refine(
@@ -37,21 +37,22 @@ def refine(
     Parameters
     ----------
     numbers : ndarray, shape (n, count)
-        What each sample is drawn from.
+        Numbers that determine each sample's image.
     images : ndarray, shape (n, pixels)
-        What should be drawn, in [0, 1].
+        True images, in [0, 1].
     drawings : ndarray, shape (count, pixels)
+        Logits per unit of each number, at the start.
     offset : ndarray, shape (pixels,)
-        Where to begin.
+        Logits for numbers of 0, at the start.
     steps : int, optional
-        Steps of each pixel. A step that would raise a pixel's error is not taken.
+        Number of steps of each pixel. A step that would raise a pixel's error is rejected.
 
     Returns
     -------
     ndarray of float32, shape (count, pixels)
-        Better drawings.
+        Refined `drawings`.
     ndarray of float32, shape (pixels,)
-        Better offset.
+        Refined `offset`.
     """
     known = np.column_stack([numbers, np.ones(len(numbers))]).astype(np.float32)
     unknown = np.vstack([drawings, offset]).astype(np.float32)
@@ -86,7 +87,7 @@ def _error(drawn: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 
 def _normal_equations(known, images, drawn) -> tuple[np.ndarray, np.ndarray]:
-    """J'J (pixels, unknowns, unknowns) and J'(image - drawn); J: the sigmoid's slope times x."""
+    """J'J (pixels, unknowns, unknowns) and J'(image - drawn); J is the sigmoid's slope times x."""
     unknowns = known.shape[1]
     row, column = np.triu_indices(unknowns)
     triangles = np.zeros((images.shape[1], len(row)))

@@ -1,9 +1,9 @@
-"""What runs the epochs: Adam on the mean squared error of the decoder, over cached features.
+"""Trainers that run the epochs: Adam on the decoder's mean squared error, over cached features.
 
-`ArrayTrainer` is for processor cores: TensorFlow computes the gradients, and the parameters live in
+`ArrayTrainer` is for processor cores: TensorFlow computes the gradients, and the parameters are
 NumPy arrays that one compiled pass updates (`lf_flame.learning.array_training`). `DeviceTrainer` is
 for accelerators, on Keras's JAX backend: features, parameters and the loop over the batches stay on
-the device for a whole epoch. Both use Keras's own layers and give, within rounding, the losses of
+the device for a whole epoch. Both use Keras's own layers. Up to rounding, their losses are those of
 `KerasTrainer`, which compiles the decoder with `keras.optimizers.Adam` and calls its `fit`.
 """
 
@@ -25,7 +25,7 @@ EVALUATION_BATCH = 32
 
 
 TRAINERS = ("fast", "keras")
-"""Kinds of training: by the form that is fastest on the backend, or by Keras's own `fit`."""
+"""Kinds of training: the fastest form for the backend, or Keras's own `fit`."""
 
 
 def make_trainer(
@@ -36,13 +36,16 @@ def make_trainer(
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`; training starts from its weights.
+        Decoder from `lf_flame.learning.decoder.build_decoder`; training starts from its weights.
     learning_rate : float or keras.optimizers.schedules.LearningRateSchedule
+        Learning rate of Adam.
     batch_size : int
+        Number of samples in a batch.
     arrays : dict
-        ``name: (features, targets)``, at least "train"; float32, shapes (n, h', w', channels) and
-        (n, planes, h, w, 1).
+        Pairs ``name: (features, targets)``, at least "train"; float32, shapes (n, h', w', channels)
+        and (n, planes, h, w, 1).
     kind : {"fast", "keras"}, optional
+        Fastest form for the backend, or Keras's own `fit`.
 
     Returns
     -------
@@ -51,7 +54,7 @@ def make_trainer(
     Raises
     ------
     InputError
-        If the backend is another than TensorFlow or JAX, and the kind is "fast".
+        If the kind is "fast" and the backend is neither TensorFlow nor JAX.
     """
     if kind == "keras":
         return KerasTrainer(decoder, learning_rate, batch_size, arrays)
@@ -71,28 +74,31 @@ def decoder_variables(decoder: keras.Model) -> list[keras.Variable]:
 
 
 class _Trainer(ABC):
-    """What the trainers share."""
+    """Base of the trainers."""
 
     def __init__(self, model: keras.Model, batch_size: int, arrays: dict):
         self.model, self.batch_size, self.arrays = model, batch_size, arrays
 
     def train_epoch(self, rng: np.random.Generator) -> float:
-        """Train on all samples once, in an order drawn at random; mean loss while doing so."""
+        """Train once on all samples in random order; returns the mean loss meanwhile."""
         return self.train_in_order(rng.permutation(len(self.arrays["train"][0])))
 
     @abstractmethod
     def train_in_order(self, order: np.ndarray) -> float:
-        """Train on the samples in this order, once each; mean loss while doing so."""
+        """Train once on the samples in this order; returns the mean loss meanwhile."""
 
 
 class ArrayTrainer(_Trainer):
-    """Trains on processor cores; see the module's text and `make_trainer`.
+    """Trainer for processor cores; see `lf_flame.learning.trainers` and `make_trainer`.
 
     Attributes
     ----------
     parameters : lf_flame.learning.array_training.ParameterArrays
+        Values of the decoder's variables.
     gradients : lf_flame.learning.array_training.FactoredGradients
+        Computation of the gradients.
     adam : lf_flame.learning.array_training.ArrayAdam
+        Optimiser.
     """
 
     def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
@@ -102,7 +108,7 @@ class ArrayTrainer(_Trainer):
         self.adam = ArrayAdam(learning_rate, self.parameters.trainable)
 
     def train_in_order(self, order: np.ndarray) -> float:
-        """Train on the samples in this order, once each; mean loss while doing so."""
+        """Train once on the samples in this order; returns the mean loss meanwhile."""
         features, targets = self.arrays["train"]
         batches = _batches(order, self.batch_size)
         return sum(self._step(features[k], targets[k]) * len(k) for k in batches) / len(order)
@@ -114,7 +120,7 @@ class ArrayTrainer(_Trainer):
         return loss
 
     def evaluate(self, part: str) -> float:
-        """Loss over all samples of a part, in inference."""
+        """Loss over all samples of a part, in inference mode."""
         features, targets = self.arrays[part]
         values, total = (self.parameters.tensors(), self.parameters.others), 0.0
         for k in _batches(np.arange(len(features)), EVALUATION_BATCH):
@@ -129,7 +135,7 @@ class ArrayTrainer(_Trainer):
 
     @property
     def state(self) -> list[np.ndarray]:
-        """Everything that the next epoch depends on; set it to go on from there."""
+        """Everything that the next epoch depends on; set it to continue from there."""
         parameters, adam = self.parameters, self.adam
         return [adam.steps, *parameters.trainable, *adam.moments, *parameters.others]
 
@@ -140,7 +146,7 @@ class ArrayTrainer(_Trainer):
 
 
 class DeviceTrainer(_Trainer):
-    """Trains on an accelerator through JAX; see the module's text and `make_trainer`."""
+    """Trainer for an accelerator, through JAX; see `lf_flame.learning.trainers`."""
 
     def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
         import jax
@@ -149,13 +155,13 @@ class DeviceTrainer(_Trainer):
         self._adam = keras.optimizers.Adam(learning_rate)
         self._adam.build(decoder.trainable_variables)
         groups = decoder.trainable_variables, decoder.non_trainable_variables, self._adam.variables
-        # Copied, because an epoch takes over the memory of the state that it is given.
+        # Copied, because an epoch takes over the memory of the state passed to it.
         self._state = [[x.value.copy() for x in group] for group in groups]
         self._epoch = jax.jit(self._run, donate_argnums=0)
         self._evaluate = jax.jit(self._loss_in_inference)
 
     def train_in_order(self, order: np.ndarray) -> float:
-        """Train on the samples in this order, once each; mean loss while doing so."""
+        """Train once on the samples in this order; returns the mean loss meanwhile."""
         whole = len(order) // self.batch_size * self.batch_size
         total = 0.0
         for part in (order[:whole].reshape(-1, self.batch_size), order[None, whole:]):
@@ -165,7 +171,7 @@ class DeviceTrainer(_Trainer):
         return total / len(order)
 
     def _run(self, state, batches, features, targets):
-        """Train on each row of indices; new state and the losses."""
+        """Train on each row of indices; returns new state and losses."""
         import jax
 
         def step(state, batch):
@@ -186,7 +192,7 @@ class DeviceTrainer(_Trainer):
         return mean_squared_error(targets, stack)
 
     def evaluate(self, part: str) -> float:
-        """Loss over all samples of a part, in inference."""
+        """Loss over all samples of a part, in inference mode."""
         features, targets = self.arrays[part]
         total = 0.0
         for first in range(0, len(features), EVALUATION_BATCH):
@@ -202,7 +208,7 @@ class DeviceTrainer(_Trainer):
 
     @property
     def state(self) -> list[np.ndarray]:
-        """Everything that the next epoch depends on; set it to go on from there."""
+        """Everything that the next epoch depends on; set it to continue from there."""
         return [np.asarray(x) for group in self._state for x in group]
 
     @state.setter
@@ -214,9 +220,9 @@ class DeviceTrainer(_Trainer):
 
 
 class KerasTrainer(_Trainer):
-    """Trains by `keras.Model.fit`, on any backend; see `make_trainer`.
+    """Trainer with `keras.Model.fit`, on any backend; see `make_trainer`.
 
-    Several times slower than the others on processor cores, and what they are held against.
+    It is several times slower than the others on processor cores, and serves as their reference.
     """
 
     def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
@@ -225,13 +231,13 @@ class KerasTrainer(_Trainer):
         decoder.optimizer.build(decoder.trainable_variables)
 
     def train_in_order(self, order: np.ndarray) -> float:
-        """Train on the samples in this order, once each; mean loss while doing so."""
+        """Train once on the samples in this order; returns the mean loss meanwhile."""
         features, targets = (x[order] for x in self.arrays["train"])
         options = {"batch_size": self.batch_size, "shuffle": False, "verbose": 0}
         return float(self.model.fit(features, targets, **options).history["loss"][0])
 
     def evaluate(self, part: str) -> float:
-        """Loss over all samples of a part, in inference."""
+        """Loss over all samples of a part, in inference mode."""
         options = {"batch_size": EVALUATION_BATCH, "verbose": 0}
         return float(self.model.evaluate(*self.arrays[part], **options))
 
@@ -242,7 +248,7 @@ class KerasTrainer(_Trainer):
 
     @property
     def state(self) -> list[np.ndarray]:
-        """Everything that the next epoch depends on; set it to go on from there."""
+        """Everything that the next epoch depends on; set it to continue from there."""
         return [_copied(x) for x in self._variables]
 
     @state.setter

@@ -1,7 +1,7 @@
-"""Training the decoder on cached backbone features, resumable, with a record of where it came from.
+"""Training the decoder on cached backbone features; resumable, with a record of its origin.
 
 The run folder is that of `lf_flame.learning.training_run`. Epoch 0 of the history is the start; its
-seconds hold all that comes before training: reading, the backbone's features, the warm start.
+seconds include everything before training: reading, the backbone's features, the warm start.
 """
 
 import math
@@ -43,40 +43,40 @@ class ModelConfig:
 @strict
 @dataclass(frozen=True)
 class Recipe:
-    """How to train.
+    """Options of a training.
 
     Parameters
     ----------
     epochs, batch_size : int
-        0 epochs leave the decoder as the warm start set it: solved in closed form, not trained.
+        Number of epochs, and of samples in a batch. With 0 epochs the decoder stays as the warm
+        start set it: solved in closed form, not trained.
     learning_rate : float
-        Of Adam; with "cosine" its first value.
+        Learning rate of Adam; with "cosine" its initial value.
     schedule : {"constant", "cosine"}
-        "cosine" falls to zero over all epochs.
+        Course of the learning rate; "cosine" falls to zero over all epochs.
     checkpoint_s : float
-        Seconds between checkpoints; 0 writes one after every epoch.
+        Time between checkpoints in seconds; 0 writes one after every epoch.
     without_imagenet : {"random", "stop"}
-        What to do where the ImageNet weights cannot be had.
+        Behaviour if the ImageNet weights are not available.
     warm_start : bool
-        Start the decoder from the training images and freeze its normalisations, see
+        Whether the decoder starts from the training images, with frozen normalisations, see
         `lf_flame.learning.warm_start`.
     bands : int
-        Of the warm start with neck "positions": vertical bands of the picture, each drawn from
-        what the features say in the same band alone.
+        Number of vertical bands of the image in a warm start with neck "positions"; each band is
+        computed only from features in the same band.
     refinements : int
-        Of the warm start with neck "positions": steps behind the sigmoid, see
+        Number of refinement steps in a warm start with neck "positions", see
         `lf_flame.learning.sigmoid_regression`.
     dropout_place, neck
         See `lf_flame.learning.decoder.build_refocus_resnet50`; the defaults are the paper's.
     fresh_scenes : int
-        Scenes to learn from besides those of the data set, see `lf_flame.datasets.fresh_scenes`;
-        validation and test stay as they are. Without epochs they are let go as soon as they have
-        been looked at.
+        Number of training scenes beside those of the data set (`lf_flame.datasets.fresh_scenes`);
+        validation and test do not change. Without epochs they are released after one use.
     backbone_depth : {"conv3", "conv4", "conv5", "none"}, optional
-        Where this recipe cuts the backbone, instead of where the model's configuration says.
+        Depth at which the backbone is cut. Default: that of the model's configuration.
     trainer : {"fast", "keras"}
-        "keras" trains by Keras's own `compile` and `fit`; "fast" gives the same losses in a
-        fraction of the time, see `lf_flame.learning.trainers`.
+        Kind of trainer: "keras" uses Keras's own `compile` and `fit`; "fast" gives the same losses
+        in a fraction of the time, see `lf_flame.learning.trainers`.
     """
 
     epochs: int = 0
@@ -123,12 +123,15 @@ class TrainingConfig:
     Parameters
     ----------
     title : str
+        Title of the experiment.
     seed : int
-        Of the split, the initial weights, the order of the batches and the dropout.
+        Seed of the split, the initial weights, the order of the batches and the dropout.
     split : (float, float, float)
-        Shares of training, validation and test.
+        Fractions of training, validation and test.
     model : ModelConfig
+        Options of the model.
     presets : dict of Recipe
+        Named sets of training options.
     """
 
     title: str
@@ -143,26 +146,31 @@ class TrainingConfig:
         check_seed(self.seed)
 
     def recipe(self, preset: str) -> Recipe:
-        """Recipe of a preset."""
+        """Training options of a preset."""
         if preset not in self.presets:
             raise InputError(f"preset must be one of {', '.join(self.presets)}, got {preset!r}.")
         return self.presets[preset]
 
     def with_epochs(self, preset: str, epochs: int) -> "TrainingConfig":
-        """Let the recipe of a preset run for another number of epochs."""
+        """Give the configuration with another number of epochs for a preset."""
         recipe = replace(self.recipe(preset), epochs=epochs)
         return replace(self, presets={**self.presets, preset: recipe})
 
     def with_recipe(self, preset: str) -> "TrainingConfig":
-        """Let the model follow what the recipe of a preset says of it."""
+        """Give the configuration with the backbone depth that a preset states, if any."""
         depth = self.recipe(preset).backbone_depth or self.model.backbone_depth
         return replace(self, model=replace(self.model, backbone_depth=depth))
 
 
 def read_training_config(path: str | Path, **model_options: Any) -> TrainingConfig:
-    """Read a training configuration, with those options of the model that are not None changed.
+    """Read a training configuration from a TOML file.
 
-    They come before what recipes say of the model.
+    Options of the model that are given and not None replace those of the file and of its presets.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a value cannot be used.
 
     Examples
     --------
@@ -182,13 +190,14 @@ def read_training_config(path: str | Path, **model_options: Any) -> TrainingConf
 def build_model(
     config: TrainingConfig, recipe: Recipe, dataset: Dataset
 ) -> tuple[keras.Model, str]:
-    """Build the network for a data set, falling back to a random backbone where that is allowed.
+    """Build the network for a data set, with a random backbone if ImageNet's is not available.
 
     Returns
     -------
     keras.Model
+        Network.
     str
-        The backbone weights that were used, for tables and records.
+        Backbone weights that were used, for tables and records.
     """
     planes, *image = dataset.targets.shape[1:]
     options = {**asdict(config.model), "seed": config.seed, "shown": dataset.inputs.shape[1:]}
@@ -202,12 +211,12 @@ def build_model(
 
 
 def available_weights(model: ModelConfig, recipe: Recipe) -> str:
-    """Look for the backbone's weights: those asked for, or "random" where that is allowed.
+    """Find the backbone's weights: the configured ones, or "random" if the recipe allows it.
 
     Raises
     ------
     ImagenetUnavailable
-        If ImageNet's cannot be had, and the recipe does not go on without them.
+        If ImageNet's are not available, and the recipe does not continue without them.
     """
     if model.backbone_weights != "imagenet" or model.backbone_depth == NO_BACKBONE:
         return model.backbone_weights
@@ -226,17 +235,17 @@ def available_weights(model: ModelConfig, recipe: Recipe) -> str:
 
 
 def find_backbone(config: TrainingConfig, preset: str) -> str:
-    """Look for the backbone's weights and load them, before anything rests on them.
+    """Find the backbone's weights and load them, before other work depends on them.
 
     Returns
     -------
     str
-        The weights that a training of this preset would use, as its record names them.
+        Name of the weights that a training with this preset would use, as in its record.
 
     Raises
     ------
     InputError
-        If they cannot be had, or a file does not hold them.
+        If they are not available, or a file does not contain them.
     """
     model = config.with_recipe(preset).model
     weights = available_weights(model, config.recipe(preset))
@@ -254,31 +263,34 @@ def train(
     *,
     minutes: float = 0.0,
 ) -> Path:
-    """Train a model, or go on with a run that was cut off.
+    """Train a model, or continue a run that was interrupted.
 
     Parameters
     ----------
     config : TrainingConfig
+        Configuration.
     preset : str
+        Name of the preset in the configuration.
     data : str or Path
         Data set made by `lf_flame.datasets.making.make_dataset`.
     out : str or Path
         Run folder.
     show : bool, optional
-        Show progress.
+        Whether to show progress.
     minutes : float, optional
-        Minutes after which the call ends behind the epoch that is under way, with the best network
-        so far; the next call goes on. 0 trains to the end.
+        Time in minutes after which the call ends, after the current epoch, with the best network
+        so far; the next call continues. 0 trains to the end.
 
     Returns
     -------
     Path
-        ``model.keras`` in the run folder.
+        Network ``model.keras`` in the run folder.
 
     Raises
     ------
     InputError
-        If the run folder holds a run with another configuration, or the loss stops being a number.
+        If the run folder contains a run with another configuration, or the loss becomes NaN or
+        infinite.
     """
     if not 0 <= minutes < math.inf:
         raise InputError(f"minutes must be 0 (to the end) or more, got {minutes}.")
@@ -333,7 +345,7 @@ def train(
 
 
 def _without_folder(model: dict) -> dict:
-    """Name a weights file without its folder: the record's hash tells which it is."""
+    """Model options with the weights file's name only: its hash in the record identifies it."""
     return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
 
 

@@ -1,8 +1,8 @@
-"""A run folder, and the epochs of a training run that goes on where it was cut off.
+"""A run folder, and the epochs of a training run that can be resumed.
 
-The folder holds ``config.json`` (what was asked for), ``checkpoint-*/`` (the newest whole state),
-``history.csv``, and at the end of a call ``model.keras`` (the best weights by validation loss so
-far, the whole network) and ``run.json`` (the record, which says how many epochs are done).
+The folder has ``config.json`` (the request), ``checkpoint-*/`` (the newest complete state),
+``history.csv``, and at the end of a call ``model.keras`` (the whole network with the best weights
+so far by validation loss) and ``run.json`` (the record, with the number of completed epochs).
 """
 
 import signal
@@ -28,19 +28,19 @@ from lf_flame.learning.checkpoints import Checkpoint, load_checkpoint, save_chec
 from lf_flame.learning.run_folders import is_whole, read_run_record
 
 MAX_SEED = 1_000_000
-"""Layers draw their weights from 1000 times the seed and a few more, in 32 bits."""
+"""Largest seed: layers use 1000 times the seed plus a small number as a 32-bit seed."""
 
 
 @dataclass(frozen=True)
 class FoundRecipe:
-    """What a recipe in a run folder must say."""
+    """Required content of a recipe in a run folder."""
 
     epochs: int
 
 
 @dataclass(frozen=True)
 class FoundRequest:
-    """What the request in a run folder must say."""
+    """Required content of the request in a run folder."""
 
     recipe: FoundRecipe
 
@@ -52,33 +52,33 @@ def check_seed(seed: int) -> None:
 
 
 TIMED_EPOCHS = 1
-"""Epochs of a call before the one by which the time for all is told: the first ones compile."""
+"""Number of epochs of a call before the one that is timed: the first ones compile."""
 
 MOST_EPOCHS = 999_999
-"""Of a run: as many as the names of checkpoints count."""
+"""Maximum number of epochs; checkpoint names have six digits."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A training run to be carried out.
+    """Description of a training run.
 
     Attributes
     ----------
     request : dict
-        Everything that decides how the run turns out, as JSON values; one of them, "recipe", holds
+        Everything that determines the result of the run, as JSON values; "recipe" must contain
         `epochs` and `schedule`.
     epochs, seed : int
-        The seed is that of the order of the samples.
+        Number of epochs, and seed of the order of the samples.
     checkpoint_s : float
-        Seconds between checkpoints; 0 writes one after every epoch.
+        Time between checkpoints in seconds; 0 writes one after every epoch.
     start : callable
-        Takes whether the run is at its start, gives the trainer (`lf_flame.learning.trainers`).
+        Function of whether the run is new; returns the trainer (`lf_flame.learning.trainers`).
     finish : callable
-        Takes the best weights, gives the network with them.
+        Function of the best weights; returns the network with them.
     metadata : dict
-        What the record says beside `request`.
+        Content of the record beside `request`.
     minutes : float, optional
-        Minutes after which the call ends behind the epoch that is under way; 0 trains to the end.
+        Time in minutes after which the call ends, after the current epoch; 0 trains to the end.
     """
 
     request: dict
@@ -92,7 +92,7 @@ class Job:
 
 
 def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
-    """Carry out a training run, or go on with one that was cut off.
+    """Run a training, or continue one that was interrupted.
 
     Parameters
     ----------
@@ -100,20 +100,20 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
     out : Path
         Run folder.
     started : float
-        By `time.perf_counter`; the seconds of epoch 0, the start, are all since then.
+        Start time from `time.perf_counter`; the seconds of epoch 0, the start, count from it.
     show : bool, optional
-        Show progress.
+        Whether to show progress.
 
     Returns
     -------
     Path
-        ``model.keras`` in the run folder.
+        Network ``model.keras`` in the run folder.
 
     Raises
     ------
     InputError
-        If the folder holds another run, another process trains there, or the loss stops being a
-        number.
+        If the folder contains another run, another process trains there, or the loss becomes NaN
+        or infinite.
     """
     model = out / "model.keras"
     with exclusive(out):
@@ -127,7 +127,7 @@ def carry_out(job: Job, out: Path, started: float, show: bool = True) -> Path:
 
 
 def _train(job: Job, model: Path, started: float, show: bool) -> None:
-    """Train from the last checkpoint on, and write network and record."""
+    """Train from the last checkpoint, and write network and record."""
     out = model.parent
     run = load_checkpoint(out, _decides_epochs(job.request))
     write_json(out / "config.json", job.request)
@@ -158,7 +158,7 @@ def _train(job: Job, model: Path, started: float, show: bool) -> None:
 
 
 def assign(variables: Iterable[keras.Variable], values: Iterable[np.ndarray]) -> None:
-    """Give variables their values."""
+    """Assign values to variables."""
     for variable, value in zip(variables, values, strict=True):
         variable.assign(value)
 
@@ -173,7 +173,7 @@ def _is_done(out: Path, job: Job) -> bool:
 
 
 def _decides_epochs(request: dict) -> dict:
-    """Take what decides how the epochs go, however many there are at a constant rate."""
+    """Part of a request that determines the epochs; at a constant rate not their number."""
     recipe = request["recipe"]
     if recipe["schedule"] == "constant":
         recipe = {key: value for key, value in recipe.items() if key != "epochs"}
@@ -181,9 +181,9 @@ def _decides_epochs(request: dict) -> dict:
 
 
 def _refuse_other_run(out: Path, request: dict) -> None:
-    """Refuse a run folder that holds something else than what is asked for.
+    """Refuse a run folder that contains another run than the requested one.
 
-    A run at a constant rate may go on for more epochs: it is as if they had been asked for at once.
+    A run at a constant rate may continue for more epochs, with the same result as in one call.
     """
     path = out / "config.json"
     if not path.exists():
@@ -206,7 +206,7 @@ def _goes_on(found: dict, request: dict) -> bool:
 
 
 def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: float) -> None:
-    """Train until the last epoch, or until Ctrl-C or the minutes end the call behind one."""
+    """Train to the last epoch, or until Ctrl-C or the time limit ends the call after an epoch."""
     saved_at, first = time.perf_counter(), run.next_epoch
     quiet = not show or job.epochs == 0  # solved, not trained
     bar = tqdm(total=job.epochs, desc="training", unit="epoch", disable=quiet)
@@ -239,7 +239,7 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
 
 
 def _tell_duration(job: Job, epoch_s: float) -> None:
-    """Say how long all epochs take on this machine, by one that compiled nothing."""
+    """Tell how long all epochs take on this machine, from one in which nothing was compiled."""
     hours = job.epochs * epoch_s / 3600
     if hours < 1 / 60:
         return
@@ -249,12 +249,12 @@ def _tell_duration(job: Job, epoch_s: float) -> None:
 
 @contextmanager
 def _interrupt_after_epoch() -> Iterator[list[int]]:
-    """Let Ctrl-C wait for the end of an epoch: within one there is no state to go on from.
+    """Let Ctrl-C wait for the end of an epoch: within an epoch there is no state to resume from.
 
     Yields
     ------
     list of int
-        Empty until Ctrl-C. A second one is not waited for.
+        Empty until Ctrl-C; a second Ctrl-C stops at once.
     """
     interrupted: list[int] = []
 
@@ -266,7 +266,7 @@ def _interrupt_after_epoch() -> Iterator[list[int]]:
 
     try:
         before = signal.signal(signal.SIGINT, note)
-    except ValueError:  # only the main thread may
+    except ValueError:  # only the main thread can set handlers
         yield interrupted
         return
     try:
@@ -276,9 +276,9 @@ def _interrupt_after_epoch() -> Iterator[list[int]]:
 
 
 def _run_epoch(trainer, seed: int, epoch: int) -> dict:
-    """One pass over the training samples, in an order that depends on seed and epoch alone.
+    """One pass over the training samples, in an order that depends only on seed and epoch.
 
-    Epoch 0 only measures where training starts.
+    Epoch 0 only measures the loss at the start.
     """
     if epoch == 0:
         loss = trainer.evaluate("train")

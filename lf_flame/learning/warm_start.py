@@ -1,11 +1,11 @@
 """Starting the decoder from the training images instead of from noise.
 
-The decoder's last big layer is linear in 256 numbers, so the best images it can draw for what
-arrives there have a closed form: ridge regression of the training images before the sigmoid. With
-the neck "positions" the regression finds the 256 numbers too. With the paper's pooled neck the two
-convolutions start by passing on what a regression on the backbone's averages found. The last
-convolution starts as the identity. Training then begins there. Not in the paper (deviation 13), and
-off in the recipes that follow it.
+The decoder's last large layer is linear in 256 numbers. The best images for given numbers therefore
+have a closed form: ridge regression of the training images before the sigmoid. With the neck
+"positions" the regression also finds the 256 numbers. With the paper's pooled neck the two
+convolutions initially pass on the result of a regression on the backbone's averages. The last
+convolution starts as the identity. Training begins from there. This is not in the paper (deviation
+13), and is off in the recipes that follow it.
 """
 
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ from lf_flame.learning.ridge import ProductGatherer, Regression, gather_products
 from lf_flame.learning.sigmoid_regression import refine
 
 STATISTICS_SAMPLES = 512
-"""Samples that set the batch normalisations; more change nothing and need much memory."""
+"""Number of samples for the batch normalisations; more change nothing and need much memory."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Blocks:
     Attributes
     ----------
     count : int
-        Samples in all.
+        Total number of samples.
     pairs : iterable of (ndarray, ndarray)
-        Features (n, h', w', channels) and targets (n, planes, h, w, 1) of the next ones; asked for
+        Features (n, h', w', channels) and targets (n, planes, h, w, 1) of the next samples; read
         once.
     """
 
@@ -50,21 +50,20 @@ def solve_decoder(
     Parameters
     ----------
     decoder : keras.Model
-        From `lf_flame.learning.decoder.build_decoder`; what the samples do not determine stays
-        random.
+        Decoder from `lf_flame.learning.decoder.build_decoder`; weights that the samples do not
+        determine stay random.
     training : Blocks
-        With the neck "positions" a block's features are not needed any more when the next one
-        comes, and of more than `lf_flame.learning.ridge.LANDMARKS` samples the images are kept in
-        half precision.
+        Training samples. With the neck "positions" a block's features are released before the next
+        one, and images of more than `lf_flame.learning.ridge.LANDMARKS` samples are kept in half
+        precision.
     held_out : (ndarray, ndarray)
-        Features and targets of other samples, which only choose the strength of the ridge.
+        Features and targets of other samples, which only choose the strength of the regularisation.
     bands : int, optional
-        For the neck "positions": vertical bands of the image, each drawn from the features in the
-        same band alone. Refocusing is local, and what the regression need not find out from the
-        samples it gets right.
+        Number of vertical bands of the image for the neck "positions", each computed only from the
+        features in the same band: refocusing is local, and the regression need not learn that.
     refinements : int, optional
-        For the neck "positions": steps that lower the images' own error behind the sigmoid, see
-        `lf_flame.learning.sigmoid_regression`. Two do nearly all there is.
+        Number of steps for the neck "positions" that lower the error of the images themselves, see
+        `lf_flame.learning.sigmoid_regression`. Two achieve nearly everything.
     """
     if "neck" in [layer.name for layer in decoder.layers]:
         _regress_by_bands(decoder, training, held_out, bands, refinements)
@@ -81,7 +80,7 @@ def _joined(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
 
 
 class _Band:
-    """A vertical band of the image: the numbers it is drawn from, and what is gathered of it."""
+    """A vertical band of the image: its numbers, and the samples gathered for it."""
 
     def __init__(self, decoder: keras.Model, band: int, bands: int, count: int):
         neck = decoder.get_layer("neck")
@@ -89,7 +88,7 @@ class _Band:
         self.units, self.drawn = (_part(band, bands, whole) for whole in (neck.units, width))
         self.seen = _overlapped(band, bands, decoder.input.shape[2])
         pixels = height * (self.drawn.stop - self.drawn.start) * planes
-        # Half precision errs by 77 dB, where a fit to so many samples leaves 55.
+        # Half precision has an error of 77 dB; a fit to so many samples leaves 55.
         kind = np.float32 if count <= ridge.LANDMARKS else np.float16
         needed = (
             bands * count * (np.dtype(kind).itemsize * pixels + 4 * min(count, ridge.LANDMARKS))
@@ -100,11 +99,11 @@ class _Band:
         self._filled = 0
 
     def cut(self, features: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take what belongs to the band, (n, features) and (n, pixels)."""
+        """Cut samples to the band, (n, features) and (n, pixels)."""
         return _flat(features[:, :, self.seen]), _flat(_as_drawn(targets)[:, :, self.drawn])
 
     def add(self, features: np.ndarray, targets: np.ndarray) -> None:
-        """Gather the next samples."""
+        """Add the next samples."""
         seen, images = self.cut(features, targets)
         self.products.add(seen)
         self.images[self._filled : self._filled + len(images)] = images
@@ -112,7 +111,7 @@ class _Band:
 
 
 def _regress_by_bands(decoder, training: Blocks, held_out, bands: int, refinements: int) -> None:
-    """Set neck and basis: a part of the 256 numbers for each band."""
+    """Set neck and basis, with a part of the 256 numbers for each band."""
     neck, basis = decoder.get_layer("neck"), decoder.get_layer("basis")
     _, height, width, planes = decoder.get_layer("planes").output.shape
     shape = decoder.input.shape[1:]
@@ -126,7 +125,7 @@ def _regress_by_bands(decoder, training: Blocks, held_out, bands: int, refinemen
     pictures = np.zeros((neck.units, height, width, planes), np.float32)
     centre, offset = np.zeros(neck.units), np.zeros((height, width, planes))
     for _ in tqdm(range(bands), "start from the training images", unit="band"):
-        band = gathered.pop()  # and forgotten
+        band = gathered.pop()  # and released
         weights, centre[band.units], drawings, dark = _regress_band(band, held_out, refinements)
         inward[:, band.seen, :, band.units] = weights.reshape(
             inward[:, band.seen, :, band.units].shape
@@ -139,7 +138,7 @@ def _regress_by_bands(decoder, training: Blocks, held_out, bands: int, refinemen
 
 
 def _regress_band(band: _Band, held_out, refinements: int) -> tuple[np.ndarray, ...]:
-    """Weights of features, minus what the mean gives, drawings of the numbers, and offset."""
+    """Weights of features, minus their value for the mean, drawings of the numbers, and offset."""
     products = band.products.finish()
     found = ridge_regression(products, band.images, band.cut(*held_out))
     turn, drawings = found.components(band.units.stop - band.units.start)
@@ -160,7 +159,7 @@ def _overlapped(band: int, bands: int, columns: int) -> slice:
 
 
 def _as_drawn(targets: np.ndarray) -> np.ndarray:
-    """Targets (n, planes, h, w, 1) in the order in which the dense layer draws them."""
+    """Targets (n, planes, h, w, 1) in the order of the dense layer's outputs."""
     return np.moveaxis(targets[..., 0], 1, -1)
 
 
@@ -182,10 +181,11 @@ def _regress_on_averages(decoder, training, held_out) -> None:
 
 
 def _pass_on(decoder: keras.Model, found: Regression, features: np.ndarray) -> None:
-    """Let the convolutions pass on what a regression on the averages found.
+    """Let the convolutions pass on the result of a regression on the averages.
 
-    The first takes each component with both signs, the second their difference: a leaky ReLU of
-    slope a keeps (1 + a) x of that, so what reaches the second is linear in the features.
+    The first convolution gives each component with both signs, the second their difference. A
+    leaky ReLU of slope a turns that into (1 + a) x, so the second's result is linear in the
+    features.
     """
     first, second = (
         x for x in decoder.layers if isinstance(x, keras.layers.Conv2D) and x.name != "planes"
@@ -200,7 +200,7 @@ def _pass_on(decoder: keras.Model, found: Regression, features: np.ndarray) -> N
 
 
 def _set_pointwise(convolution: keras.layers.Conv2D, matrix: np.ndarray) -> None:
-    """Make the first filters act on each position alone, by `matrix` (channels, filters)."""
+    """Make the first filters act on each position separately, with `matrix` (channels, filters)."""
     kernel = keras.ops.convert_to_numpy(convolution.kernel).copy()
     channels, filters = matrix.shape
     kernel[..., :filters] = 0
@@ -211,8 +211,8 @@ def _set_pointwise(convolution: keras.layers.Conv2D, matrix: np.ndarray) -> None
 def freeze_normalisations(decoder: keras.Model) -> None:
     """Let the batch normalisations keep their stored statistics, as `solve_decoder` sets them.
 
-    What tells one sample from another is a small part of the features' spread; statistics that
-    change with every batch would drown it. Call it before the optimiser is built.
+    The difference between samples is a small part of the features' spread; statistics that change
+    with every batch would hide it. Call it before the optimiser is built.
     """
     for norm in _normalisations(decoder):
         norm.trainable = False

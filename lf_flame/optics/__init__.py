@@ -1,4 +1,4 @@
-"""The camera: ray transfer matrices, ray bundles, sensor, diffraction, and what a slope is."""
+"""The plenoptic camera: ray matrices, ray bundles, sensor, diffraction and slope conventions."""
 
 import lazy_loader
 

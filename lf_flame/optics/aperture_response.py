@@ -1,7 +1,7 @@
-"""Blur by all of an aperture's diffraction, through its transfer function.
+"""Blur by an aperture's whole diffraction pattern, through its transfer function.
 
-The light is constant over each sample, and so is what is found: the pattern averaged over one
-sample and summed over another. The transfer functions are those of a square and of a round pupil in
+Input and output are constant over each sample: the weights are the pattern averaged over one
+sample and summed over another. The transfer functions are those of a square and a round pupil in
 focus (J. W. Goodman, Introduction to Fourier Optics, 3rd ed., section 6.3).
 """
 
@@ -11,20 +11,20 @@ import numpy as np
 import scipy  # its parts load when they are used
 
 COARSE_FREQUENCIES = 65
-"""Frequencies along each axis at which the aliases of a round aperture's response are summed; they
-are smooth between these."""
+"""Number of frequencies along each axis at which the aliases of a round aperture's response are
+summed; the sum is smooth between these."""
 
 MOST_ALIASES = 16
-"""Aliases to each side beyond which those of a round aperture are taken along each axis alone."""
+"""Number of aliases on each side above which a round aperture is treated along each axis alone."""
 
 BORDER, MOST_BORDER = 200, 2048
-"""Spreads of a pattern, and samples at most, by which an image is taken to go on."""
+"""Width by which an image is continued at its border, in spreads, and at most in samples."""
 
 FINEST = 1e-5
-"""Spread of a pattern in cells below which it blurs nothing: it would move 3e-5 of the light."""
+"""Spread in cells below which diffraction is left out: it would move 3e-5 of the light."""
 
 ROWS_AT_ONCE = 256
-"""Rows that are held as float64 at a time."""
+"""Number of rows held as float64 at a time."""
 
 
 def blur_cells(
@@ -35,31 +35,32 @@ def blur_cells(
     over: tuple[tuple[int, int], tuple[int, int]],
     dark: tuple[int, int],
 ) -> np.ndarray:
-    """Blur light that is constant over each cell: the mean over each cell, and over cells beside.
+    """Blur light that is constant over each cell; return the mean over each cell.
 
-    By the product with the aperture's transfer function, which takes all of the pattern: nothing
-    is cut off, and no cell need be small beside the pattern.
+    The light is multiplied by the aperture's transfer function in the frequency domain, so that
+    the whole pattern counts, and cells may be large compared with it.
 
     Parameters
     ----------
     cells : ndarray of float64, shape (rows, columns)
-        Radiance, and none beyond.
+        Radiance of each cell; 0 outside.
     spread_mm : float
         Wavelength times distance over the width of the aperture; above 0.
     cell_mm : (float, float)
         Height and width of a cell, above 0.
     round_aperture : bool
-        Whether the aperture is round, or square.
+        Whether the aperture is round; otherwise square.
     over : ((int, int), (int, int))
-        First row and one after the last, and columns alike, that are returned; counted from the
-        first cell, and possibly beyond the cells.
+        Range of rows and of columns to return, (first, last + 1), counted from the first cell; it
+        may extend beyond the cells.
     dark : (int, int)
-        Rows and columns beside all these that stay dark. The pattern goes on periodically beyond.
+        Number of dark rows and columns added beside all these, because the transform repeats the
+        light periodically.
 
     Returns
     -------
     ndarray of float64, shape (rows of `over`, columns of `over`)
-        0 or above.
+        Blurred radiance, 0 or above.
     """
     firsts = [min(first, 0) for first, _ in over]
     ends = [max(end, count) for (_, end), count in zip(over, cells.shape, strict=True)]
@@ -77,15 +78,15 @@ def blur_cells(
 
 
 def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float) -> np.ndarray:
-    """Blur an image along one axis by a square aperture, with all of its pattern.
+    """Blur an image along one axis with the whole pattern of a square aperture.
 
     Parameters
     ----------
     image : ndarray, shape (y, x)
-        Constant over each sample; beyond its border the outermost samples go on.
+        Values, constant over each sample; the outermost samples continue beyond the border.
     axis : int
     spread_mm, sample_mm : float
-        That spread, 0 or above, and the width of a sample.
+        Wavelength times distance over the aperture's width, 0 or above; width of a sample.
 
     Returns
     -------
@@ -106,21 +107,21 @@ def blur_lines(image: np.ndarray, axis: int, spread_mm: float, sample_mm: float)
 
 
 def _square_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Find what `blur_cells` does to each frequency of a real transform."""
+    """Transfer factor of `blur_cells` at each frequency of a real transform, square aperture."""
     rows, columns = _along_axes(counts, spread_mm, cell_mm, _triangle)
     return _mirrored(rows[:, None] * columns, counts[0])
 
 
 def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
-    """Do the same for a round aperture; the aliases, which are smooth, from a coarse grid."""
+    """Transfer factors for a round aperture; its smooth aliases come from a coarse grid."""
     if max(_aliases(spread_mm, cell) for cell in cell_mm) > MOST_ALIASES:
-        # Beside such a pattern the edges of cells are straight: each axis by itself.
+        # Compared with such a pattern cells are large, their edges straight: each axis alone.
         rows, columns = _along_axes(counts, spread_mm, cell_mm, _round_transfer)
         return _mirrored(rows[:, None] * columns, counts[0])
     ratios = [spread_mm / cell for cell in cell_mm]
 
     def passed(y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Share that passes, at frequencies in cycles per cell along y and along x."""
+        """Fraction transmitted at frequencies in cycles per cell along y and along x."""
         tall, wide = (y * ratios[0])[:, None], (x * ratios[1])[None, :]
         boxes = (np.sinc(y) ** 2)[:, None] * np.sinc(x) ** 2
         return _round_transfer(np.hypot(tall, wide)) * boxes
@@ -138,7 +139,7 @@ def _round_response(counts, spread_mm: float, cell_mm) -> np.ndarray:
 
 
 def _along_axes(counts, spread_mm: float, cell_mm, transfer) -> list[np.ndarray]:
-    """Find what a pattern that is separable does to each frequency of each axis, from 0 up."""
+    """Transfer factors along each axis, from frequency 0 up, for a separable pattern."""
     coarse, found = np.linspace(0, 0.5, COARSE_FREQUENCIES), []
     for count, cell in zip(counts, cell_mm, strict=True):
         if spread_mm < FINEST * cell:
@@ -154,12 +155,12 @@ def _along_axes(counts, spread_mm: float, cell_mm, transfer) -> list[np.ndarray]
 
 
 def _mirrored(half: np.ndarray, count: int) -> np.ndarray:
-    """Complete the first axis by the frequencies below 0."""
+    """Append the negative frequencies of the first axis."""
     return np.concatenate([half, half[(count - 1) // 2 : 0 : -1]])
 
 
 def _aliases(spread_mm: float, cell_mm: float) -> int:
-    """Multiples of the sampling frequency, to each side, that a transfer function reaches."""
+    """Count the multiples of the sampling frequency that the transfer function reaches a side."""
     return math.ceil(cell_mm / spread_mm + 0.5)
 
 

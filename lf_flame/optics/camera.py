@@ -1,11 +1,11 @@
-"""The plenoptic camera: main lens, microlens array at its image plane, sensor behind that.
+"""The plenoptic camera: main lens, microlens array at its image plane, sensor behind the array.
 
 Lengths are in mm, angles in rad. ``depth`` is measured from the focal plane, positive = farther
 from the main lens. ``slope`` is in lenslets per view step, positive = behind the focal plane.
 ``alpha`` is Ng's relative image distance: the refocused image plane lies at ``alpha`` times the
 distance of the microlens array. Images are stored upright: the whole sensor, lenslets and
-micro-images alike, is turned by 180 degrees, so that rows run down and columns run right in the
-scene and in the image; that leaves the sign of the slope as it is.
+micro-images alike, is turned by 180 degrees. Rows therefore run down and columns run right in the
+scene and in the image; the sign of the slope does not change.
 """
 
 import math
@@ -23,19 +23,19 @@ from lf_flame.optics import ray_transfer
 from lf_flame.optics.sensor import Sensor
 
 MOST_PER_AXIS = 100_000
-"""Views or lenslets along an axis beyond which a number can only be a mistake."""
+"""Largest number of views or lenslets along an axis; a larger one can only be a mistake."""
 
 SHORTEST, LONGEST = 1e-50, 1e50
-"""Lengths, in any unit, whose products still are float64 numbers."""
+"""Range of lengths, in any unit, whose products are float64 numbers."""
 
 WIDEST_APERTURE = 4
-"""Widths of the matched aperture beyond which a lenslet's light would spread over too many."""
+"""Largest aperture in widths of the matched one; a wider one would light too many lenslets."""
 
 SMALLEST_F_NUMBER, LARGEST_F_NUMBER = 0.1, 1e4
-"""F-numbers of lenses; others are mistakes."""
+"""Range of f-numbers of lenses; other values are mistakes."""
 
 FARTHEST = 1e4
-"""Depth over focus distance beyond which a number is a mistake: all there is as at infinity."""
+"""Largest depth in focus distances; anything farther looks as at infinity."""
 
 _RANGES = (
     ("rim_distance_mm", 0.0, LONGEST),
@@ -43,7 +43,7 @@ _RANGES = (
     ("lenslet_rotation_rad", -0.1, 0.1),
     ("lenslet_pitch_error", -0.1, 0.1),
 )
-"""Lowest and highest value of the camera's imperfections; larger ones are mistakes."""
+"""Lowest and highest value of each imperfection of the camera; others are mistakes."""
 
 
 @strict
@@ -57,44 +57,45 @@ class PlenopticCamera:
         Focal length of the main lens, above 0.
     focus_distance_mm : float
         Distance from the focal plane in object space to the main lens, above the focal length.
-        The microlens array stands at the image distance that the thin-lens equation gives for it
+        The microlens array is at the image distance that the thin-lens equation gives for it
         (deviation 1).
     lenslet_focal_mm : float
-        Focal length of a lenslet, which is its distance from the sensor too; above 0.
+        Focal length of a lenslet and its distance from the sensor, above 0.
     lenslet_pitch_mm : float
         Distance between the centres of neighbouring lenslets, above 0; the lenslets are square
         and fill the array.
     views : int
-        Pixels under a lenslet along each axis, 1 to 100,000. An odd number has a central view.
+        Number of pixels under a lenslet along each axis, 1 to 100,000; the number of views along
+        each axis. An odd number has a central view.
     lenslets : (int, int)
-        Lenslet rows and columns that are recorded, 1 to 100,000 each.
+        Number of recorded lenslet rows and columns, 1 to 100,000 each.
     pixel_pitch_mm : float, optional
         Sensor pixel pitch. Default: micro-image pitch / views, so that the pixels tile the sensor.
     aperture_diameter_mm : float, optional
-        Diameter of the main lens's round aperture. Default: an ideal square one, matched to the
-        lenslets (`aperture_mm` wide), which lights every pixel alike.
+        Diameter of the main lens's round aperture. Default: an ideal square aperture, matched to
+        the lenslets (`aperture_mm` wide), which lights every pixel alike.
     rim_diameter_mm, rim_distance_mm : float, optional
-        A second round stop, this far in front of the main lens: the rim of the lens barrel or of
-        a window. Default: none. Like the aperture it cuts the light of all layers, of those
-        nearer to the lens than itself too.
+        Diameter of a second round stop, the rim of the lens barrel or of a window, and its
+        distance in front of the main lens. Default: no such stop. Like the aperture it cuts the
+        light of all layers, even of those between it and the lens.
     wavelength_nm : float, optional
-        Wavelength for diffraction. Default: none given, ray optics.
+        Wavelength for diffraction. Default: ray optics, no diffraction.
     chromatic_shift : float, optional
-        Relative change of the main lens's focal length over the band of light that is recorded,
-        0 to 0.2: about the band's share of the F-C range divided by the Abbe number.
+        Relative change of the main lens's focal length over the recorded band of light, 0 to 0.2:
+        about the band's fraction of the F-C range divided by the Abbe number.
     lenslet_rotation_rad : float, optional
         Rotation of the microlens array against the sensor, about the optical axis, within 0.1.
         Positive turns x towards y: clockwise in the stored image, whose rows run down.
     lenslet_pitch_error : float, optional
         Relative error of the lenslet pitch, within 0.1; the sensor is read as if it were 0.
     falloff_corrected : bool, optional
-        Whether the images are divided by a white image, as plenoptic processing does, which takes
-        out the natural falloff (cos^4). Default: they are, so that a uniform field is uniform.
+        Whether the images are divided by a white image (flat field), as plenoptic processing
+        does, which removes the natural falloff (cos^4). Default: True, a uniform field is uniform.
     sensor : Sensor, optional
-        Noise, full well and bits of the sensor. Default: an ideal one.
+        Noise, full well and bits of the sensor. Default: an ideal sensor.
     f_number : float, optional
-        In place of `aperture_diameter_mm`: focal length over diameter, as engraved on the lens. It
-        is not kept; the diameter is. (`lf_flame.refocus.f_number_aperture` takes the working
+        Focal length over diameter, as engraved on the lens; replaces `aperture_diameter_mm`, and
+        only the diameter is stored. (`lf_flame.refocus.f_number_aperture` takes the working
         f-number, image distance over diameter.)
 
     Raises
@@ -193,12 +194,12 @@ class PlenopticCamera:
         object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
 
     def check_views(self, views: tuple[int, ...]) -> None:
-        """Refuse a light field of other views, in which a slope would be another depth.
+        """Refuse a light field with another number of views: its slopes mean other depths.
 
         Parameters
         ----------
         views : (int, int)
-            Rows and columns of views; further axes are ignored.
+            Number of rows and columns of views; further entries are ignored.
 
         Raises
         ------
@@ -213,7 +214,7 @@ class PlenopticCamera:
             )
 
     def check_depths(self, depths_mm: ArrayLike) -> None:
-        """Refuse depths behind the main lens, and those that nothing tells from infinity.
+        """Refuse depths behind the main lens, and depths that look as at infinity.
 
         Raises
         ------
@@ -230,18 +231,18 @@ class PlenopticCamera:
 
     @cached_property
     def image_distance_mm(self) -> float:
-        """Main lens to microlens array, in mm, by the thin-lens equation."""
+        """Distance from main lens to microlens array in mm, by the thin-lens equation."""
         f, a = self.main_lens_focal_mm, self.focus_distance_mm
         return a * f / (a - f)
 
     @cached_property
     def micro_image_pitch_mm(self) -> float:
-        """Distance between micro-image centres: the lenslet pitch seen from the main lens."""
+        """Distance between micro-image centres in mm: the lenslet pitch seen from the main lens."""
         return self.lenslet_pitch_mm * (1 + self.lenslet_focal_mm / self.image_distance_mm)
 
     @cached_property
     def pixel_mm(self) -> float:
-        """Sensor pixel pitch in mm, worked out where `pixel_pitch_mm` is None."""
+        """Pitch of the sensor's pixels in mm, computed where `pixel_pitch_mm` is None."""
         return self.pixel_pitch_mm or self.micro_image_pitch_mm / self.views
 
     @cached_property
@@ -256,7 +257,7 @@ class PlenopticCamera:
 
     @cached_property
     def field_of_view_deg(self) -> tuple[float, float]:
-        """Full angles (vertical, horizontal) that the recorded lenslets see, in degrees."""
+        """Full angles (vertical, horizontal) seen by the recorded lenslets, in degrees."""
         height, width = (
             math.degrees(2 * math.atan(n * self.lenslet_pitch_mm / 2 / self.image_distance_mm))
             for n in self.lenslets
@@ -264,7 +265,7 @@ class PlenopticCamera:
         return height, width
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
-        """Height and width, in mm, of what the central view sees at a depth."""
+        """Height and width, in mm, of the field of the central view at a depth."""
         scale = (self.focus_distance_mm + depth_mm) / self.image_distance_mm
         height, width = (n * self.lenslet_pitch_mm * scale for n in self.lenslets)
         return height, width
@@ -275,13 +276,14 @@ class PlenopticCamera:
         Parameters
         ----------
         depth_mm : float
+            Depth from the focal plane, above minus the focus distance.
         focal_mm : float, optional
-            Focal length of the main lens for light of another colour; the array stays in place.
+            Focal length of the main lens for light of another colour; the array does not move.
 
         Raises
         ------
         InputError
-            If the layer does not stand in front of the main lens.
+            If the layer is not in front of the main lens.
         """
         distance = self.focus_distance_mm + depth_mm
         if not distance > 0:
@@ -294,15 +296,15 @@ class PlenopticCamera:
     def plane_to_array(self, distance_mm: float, focal_mm: float | None = None) -> np.ndarray:
         """Ray transfer matrix to the array from a plane `distance_mm` in front of the main lens.
 
-        At distance 0 it starts at the main lens itself, where its aperture is.
+        At distance 0 the plane is the main lens itself, where the aperture is.
         """
         return self._from_focal_plane(distance_mm - self.focus_distance_mm, focal_mm)
 
     def _from_focal_plane(self, depth_mm: float, focal_mm: float | None) -> np.ndarray:
-        """Chain of the way to the focal plane, its image on the array, and a change of colour.
+        """Matrix from a depth to the focal plane, imaged on the array, with a change of colour.
 
-        The product of free space, lens and free space is the same, but there the B of a layer
-        near the focal plane would be the rounding of a difference of long ways.
+        The product free space, lens, free space is equal, but there the element B of a layer near
+        the focal plane would be a rounded difference of long distances.
         """
         f, a0, i0 = self.main_lens_focal_mm, self.focus_distance_mm, self.image_distance_mm
         imaging = np.array([[-i0 / a0, 0.0], [-1 / f, -a0 / i0]])
@@ -325,8 +327,9 @@ class PlenopticCamera:
     def depth_to_slope(self, depth_mm: Number) -> Number:
         """Slope at which a layer is in focus.
 
-        From ``slope = view_step / pitch * (i0 / i(z) - 1)`` with the thin-lens equation put in,
-        which leaves ``1/a0 - 1/(a0 + z)``: finite for z to infinity and through the focal length.
+        It is ``slope = view_step / pitch * (i0 / i(z) - 1)``. With the thin-lens equation for i(z)
+        this depends on ``1/a0 - 1/(a0 + z)``, finite as z goes to infinity or through the focal
+        length.
 
         Parameters
         ----------
@@ -348,8 +351,8 @@ class PlenopticCamera:
     def slope_to_depth(self, slope: Number) -> Number:
         """Depth in mm of the layer that is in focus at a slope; the inverse of `depth_to_slope`.
 
-        Infinite at the slope of infinity; beyond it no real layer is in focus and the depth is
-        that of the virtual one, below minus the focus distance.
+        It is infinite at the slope of infinity. Beyond that slope no real layer is in focus; the
+        depth is that of a virtual layer, below minus the focus distance.
         """
         a0 = self.focus_distance_mm
         shift = np.asarray(slope, float) * self._alpha_step * a0 / self.image_distance_mm
@@ -357,26 +360,26 @@ class PlenopticCamera:
             return _scalar(a0 * shift / (1 - shift))
 
     def slope_to_real_depth(self, slope: Number) -> Number:
-        """Depth in mm as `slope_to_depth`, NaN where no layer before the camera has the slope."""
+        """Depth in mm as `slope_to_depth`; NaN where no layer in front of the camera has it."""
         depth = np.asarray(self.slope_to_depth(slope), float)
         return _scalar(np.where(depth > -self.focus_distance_mm, depth, np.nan))
 
     def slope_to_alpha(self, slope: Number) -> Number:
         """Ng's alpha for a slope: ``1 - 1/alpha = -slope * pitch / view_step``.
 
-        Infinite at ``slope = -view_step / pitch``, where the refocused image is at infinity.
+        It is infinite at ``slope = -view_step / pitch``: the refocused image is at infinity.
         """
         with np.errstate(divide="ignore"):
             return _scalar(1 / (1 + np.asarray(slope, float) * self._alpha_step))
 
     def alpha_to_slope(self, alpha: Number) -> Number:
-        """Slope for Ng's alpha; the inverse of `slope_to_alpha`, infinite alpha allowed."""
+        """Slope for Ng's alpha; the inverse of `slope_to_alpha`. Alpha may be infinite."""
         with np.errstate(divide="ignore"):
             return _scalar((1 / np.asarray(alpha, float) - 1) / self._alpha_step)
 
     @cached_property
     def _alpha_step(self) -> float:
-        """Change of 1/alpha for a slope of 1."""
+        """Change of 1/alpha per unit of slope."""
         return self.lenslet_pitch_mm / self.view_step_mm
 
 
@@ -392,4 +395,4 @@ PAPER_CAMERA = PlenopticCamera(
     views=15,  # not stated; follows from the slopes (deviation 2)
     lenslets=(270, 540),  # not stated; 3 x 3 lenslets to a pixel of 90 x 180 (deviation 4)
 )
-"""The camera of the paper, as far as the paper states it (deviations 1 to 4)."""
+"""Camera of the paper, with the choices where the paper states nothing (deviations 1 to 4)."""

@@ -1,10 +1,10 @@
 """Diffraction at an aperture: the blur of an incoherent image, as weights on its samples.
 
-The line and point spreads belong to the transfer functions of the square and the round pupil in
-focus (J. W. Goodman, Introduction to Fourier Optics, 3rd ed., section 6.3). A sample is the mean
-over a box, and the image between samples is taken as constant over each box, so that a weight is
-the spread averaged over one box and summed over another: over a hat two samples wide. Such weights
-are never negative and, untruncated, sum to 1 for any spread, however small beside a sample.
+The line and point spreads are those of the square and the round pupil in focus (J. W. Goodman,
+Introduction to Fourier Optics, 3rd ed., section 6.3). A sample is the mean over a box, and the
+image is taken as constant over each box. A weight is therefore the spread averaged over one box and
+summed over another, that is, over a triangle (hat) two samples wide. Such weights are never
+negative and, untruncated, sum to 1 for any spread, however small compared with a sample.
 """
 
 import math
@@ -17,24 +17,24 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 
 MOST_SAMPLES = 512
-"""Samples to each side at most in the kernel of a square aperture."""
+"""Largest half-width of the kernel of a square aperture, in samples."""
 
 MOST_ROUND_SAMPLES = 32
-"""Samples to each side at most in the kernel of a round aperture."""
+"""Largest half-width of the kernel of a round aperture, in samples."""
 
 RINGS = 64
-"""Rings of the Airy pattern that are resolved. Beyond them the light left outside a radius
-oscillates about its trend by less than 1e-5, which changes a weight by less than 1e-8."""
+"""Number of rings of the Airy pattern that are resolved. Farther out, the light outside a radius
+differs from its trend by less than 1e-5, which changes a weight by less than 1e-8."""
 
 NODES = 12
-"""Gauss-Legendre nodes in each panel; no panel holds more than one resolved ring."""
+"""Number of Gauss-Legendre nodes in each panel; no panel holds more than one resolved ring."""
 
 
 ANGLES = 256
-"""Directions over which the share of an Airy pattern beyond a line is averaged."""
+"""Number of directions over which the fraction of an Airy pattern beyond a line is averaged."""
 
 ROWS_AT_ONCE = 256
-"""Rows that are held as float64 at a time when a two-dimensional kernel is applied."""
+"""Number of rows held as float64 at a time when a two-dimensional kernel is applied."""
 
 
 def square_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
@@ -46,18 +46,18 @@ def square_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray
     Parameters
     ----------
     spread_mm : float
-        Wavelength times distance over the width of the aperture: from the centre to the first
-        dark line. 0 to MOST_SAMPLES samples.
+        Wavelength times distance over the width of the aperture, in mm: the distance from the
+        centre to the first dark line. 0 to MOST_SAMPLES samples.
     sample_mm : float
         Width of a sample, above 0.
     tail : float
-        Share of the light that the kernel may leave out, 0 to 1. The kernel is as short as that
-        allows, at most MOST_SAMPLES to each side even if that leaves out more.
+        Largest fraction of the light that the kernel may leave out, 0 to 1. The kernel is as short
+        as that allows, with at most MOST_SAMPLES on each side even if that leaves out more.
 
     Returns
     -------
     ndarray of float64, shape (odd,)
-        Symmetric, not negative, of sum 1.
+        Symmetric weights, 0 or above, with sum 1.
 
     Raises
     ------
@@ -85,18 +85,18 @@ def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
     Parameters
     ----------
     spread_mm : float
-        Wavelength times distance over the diameter of the aperture; the first dark ring has
-        1.22 times this radius. 0 to MOST_ROUND_SAMPLES samples.
+        Wavelength times distance over the diameter of the aperture, in mm; the first dark ring
+        has 1.22 times this radius. 0 to MOST_ROUND_SAMPLES samples.
     sample_mm : float
         Side of a sample, above 0.
     tail : float
-        Share of the light that the kernel may leave out, 0 to 1. The kernel is as small as that
-        allows, at most MOST_ROUND_SAMPLES to each side even if that leaves out more.
+        Largest fraction of the light that the kernel may leave out, 0 to 1. The kernel is as small
+        as that allows, with at most MOST_ROUND_SAMPLES on each side even if that leaves out more.
 
     Returns
     -------
     ndarray of float64, shape (odd, odd)
-        Symmetric, not negative, of sum 1.
+        Symmetric weights, 0 or above, with sum 1.
 
     Raises
     ------
@@ -116,19 +116,20 @@ def round_kernel(spread_mm: float, sample_mm: float, tail: float) -> np.ndarray:
 
 
 def share_beyond(distances_mm: ArrayLike, spread_mm: float, round_aperture: bool) -> np.ndarray:
-    """Share of a point's light that a pattern throws farther than some distances along one axis.
+    """Fraction of a point's light that diffraction spreads farther than a distance on one axis.
 
-    To both sides together. For a square aperture ``1 - 2 (Si(2 pi t) / pi - sin^2(pi t) / (pi^2
-    t))`` with t in spreads; for a round one the light outside the radius at which each direction
-    reaches the line, averaged over the directions.
+    Both sides count together. For a square aperture it is ``1 - 2 (Si(2 pi t) / pi - sin^2(pi t) /
+    (pi^2 t))`` with t in spreads. For a round one it is the light outside the radius at which each
+    direction reaches the line, averaged over directions.
 
     Parameters
     ----------
     distances_mm : array_like
-        Above 0.
+        Distances in mm, above 0.
     spread_mm : float
-        As in `square_kernel` and `round_kernel`; above 0.
+        Wavelength times distance over the aperture's width, in mm, above 0.
     round_aperture : bool
+        Whether the aperture is round; otherwise square.
 
     Returns
     -------
@@ -143,13 +144,13 @@ def share_beyond(distances_mm: ArrayLike, spread_mm: float, round_aperture: bool
 
 
 def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
-    """Blur a raw image; beyond its border the outermost pixels go on.
+    """Blur a raw image; its outermost pixels continue beyond the border.
 
     Parameters
     ----------
     raw : array_like, shape (y, x)
     kernel : ndarray, shape (odd,) or (odd, odd)
-        Of sum 1. One axis stands for both: it is applied along the columns and along the rows.
+        Weights with sum 1. One axis is applied along the columns and along the rows.
 
     Returns
     -------
@@ -172,13 +173,13 @@ def blur_raw(raw: ArrayLike, kernel: np.ndarray) -> np.ndarray:
 
 
 def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
-    """Blur each sub-aperture view, as `blur_raw` does a raw image.
+    """Blur each sub-aperture view like `blur_raw`; its outermost pixels continue outside.
 
     Parameters
     ----------
     views : array_like, shape (v, u, t, s)
     kernel : ndarray, shape (odd,) or (odd, odd)
-        Of sum 1.
+        Weights with sum 1; one axis is applied along both.
 
     Returns
     -------
@@ -199,33 +200,33 @@ def blur_views(views: ArrayLike, kernel: np.ndarray) -> np.ndarray:
 
 
 def share_leaving(kernel: np.ndarray) -> float:
-    """Share of its light that a pixel gives to others.
+    """Fraction of its light that a pixel gives to other pixels.
 
-    The most by which the blur can change a pixel, relative to the range of the image.
+    It bounds the change of a pixel by the blur, relative to the range of the image.
 
     Parameters
     ----------
     kernel : ndarray, shape (odd,) or (odd, odd)
-        Of sum 1. One axis stands for both.
+        Weights with sum 1; one axis is applied along both.
     """
     centre = float(kernel[tuple(n // 2 for n in kernel.shape)])
     return 1 - centre ** (3 - kernel.ndim)
 
 
 def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool) -> float:
-    """Share of the light of an evenly lit square that diffraction throws out of it.
+    """Fraction of the light of a uniformly lit square that diffraction moves out of it.
 
-    The most by which diffraction can change the mean over the square, relative to the range of the
-    light: what leaves it if all is bright inside and dark outside.
+    It bounds the change of the mean over the square, relative to the range of the light: the loss
+    if all is bright inside and dark outside.
 
     Parameters
     ----------
     spread_mm : float
-        As in `square_kernel` and `round_kernel`, 0 or above.
+        Wavelength times distance over the aperture's width, in mm, 0 or above.
     side_mm : float
-        Above 0.
+        Side of the square in mm, above 0.
     round_aperture : bool
-        Whether the aperture is round, or square.
+        Whether the aperture is round; otherwise square.
     """
     ratio = _samples_per_spread(spread_mm, side_mm, 0, math.inf)
     if ratio == 0:
@@ -236,7 +237,7 @@ def share_leaving_square(spread_mm: float, side_mm: float, round_aperture: bool)
 
 
 def _samples_per_spread(spread_mm: float, sample_mm: float, tail: float, most: float) -> float:
-    """Spread in samples, 0 where float64 cannot tell the kernel from a point."""
+    """Spread in samples; 0 where float64 cannot distinguish the kernel from a point."""
     if not (math.isfinite(sample_mm) and sample_mm > 0):
         raise InputError(f"sample_mm must be a positive, finite length in mm, got {sample_mm}.")
     if not 0 <= spread_mm <= most * sample_mm:
@@ -251,7 +252,7 @@ def _samples_per_spread(spread_mm: float, sample_mm: float, tail: float, most: f
 
 
 def _shortest(left_out: np.ndarray, tail: float) -> int:
-    """First index that leaves out no more than the tail, else the last one."""
+    """First index that leaves out at most `tail`, else the last one."""
     enough = np.flatnonzero(left_out <= tail)
     return int(enough[0]) if enough.size else len(left_out) - 1
 
@@ -266,10 +267,10 @@ def _sinc2_twice_integrated(t: np.ndarray) -> np.ndarray:
 
 
 def _airy_shares(ratio: float, half: int) -> np.ndarray:
-    """Share of the Airy pattern under the hat at each sample of a quadrant.
+    """Fraction of the Airy pattern under the hat at each sample of a quadrant.
 
-    With ``A(r)`` the mean of a hat over the circle of radius r, its share is the integral of A
-    over the enclosed light; by parts, ``A(0)`` plus the integral of ``A'(r)`` times the light
+    With ``A(r)`` the mean of a hat over the circle of radius r, the fraction is the integral of A
+    over the enclosed light. By parts it is ``A(0)`` plus the integral of ``A'(r)`` times the light
     outside r, which hardly oscillates.
 
     Returns
@@ -289,7 +290,7 @@ def _airy_shares(ratio: float, half: int) -> np.ndarray:
 
 
 def _panel_edges(ratio: float, reach: int) -> np.ndarray:
-    """Radii between which all is smooth: those of the samples, of the rings, then doubling."""
+    """Radii between which the integrand is smooth: of samples, of rings, then doubling."""
     lattice = np.arange(reach + 1)
     corners = np.sqrt(np.unique(lattice[:, None] ** 2 + lattice**2))
     rings = ratio * np.arange(RINGS + 1)
@@ -302,7 +303,7 @@ def _panel_edges(ratio: float, reach: int) -> np.ndarray:
 def _panel_nodes(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights on a panel, in the square root of the distance from its lower edge.
 
-    A circle that has just touched a line of the grid cuts it as that root.
+    The chord that a circle cuts off a grid line grows as that root once the two touch.
     """
     x, weight = np.polynomial.legendre.leggauss(NODES)
     t = (1 + x) / 2
@@ -310,7 +311,7 @@ def _panel_nodes(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _light_outside(r: np.ndarray) -> np.ndarray:
-    """Share of the Airy pattern outside a radius in spreads; its trend beyond RINGS."""
+    """Fraction of the Airy pattern outside a radius in spreads; its trend beyond RINGS."""
     v = np.pi * r
     return np.where(r > RINGS, 2 / (np.pi * v), scipy.special.j0(v) ** 2 + scipy.special.j1(v) ** 2)
 
@@ -318,7 +319,7 @@ def _light_outside(r: np.ndarray) -> np.ndarray:
 def _corner_slopes(r: np.ndarray, half: int) -> np.ndarray:
     """Slopes in r of the integral of ``(x - m)+ (y - n)+`` over a quarter of a circle.
 
-    Second differences in m and n, from -1 to half + 1, make hats of these corners.
+    Second differences in m and n, from -1 to half + 1, turn these corners into hats.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""What a sensor pixel sees of a layer: the ray bundle behind it, traced backward.
+"""The part of a layer that a sensor pixel sees: its ray bundle, traced backward.
 
 In one dimension a pixel collects all rays that cross its lenslet at ``h + delta`` and reach the
-sensor within its own width. On a layer they cover the segment
+sensor within the pixel's width. On a layer they cover the segment
 ``centre + lenslet_width * a + pixel_width * b`` with a and b uniform in [-1/2, 1/2]: a trapezoid.
-Both axes have this form, and a square lenslet over a square pixel makes the two independent.
+Both axes have this form; with square lenslets and square pixels they are independent.
 """
 
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ class Footprint:
     Attributes
     ----------
     centres_mm : ndarray of float64, shape (views, lenslets)
-        Where the bundle's central ray meets the layer, in mm from the optical axis, upright.
+        Intersection of the bundle's central ray with the layer, in mm from the axis, upright.
     lenslet_width_mm, pixel_width_mm : float
-        Signed images of the lenslet and of the pixel on the layer, in mm.
+        Widths of the images of the lenslet and of the pixel on the layer, in mm, signed.
     shift_per_lenslet_shift : float
-        How far the bundle moves on the layer when the lenslet moves over a pixel that stays.
+        Shift of the bundle on the layer per shift of the lenslet over a pixel that does not move.
     """
 
     centres_mm: np.ndarray
@@ -37,7 +37,7 @@ class Footprint:
 
     @property
     def half_width_mm(self) -> float:
-        """Half of the bundle's full extent on the layer, in mm."""
+        """Half of the bundle's full width on the layer, in mm."""
         return (abs(self.lenslet_width_mm) + abs(self.pixel_width_mm)) / 2
 
 
@@ -49,21 +49,23 @@ def trace_footprint(
     lenslet_scale: float = 1.0,
     neighbour: int = 0,
 ) -> Footprint:
-    """Compose the matrices of the camera into one affine map per pixel, for one axis.
+    """Trace the ray bundles of all pixels along one axis back to a layer.
+
+    The matrices of the camera are composed into one affine map per pixel.
 
     Parameters
     ----------
     camera : PlenopticCamera
     depth_mm : float
-        Depth of the layer.
+        Depth of the layer from the focal plane, in mm.
     axis : int
         0 for rows (v, t), 1 for columns (u, s).
     focal_mm : float, optional
-        Focal length of the main lens for light of another colour.
+        Focal length of the main lens for light of another colour. Default: the camera's.
     lenslet_scale : float, optional
-        True lenslet pitch over the nominal one, by which the sensor is read.
+        True lenslet pitch over the nominal pitch, with which the sensor is read.
     neighbour : int, optional
-        Light that reaches the pixels through the lenslet this many places further on.
+        Number of lenslets by which the light's lenslet is displaced from the pixel's own.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def trace_footprint(
     return _trace_to_layer(camera, float(depth_mm), axis, focal_mm, lenslet_scale, neighbour)
 
 
-@lru_cache(maxsize=32)  # scenes of a data set stand at the same depths
+@lru_cache(maxsize=32)  # the scenes of a data set use the same depths
 def _trace_to_layer(camera, depth_mm, axis, focal_mm, lenslet_scale, neighbour) -> Footprint:
     to_array = camera.object_to_array(depth_mm, focal_mm)
     return _trace(camera, to_array, axis, lenslet_scale, neighbour)
@@ -93,9 +95,10 @@ def trace_stop(
     lenslet_scale: float = 1.0,
     neighbour: int = 0,
 ) -> Footprint:
-    """Trace the same bundles to where they cross a stop `distance_mm` in front of the main lens.
+    """Trace the ray bundles to a stop `distance_mm` in front of the main lens.
 
-    Distance 0 is the aperture of the main lens; the parameters are those of `trace_footprint`.
+    Distance 0 is the aperture of the main lens; the other parameters are those of
+    `trace_footprint`.
     """
     to_array = camera.plane_to_array(distance_mm, focal_mm)
     return _trace(camera, to_array, axis, lenslet_scale, neighbour)
@@ -104,22 +107,22 @@ def trace_stop(
 def _trace(
     camera: PlenopticCamera, to_array: np.ndarray, axis: int, lenslet_scale: float, neighbour: int
 ) -> Footprint:
-    """Compose the bundles' affine maps.
+    """Compose the affine maps of the bundles.
 
     With ``q`` the sensor position relative to the lenslet's axis and S the lenslet-to-sensor
     matrix, the ray's angle is ``(q - S00 * delta) / S01``; the inverse of the object-to-array
-    matrix takes height and angle to the layer. Micro-images are centred on the chief ray.
+    matrix maps height and angle to the layer. Micro-images are centred on the chief ray.
     """
     back = ray_transfer.inverse(to_array)
     (s_height, s_angle), _ = camera.lenslet_to_sensor()
     nominal = centred(camera.lenslets[axis]) * camera.lenslet_pitch_mm
     chief = nominal * camera.lenslet_focal_mm / camera.image_distance_mm
-    # Where the lenslet truly stands, as a departure from nominal: 0 stays 0 without rounding.
+    # True place of the lenslet, as a difference from nominal: 0 stays 0 without rounding.
     moved = (nominal * (lenslet_scale - 1)) + neighbour * lenslet_scale * camera.lenslet_pitch_mm
     pixel = (chief - moved)[None, :] + centred(camera.views)[:, None] * camera.pixel_mm
     # The sensor is turned by 180 degrees: images are upright.
     centres = -(back[0, 0] * (nominal + moved)[None, :] + back[0, 1] * pixel / s_angle)
-    centres.flags.writeable = False  # others may hold it too
+    centres.flags.writeable = False  # the cache shares it
     lenslet_mm = camera.lenslet_pitch_mm * lenslet_scale
     return Footprint(
         centres_mm=centres,
@@ -134,8 +137,8 @@ def trapezoid_cdf(
 ) -> np.ndarray:
     """Cumulative distribution of the sum of two centred uniform variables.
 
-    Written for ``|x|`` in its linear and its quadratic part, so that nothing cancels and one
-    width, or both, may be zero: a zero width makes a box, two make a step whose middle counts half.
+    It is written for ``|x|`` in a linear and a quadratic part, so that nothing cancels and widths
+    may be zero: one zero width makes a box, two make a step with the value 1/2 at its centre.
 
     Parameters
     ----------
@@ -147,7 +150,7 @@ def trapezoid_cdf(
     Returns
     -------
     ndarray of float64
-        Rises from 0 to 1; 1/2 at x = 0.
+        Probability, from 0 to 1; 1/2 at x = 0.
     """
     wide, narrow = np.maximum(width_a, width_b), np.minimum(width_a, width_b)
     if np.any(wide == 0):
@@ -156,7 +159,7 @@ def trapezoid_cdf(
     distance = np.abs(x)
     half = distance / wide
     rest = (wide + narrow) / 2 - distance
-    # In this order no product of widths can underflow.
+    # In this order no product of widths underflows.
     ramp = np.clip(rest, 0, narrow)
     ramp = ramp / wide * (ramp / np.maximum(narrow, np.finfo(float).tiny)) / 2
     half = np.where(rest < narrow, 0.5 - ramp, half)

@@ -1,7 +1,7 @@
 """Ray transfer (ABCD) matrices of paraxial optics.
 
 A ray is the column vector ``(y, theta)``: height in mm and angle in rad at a plane. A matrix maps
-the ray at one plane to the ray at a later one; every matrix here has determinant 1.
+the ray at one plane to the ray at a later plane; every matrix here has determinant 1.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ def free_space(distance_mm: float) -> np.ndarray:
     Parameters
     ----------
     distance_mm : float
-        Distance along the optical axis in mm. Negative means back to a virtual plane.
+        Distance along the optical axis in mm. A negative one leads back to a virtual plane.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def thin_lens(focal_mm: float) -> np.ndarray:
 
 
 def chain(*elements: np.ndarray) -> np.ndarray:
-    """Compose elements, named in the order in which the light meets them.
+    """Matrix of several elements, given in the order in which light passes them.
 
     Returns
     -------
@@ -71,10 +71,10 @@ def chain(*elements: np.ndarray) -> np.ndarray:
 
 
 def inverse(system: np.ndarray) -> np.ndarray:
-    """Matrix of the light path walked backward: ``[[D, -B], [-C, A]]``.
+    """Matrix of the reversed light path: ``[[D, -B], [-C, A]]``.
 
-    Exact for determinant 1: no division, so it holds for imaging (B = 0), afocal (C = 0) and
-    telecentric (A or D = 0) systems alike.
+    It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
+    (C = 0) and telecentric (A or D = 0) systems.
 
     Returns
     -------

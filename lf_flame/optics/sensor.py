@@ -1,10 +1,10 @@
-"""The sensor: from radiance to the radiance that the recorded numbers stand for.
+"""The sensor: from true radiance to recorded radiance.
 
-The linear camera model of EMVA 1288 (release 4.0): photo-electrons are counted with
+This is the linear camera model of EMVA 1288 (release 4.0): photo-electrons are counted with
 Poisson statistics, the electronics add Gaussian noise, the pixel holds a limited charge, and the
-converter rounds to whole digital numbers. Values come back in the unit they went in, so that a
-perfect sensor changes nothing. The black level that converters add, so that read noise around it
-is recorded whole, is taken off again: the numbers may be negative.
+converter rounds to integers. Results have the unit of the input, so that a perfect sensor changes
+nothing. Converters add a black level, so that negative read noise is recorded; it is subtracted
+here, and values may be negative.
 """
 
 from collections.abc import Set
@@ -17,18 +17,18 @@ from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 
 STAGES = ("shot_noise", "read_noise", "saturation", "quantisation")
-"""What a sensor does to an image, in this order."""
+"""Names of the effects of a sensor on an image, in the order in which they act."""
 
 MOST_ELECTRONS = 1e12
-"""Beyond any pixel; together with its inverse it keeps every result within float32."""
+"""Largest number of electrons, above any real pixel; with its inverse all results fit float32."""
 
 MOST_COUNTED = 1e9
-"""Mean number of electrons up to which they are drawn from the Poisson law itself. NumPy's sampler
-fails near 9.2e18; the normal law of the same mean and variance that follows differs by a fraction
-of an electron, where float32 values already stand 64 electrons apart."""
+"""Largest mean number of electrons that is drawn from the Poisson distribution itself. NumPy's
+sampler fails near 9.2e18. Above, a normal distribution with the same mean and variance is used; it
+differs by a fraction of an electron, where float32 values are 64 electrons apart."""
 
 PIXELS_AT_ONCE = 2**20
-"""Pixels that are held as float64 at a time; the result does not depend on it."""
+"""Number of pixels held as float64 at a time; the result does not depend on it."""
 
 
 @strict
@@ -39,13 +39,14 @@ class Sensor:
     Parameters
     ----------
     exposure_e : float
-        Electrons that a pixel of radiance 1 collects, 1e-12 to 1e12.
+        Number of electrons that a pixel of radiance 1 collects, 1e-12 to 1e12.
     full_well_e : float, optional
-        Electrons that a pixel holds, which the highest digital number stands for; 1e-12 to 1e12.
+        Number of electrons at which a pixel saturates, at the highest digital number; 1e-12 to
+        1e12.
     bits : int, optional
-        Bits of the converter, 1 to 16.
+        Number of bits of the converter, 1 to 16.
     read_noise_e : float, optional
-        Standard deviation of the noise of the electronics, in electrons, 0 to 1e12.
+        Standard deviation of the read noise, in electrons, 0 to 1e12.
 
     Raises
     ------
@@ -77,7 +78,7 @@ class Sensor:
 
     @property
     def step_e(self) -> float:
-        """Electrons per digital number."""
+        """Number of electrons per digital number."""
         return self.full_well_e / (2**self.bits - 1)
 
 
@@ -89,13 +90,13 @@ def expose(
     Parameters
     ----------
     values : array_like, any shape
-        Finite radiance values. Negative ones carry no shot noise.
+        Finite radiance values. Negative values get no shot noise.
     sensor : Sensor
     kept : set of str
-        The `STAGES` that are applied. Without saturation the converter has no highest number.
+        The `STAGES` to apply. Without "saturation" the converter has no highest number.
     rng : numpy.random.Generator
-        The only source of chance. Each kind of noise draws from a child of its own, pixel after
-        pixel in C order, so that the shot noise is the same whatever else is kept.
+        Source of all random numbers. Each kind of noise draws from its own child generator, pixel
+        after pixel in C order: the shot noise does not depend on the other stages.
 
     Returns
     -------
@@ -136,7 +137,7 @@ def expose(
 def _record(
     electrons: np.ndarray, sensor: Sensor, kept: Set[str], streams: list[np.random.Generator]
 ) -> np.ndarray:
-    """Electrons that the digital numbers stand for."""
+    """Find the number of electrons for each digital number."""
     few, many, read = streams
     if "shot_noise" in kept:
         electrons = _count(electrons, few, many)
@@ -153,7 +154,7 @@ def _record(
 def _count(
     electrons: np.ndarray, few: np.random.Generator, many: np.random.Generator
 ) -> np.ndarray:
-    """Poisson draws for means up to MOST_COUNTED, normal ones above, none below 0."""
+    """Poisson draws for means up to MOST_COUNTED, normal draws above; negative light stays."""
     light = np.maximum(electrons, 0)
     counted = few.poisson(np.minimum(light, MOST_COUNTED)).astype(np.float64)
     bright = light > MOST_COUNTED

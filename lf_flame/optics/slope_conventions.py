@@ -1,13 +1,13 @@
-"""What a slope is called elsewhere: the numbers of other programs, and back.
+"""Slope conventions of other programs, and conversion from and to them.
 
-A slope is the motion of an image: a point that moves by d lenslets from one view to the next, rows
-counted downward and columns rightward as the views are stored, is in focus at ``slope = d``.
-Programs differ in sign, and some stretch their number with the count of views. `CONVENTIONS` holds
-those whose number is proportional to the slope; a distance of refocusing needs a camera: `ng_alpha`
-and `plenoptomos_distance` make conventions of it.
+A slope is the displacement of an image from one view to the next: a point that moves by d lenslets
+per view, rows counted downward and columns rightward as the views are stored, is in focus at
+``slope = d``. Programs differ in sign, and some scale their number with the number of views.
+`CONVENTIONS` holds those proportional to the slope. A refocusing distance needs a camera:
+`ng_alpha` and `plenoptomos_distance` make conventions for it.
 
-Views must be stored in the same order: a program or decoder that turns the micro-images, and with
-them the views, by 180 degrees changes the sign of every number here.
+The views must be stored in the same order. A program or decoder that turns the micro-images, and
+with them the views, by 180 degrees changes the sign of every number here.
 """
 
 from collections.abc import Callable
@@ -28,13 +28,13 @@ class Convention:
     Attributes
     ----------
     sign : int
-        1 or -1: that of the number for a positive slope.
+        Sign of the number for a positive slope, 1 or -1.
     formula : str
-        The number in terms of the slope and of N views along an axis.
+        Formula of the number in terms of the slope and of N, the number of views along an axis.
     source : str
-        Where the program does it.
+        Place in the program, or publication, that defines the number.
     stretch : callable, optional
-        Slope for a number of 1, without its sign, from the N views along an axis. Default: 1.
+        Function of N that gives the absolute slope for a number of 1. Default: 1 for all N.
     """
 
     sign: int
@@ -43,11 +43,11 @@ class Convention:
     stretch: Callable[[int], float] | None = None
 
     def to_slope(self, number: Number, views: int | None = None) -> Number:
-        """Slope for the program's number; scalar or array."""
+        """Slope in lenslets per view step for the program's number; scalar or array."""
         return _scalar(np.asarray(number, float) * self._factor(views))
 
     def from_slope(self, slope: Number, views: int | None = None) -> Number:
-        """Give the program's number for a slope; scalar or array."""
+        """Program's number for a slope in lenslets per view step; scalar or array."""
         return _scalar(np.asarray(slope, float) / self._factor(views))
 
     def _factor(self, views: int | None) -> float:
@@ -63,14 +63,14 @@ class Convention:
 
 @dataclass(frozen=True)
 class AlphaConvention:
-    """A distance from the lens, relative to one that is in focus: ``slope = scale (1 - z0/z)``.
+    """A distance from the lens, relative to the focused one: ``slope = scale (1 - z0/z)``.
 
     Attributes
     ----------
     scale : float
         Slope at an infinite distance.
     z0 : float
-        The distance in focus as recorded, in any unit; 1 for a ratio.
+        Distance in focus as recorded, in any unit; 1 if the number is a ratio.
     """
 
     scale: float
@@ -94,10 +94,10 @@ class AlphaConvention:
 
 
 def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
-    """Ng's alpha for a camera: image distance over that of the microlens array.
+    """Convention of Ng's alpha for a camera: image distance over that of the microlens array.
 
     ``1 - 1/alpha = -slope * pitch / view_step`` (R. Ng, "Fourier slice photography", ACM Trans.
-    Graph. 24, 2005), as `PlenopticCamera.slope_to_alpha` and `alpha_to_slope` have it.
+    Graph. 24, 2005), like `PlenopticCamera.slope_to_alpha` and `alpha_to_slope`.
     """
     return AlphaConvention(-camera.view_step_mm / camera.lenslet_pitch_mm)
 
@@ -105,20 +105,20 @@ def ng_alpha(camera: PlenopticCamera) -> AlphaConvention:
 def plenoptomos_distance(
     z0: float, view_pitch: float, pixel_pitch: float, magnification: float = 1.0
 ) -> AlphaConvention:
-    """Refocusing distance z of plenoptomos (its parallel beam geometry).
+    """Convention of the refocusing distance z of plenoptomos (its parallel beam geometry).
 
-    It reads a view at ``v`` on the lens at ``t + v (1 - 1/alpha)`` with ``alpha = z / z0``
+    plenoptomos reads a view at ``v`` on the lens at ``t + v (1 - 1/alpha)`` with ``alpha = z / z0``
     (refocus.py, lightfield.py, version 0.2.0): ``slope = view_pitch / (pixel_pitch magnification)
     (1 - z0/z)``.
 
     Parameters
     ----------
     z0 : float
-        The focused distance of its camera.
+        Focused distance of the plenoptomos camera.
     view_pitch, pixel_pitch : float
-        Distance between views on the lens, and between pixels of a view, in one unit.
+        Distance between views on the lens, and between pixels of a view, in the same unit.
     magnification : float, optional
-        Of its geometry; multiplies `pixel_pitch`.
+        Magnification of the plenoptomos geometry; it multiplies `pixel_pitch`.
 
     Raises
     ------
@@ -173,27 +173,29 @@ CONVENTIONS = {
         "upward; Le Pendu, Guillemot, Smolic, IEEE Trans. Image Process. 28, 5740, 2019",
     ),
 }
-"""Conventions by name."""
+"""Conventions of known programs by name."""
 
 
 def to_slope(
     number: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Slope for a number of another program.
+    """Slope for a number of another program or convention.
 
     Parameters
     ----------
     number : float or ndarray
+        Number in that convention.
     convention : str or Convention or AlphaConvention
-        A name in `CONVENTIONS`, or what `ng_alpha` or `plenoptomos_distance` return.
+        A name in `CONVENTIONS`, or the result of `ng_alpha` or `plenoptomos_distance`.
     views : int, optional
-        Views along an axis, for those that depend on it. Where a light field has more rows than
-        columns of views, such a program shears the axes unequally: no slope does the same.
+        Number of views along an axis, for conventions that depend on it. If a light field has more
+        rows than columns of views, such a program shears the axes differently, and no slope does
+        the same.
 
     Returns
     -------
     float or ndarray
-        In lenslets per view step.
+        Slope in lenslets per view step.
 
     Raises
     ------
@@ -212,7 +214,14 @@ def to_slope(
 def from_slope(
     slope: Number, convention: str | Convention | AlphaConvention, views: int | None = None
 ) -> Number:
-    """Give the number of another program for a slope; the inverse of `to_slope`.
+    """Find the number of another program for a slope; the inverse of `to_slope`.
+
+    Parameters
+    ----------
+    slope : float or ndarray
+        Slope in lenslets per view step.
+    convention, views
+        As for `to_slope`.
 
     Examples
     --------

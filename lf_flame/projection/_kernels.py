@@ -1,6 +1,6 @@
-"""The compiled loops of projected images: arrays in, output array filled, nothing returned.
+"""Compiled loops of projected images: arrays in, output array filled, nothing returned.
 
-Every image is worked out by one thread in a fixed order: the bits do not depend on their number.
+One thread computes each image in a fixed order: the bits do not depend on the number of threads.
 All sums run in float64.
 """
 
@@ -12,7 +12,7 @@ from lf_flame._common.threads import pieces, shared
 
 
 def _find_seen(weight, low, high):
-    """First line of each view that is not 0, and one past the last; weight[v, t, i]."""
+    """Find the first line of each view that is not 0, and one past the last; weight[v, t, i]."""
     for v in range(weight.shape[0]):
         low[v], high[v] = 0, weight.shape[1]
         while low[v] < high[v] and not np.any(weight[v, low[v]]):
@@ -22,11 +22,10 @@ def _find_seen(weight, low, high):
 
 
 def _sum_bands(bands, first, weights, block, sums, reach):
-    """Sum lines of a banded matrix: sums[k, cell], 0 but for the cells from reach[k, 0] on.
+    """Sum lines of a banded matrix: sums[k, cell], 0 before cell reach[k, 0] and from reach[k, 1].
 
-    bands: start[v, t] and weight[v, t, i] of the lines, and low[v], high[v], between which lines
-    are not 0.
-    first[v], weights[v, j]: which of them make up line k, see `line_sums`.
+    bands: start[v, t] and weight[v, t, i] of the lines, and low[v], high[v]: lines outside are 0.
+    first[v], weights[v, j]: lines that make up line k, and their weights; see `line_sums`.
     reach[k]: first cell that is not 0, and one past the last.
     """
     length = bands.start.shape[1]
@@ -50,7 +49,7 @@ def _sum_bands(bands, first, weights, block, sums, reach):
 def _weigh_rows(rows, weights, low, high, total):
     """Add rows low to high, weighted: total[i] += sum over j of weights[j] * rows[j, i]."""
     j = low
-    while j + 4 <= high:  # four at a time: fewer loads and stores for each product
+    while j + 4 <= high:  # four rows at a time take fewer loads and stores per product
         a, b, c, d = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
         one, two, three, four = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
         for i in range(np.uint64(total.size)):
@@ -63,7 +62,7 @@ def _weigh_rows(rows, weights, low, high, total):
 
 
 def _span(reach):
-    """First line, or cell, that is in reach, and one past the last."""
+    """Find the first line, or cell, that is in reach, and one past the last."""
     near, far = np.int64(0), np.int64(0)
     for k in range(reach.shape[0]):
         if reach[k, 0] < reach[k, 1]:
@@ -92,9 +91,9 @@ def _add_product(cells, down, down_reach, across, across_reach, out):
 def _add_images(queue, cells, rows, columns, down, across, out):
     """Add a plane's light to images, out[n, t, s].
 
-    cells[j, i]: the plane's light, column by row.
-    rows, columns: the bundles' bands along y and x, see `Bands`.
-    down, across: the sums of lines along y and x, see `LineSums`.
+    cells[j, i]: radiance of the plane, column by row.
+    rows, columns: bands of the bundles along y and x, see `Bands`.
+    down, across: sums of lines along y and x, see `LineSums`.
     """
     count, height, width = out.shape
     for n in pieces(queue, count):

@@ -1,4 +1,4 @@
-"""Which lines of the views make up a line of an image, along one axis, and with which weights."""
+"""Lines of the views that make up a line of an image, along one axis, with their weights."""
 
 from typing import NamedTuple
 
@@ -17,8 +17,11 @@ class LineSums(NamedTuple):
     Attributes
     ----------
     first : ndarray of int64, shape (n, v)
+        Offset of the first line that is read.
     weights : ndarray of float64, shape (n, p, v, tap)
+        Weight of each line.
     block : int
+        Number of lenslets averaged into one pixel.
     """
 
     first: np.ndarray
@@ -34,19 +37,20 @@ def sum_lines(
     Parameters
     ----------
     slopes : ndarray of float64, shape (n,)
+        Slopes in lenslets per view step.
     shares : ndarray of float64, shape (n or 1, p, v)
         Weight of each line of views in each term of an image.
     length : int
-        Lenslets along the axis, a whole multiple of the block.
+        Number of lenslets along the axis, a multiple of `block`.
     block : int
-        Lenslets that are averaged into one pixel.
+        Number of lenslets averaged into one pixel.
     interpolation : str
         As for `lf_flame.refocus.shift_and_sum`.
 
     Returns
     -------
     LineSums
-        A pixel of taps and a block of places together have ``taps + block - 1`` taps.
+        Sums with ``taps + block - 1`` taps: those of the interpolation over a block of lenslets.
     """
     first, taps = shift_taps(view_shifts(slopes, shares.shape[2], length), interpolation)
     merged = np.zeros((len(taps) + block - 1, *first.shape))
@@ -57,21 +61,21 @@ def sum_lines(
 
 
 def split_rows(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Write weights of the views as a sum of products of weights along v and along u.
+    """Write weights of views as a sum of products of weights along v and along u.
 
-    Rows of views that have the same weights share a product: one for all views alike, or for a
-    single view; a round aperture of 15 x 15 views takes 8.
+    Rows of views with the same weights share a product: one product suffices for equal weights or
+    a single view; a round aperture of 15 x 15 views takes 8.
 
     Parameters
     ----------
     weights : ndarray of float64, shape (v, u)
-        0 or above, at least one above 0.
+        Weights, 0 or above, at least one above 0.
 
     Returns
     -------
     down : ndarray of float64, shape (p, v)
     across : ndarray of float64, shape (p, u)
-        ``down.T @ across`` are the weights, divided by their sum.
+        Factors; ``down.T @ across`` are the weights, divided by their sum.
     """
     rows_of: dict[bytes, list[int]] = {}
     for v in np.flatnonzero(weights.any(axis=1)).tolist():

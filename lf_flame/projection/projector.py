@@ -1,4 +1,4 @@
-"""A scene before a camera, ready for refocused images and views without a light field."""
+"""A scene in front of a camera, prepared for refocused images and views without a light field."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -23,21 +23,22 @@ from lf_flame.simulation.rendering import planned_planes
 from lf_flame.simulation.slabs import Plane
 
 Block = tuple[int, int]
-"""Lenslets that are averaged into one pixel, along (t, s)."""
+"""Number of lenslets averaged into one pixel, along (t, s)."""
 
 MOST_KEPT = 64
-"""Planes times passes whose bundles are kept for the next images: about 50 MB for 15 x 15 views of
-270 x 540 lenslets. More, as of many colours, are traced each time."""
+"""Largest number of planes times passes with bundles that are kept for later images: about 50 MB
+for 15 x 15 views of 270 x 540 lenslets. More, as for many colours, are traced for each image."""
 
 
 class Bands(NamedTuple):
-    """What the pixels' bundles take of the cells of a plane, along one axis.
+    """Weights of a plane's cells in the pixels' bundles, along one axis.
 
     Attributes
     ----------
     start : ndarray of int64, shape (view, lenslet)
-        First cell.
+        First cell of each bundle.
     weight : ndarray of float64, shape (view, lenslet, cell)
+        Weights of the cells from there on.
     low, high : ndarray of int64, shape (view,)
         First lenslet that sees the plane, and one past the last.
     """
@@ -49,19 +50,21 @@ class Bands(NamedTuple):
 
 
 class Projector:
-    """A scene before a camera whose images need no light field.
+    """Refocused images and aligned views of a scene, computed without its light field.
 
     Parameters
     ----------
     scene : Scene
+        Scene to project.
     camera : PlenopticCamera
+        Camera in front of it.
     plan : EffectPlan
-        With nothing in `not_separable`.
+        Plan from `lf_flame.plan_effects`, with nothing in `not_separable`.
 
     Raises
     ------
     InputError
-        If a layer lies outside the field, or the plan keeps an effect that needs a light field.
+        If a layer is outside the field, or the plan keeps an effect that needs a light field.
 
     Examples
     --------
@@ -95,17 +98,18 @@ class Projector:
         block: Block = (1, 1),
         weights: ArrayLike | None = None,
     ) -> np.ndarray:
-        """Refocus as `lf_flame.refocus.shift_and_sum` would the light field.
+        """Refocused images, as `lf_flame.refocus.shift_and_sum` makes them from the light field.
 
         Parameters
         ----------
         slopes : float or sequence of float
-            In lenslets per view step, whatever the blocks.
+            Slopes in lenslets per view step, whatever the block.
         interpolation : {"linear", "nearest", "cubic"}, optional
+            Interpolation between lenslets.
         block : (int, int), optional
-            Lenslets that are averaged into one pixel, along (t, s), after refocusing.
+            Number of lenslets averaged into one pixel, along (t, s), after refocusing.
         weights : array_like, shape (v, u), optional
-            Weight of each view, 0 or above; divided by their sum. Default: all alike.
+            Weight of each view, 0 or above; divided by their sum. Default: all equal.
 
         Returns
         -------
@@ -128,15 +132,16 @@ class Projector:
         view_indices: Sequence[tuple[int, int]],
         block: Block = (1, 1),
     ) -> np.ndarray:
-        """Shift some views as `lf_flame.refocus.align_views` would those of the light field.
+        """Shift selected views, as `lf_flame.refocus.align_views` shifts those of the light field.
 
         Parameters
         ----------
         slopes : float or sequence of float
-            0 leaves the views where they are.
+            Slopes in lenslets per view step; 0 leaves the views unshifted.
         view_indices : sequence of (int, int)
             Row and column of each view.
         block : (int, int), optional
+            Number of lenslets averaged into one pixel, along (t, s), after shifting.
 
         Returns
         -------
@@ -156,7 +161,7 @@ class Projector:
         return images.reshape(len(slopes), len(indices), *images.shape[1:])
 
     def _project(self, slopes, shares, interpolation: str, block: Block) -> np.ndarray:
-        """Images at some slopes; shares[axis][n or 1, p, view] of their terms."""
+        """Images at some slopes; shares[axis][n or 1, p, view] are the weights of their terms."""
         lenslets = self.camera.lenslets
         block = as_block(block, lenslets)
         down, across = (
@@ -170,7 +175,7 @@ class Projector:
         return out.astype(np.float32)
 
     def _trace(self) -> Iterator[tuple[np.ndarray, Bands, Bands]]:
-        """Light of each plane, column by row, with the bundles' bands along y and x, by pass."""
+        """Radiance of each plane, column by row, with the bundles' bands along y and x, by pass."""
         for plane in self._planes:
             # All passes have the same share of the light.
             cells = np.multiply(plane.emission.T, self._passes[0].share, order="C")

@@ -2,10 +2,10 @@
 
 Slopes are in lenslets per view step, positive = behind the focal plane (`lf_flame.optics.camera`):
 ``refocused[t, s] = mean over v, u of L[v, u, t + slope (v - vc), s + slope (u - uc)]``
-with vc, uc the middle of the views (Ng et al. 2005; paper, equation 2). It is a true mean: a
+with vc, uc the centre of the views (Ng et al. 2005; paper, equation 2). It is a true mean: a
 constant light field keeps its value.
 
-Names load on first use: refocusing needs Numba, searches and surfaces SciPy too.
+Names load on first use: refocusing needs Numba, searches and surfaces need SciPy too.
 """
 
 import lazy_loader

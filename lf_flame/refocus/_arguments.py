@@ -1,4 +1,4 @@
-"""Checks that all methods of refocusing share."""
+"""Checks of arguments that all refocusing methods share."""
 
 import operator
 import reprlib
@@ -17,11 +17,11 @@ Region = tuple[int, int, int, int]
 """Rows and columns of lenslets, ``(t_start, t_stop, s_start, s_stop)``; stops are excluded."""
 
 READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
-"""Types of pixel that have kernels of their own."""
+"""Pixel types for which kernels are compiled; other types are converted."""
 
 
 def as_views(views: Views) -> np.ndarray:
-    """Sub-aperture views of any real type, not copied; whether they are finite is not checked."""
+    """Sub-aperture views of any real type, not copied; NaN and infinity are not checked."""
     views = views.views if isinstance(views, LightField) else np.asarray(views)
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
@@ -32,7 +32,7 @@ def as_views(views: Views) -> np.ndarray:
 
 
 def as_readable(views: np.ndarray) -> np.ndarray:
-    """Lay views out as the kernels read them; what is laid out so already is not copied."""
+    """Convert views to the type and memory order of the kernels, with a copy only if needed."""
     if views.dtype not in READ_AS_THEY_ARE:
         wide = np.result_type(views.dtype, np.float32) != np.float32
         views = views.astype(np.float64 if wide else np.float32)
@@ -51,7 +51,7 @@ def as_numbers(values: ArrayLike, name: str) -> np.ndarray:
 
 
 def for_slopes(stack: np.ndarray, slopes: ArrayLike) -> np.ndarray:
-    """Give one image for each of several slopes, and the image itself for a single one."""
+    """Give the stack for several slopes, and the image itself for a single slope."""
     return stack[0] if np.ndim(slopes) == 0 else stack
 
 
@@ -63,7 +63,7 @@ def as_slopes(slopes: ArrayLike) -> np.ndarray:
 
 
 def farthest_slope(views: np.ndarray) -> float:
-    """Slope at which the outermost views are shifted by the whole image.
+    """Slope at which the outermost views are shifted by the whole image, in lenslets per view.
 
     Examples
     --------
@@ -89,19 +89,19 @@ def as_steps(slopes: ArrayLike) -> np.ndarray:
 
 
 def shown(numbers: np.ndarray) -> str:
-    """Write numbers on one line, the middle of many left out."""
+    """Write numbers on one line; of many, the middle ones are left out."""
     return np.array2string(numbers, threshold=8, max_line_width=10_000)
 
 
 def refuse_not_finite(views: np.ndarray) -> None:
-    """Say how many pixels are NaN or infinite, if any are."""
-    bad = sum(np.count_nonzero(~np.isfinite(row)) for row in views)  # less memory than all at once
+    """Refuse NaN and infinite pixels; the error says how many there are."""
+    bad = sum(np.count_nonzero(~np.isfinite(row)) for row in views)  # by rows, to save memory
     if bad:
         raise InputError(f"A light field must be finite, got {bad} NaN or infinite pixels.")
 
 
 def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
-    """Weights of the views, all 1 if none are given, times the light field's own.
+    """Weights of views, 1 if none are given, times the light field's own weights.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
     Raises
     ------
     InputError
-        If they cannot be used, or no view counts in both.
+        If they cannot be used, or all products are 0.
     """
     shape = as_views(views).shape[:2]
     own = views.weights if isinstance(views, LightField) else None
@@ -131,12 +131,12 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
 
 
 def as_region(region: ArrayLike, size: tuple[int, ...]) -> Region:
-    """Check a region of an image of so many lenslets, (t, s).
+    """Check a region of an image with `size` lenslets (t, s).
 
     Raises
     ------
     InputError
-        If it is not four whole numbers, or does not lie in the image.
+        If it is not four integers, or is not inside the image.
     """
     edges = np.asarray(region) if np.shape(region) == (4,) else np.empty(0)
     if edges.dtype.kind in "iu":
@@ -150,7 +150,7 @@ def as_region(region: ArrayLike, size: tuple[int, ...]) -> Region:
 
 
 def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]:
-    """Lenslets that are averaged into one pixel, along (t, s), of an image of so many."""
+    """Check the number of lenslets (t, s) that are averaged into one pixel."""
     try:
         down, across = (operator.index(n) for n in block)
     except (TypeError, ValueError):
@@ -164,7 +164,7 @@ def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]
 
 
 def by_channel(refocus, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Refocus the channels of a colour light field one after the other."""
+    """Refocus each channel of a colour light field in turn."""
     if views.ndim == 4:
         return refocus(views, slopes, weights)
     channels = [refocus(views[..., c], slopes, weights) for c in range(views.shape[4])]

@@ -1,10 +1,10 @@
-"""Every compiled loop of shift-and-sum: arrays in, output array filled, nothing returned.
+"""Compiled loops of shift-and-sum: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation`, all loops gather: each output element is summed by one thread
-in a fixed order, so the bits do not depend on the number of threads. Chains of CHAIN fused
-multiply-adds run in the type of the weights, everything beyond them in float64.
+As in `lf_flame.simulation`, all loops gather: one thread sums each output element in a fixed order,
+so the bits do not depend on the number of threads. Chains of CHAIN fused multiply-adds run in the
+type of the weights, all other sums in float64.
 
-Indices are unsigned where a loop is to be vectorised: Python's negative ones cost a branch.
+Indices are unsigned where a loop is vectorised, because Python's negative indices cost a branch.
 """
 
 import numpy as np
@@ -14,10 +14,10 @@ from numba.extending import intrinsic
 from lf_flame._common.threads import pieces, shared, take_next
 
 CHAIN = 8
-"""Views that are summed in one go; lists of views are padded to a multiple with weights of 0."""
+"""Number of views summed in one chain; lists of views are padded to a multiple with weight 0."""
 
 LANES = 16
-"""Lines are padded to a multiple of this, so that no loop over a line has a remainder."""
+"""Number of which padded line lengths are a multiple, so that no loop over a line has a rest."""
 
 
 @intrinsic
@@ -30,9 +30,9 @@ fma = (lambda a, b, c: a * b + c) if config.DISABLE_JIT else _fused
 
 
 def _cut_line(line, start, reach, channels, lines, base, size, probe):
-    """Copy a line from start - reach on, edges repeated.
+    """Copy a line from start - reach on, with its edges repeated.
 
-    Where a pixel is not finite, probe[s] becomes NaN, as 0 times infinity is.
+    Where a pixel is not finite, probe[s] becomes NaN, because 0 times infinity is NaN.
     """
     low, high = max(start - reach, 0), min(start - reach + size, line.size)
     left, right = base + low - (start - reach), base + high - (start - reach)
@@ -46,8 +46,8 @@ def _cut_line(line, start, reach, channels, lines, base, size, probe):
 
 
 def _fill(line, start, stop, step, value):
-    """Put a value into every step-th place."""
-    if step == 1:  # of its own, so that it is vectorised
+    """Write a value to every step-th place."""
+    if step == 1:  # a separate loop, so that it is vectorised
         for s in range(np.uint64(start), np.uint64(stop)):
             line[s] = value
     else:
@@ -56,7 +56,7 @@ def _fill(line, start, stop, step, value):
 
 
 def _link(numbers, v, n, i):
-    """CHAIN numbers as a tuple, which fits into registers."""
+    """CHAIN numbers as a tuple, which the compiler keeps in registers."""
     return (
         numbers[v, n, i, 0], numbers[v, n, i, 1], numbers[v, n, i, 2], numbers[v, n, i, 3],
         numbers[v, n, i, 4], numbers[v, n, i, 5], numbers[v, n, i, 6], numbers[v, n, i, 7],
@@ -64,7 +64,7 @@ def _link(numbers, v, n, i):
 
 
 def _sum_views(lines, first, weight, part):
-    """CHAIN views, each shifted and weighted: part[s]."""
+    """Sum CHAIN views, each shifted and weighted: part[s]."""
     for s in range(np.uint64(part.size)):
         total = weight[0] * lines[first[0] + s]
         for k in range(1, CHAIN):
@@ -73,7 +73,7 @@ def _sum_views(lines, first, weight, part):
 
 
 def _sum_views_twice(lines, first, weight, other, this, that):
-    """As `_sum_views` for two lists of weights, every pixel loaded once."""
+    """Do as `_sum_views` for two lists of weights, loading every pixel once."""
     for s in range(np.uint64(this.size)):
         value = lines[first[0] + s]
         a, b = weight[0] * value, other[0] * value
@@ -87,8 +87,8 @@ def _sum_views_twice(lines, first, weight, other, this, that):
 def _sum_row(lines, at, weights, v, n, channels, parts, total):
     """Sum a row of views: ``weights[j][v, n, i, k] * lines[at[v, n, i, k] + j * channels + s]``.
 
-    The sum is over i, j, k. Tap j of all views is gathered in a line of its own, which is added
-    to total[s] in its place at the end.
+    The sum is over i, j, k. Tap j of all views is summed in a separate line, which is added to
+    total[s] with its offset at the end.
     """
     near, far = parts
     for s in range(total.size):
@@ -109,7 +109,7 @@ def _sum_row(lines, at, weights, v, n, channels, parts, total):
 
 
 def _add_row(total, row, offset, weight, sums, n):
-    """Add a row to all rows t of sums[n, t, s] that show it: where t + offset, clamped, is row."""
+    """Add a row to each row t of sums[n, t, s] that shows it: t + offset, clamped, is row."""
     height = sums.shape[1]
     low = 0 if row == 0 else max(row - offset, 0)
     high = height if row == height - 1 else min(row - offset + 1, height)
@@ -124,14 +124,14 @@ def _shift_and_sum(
     """Weighted sums of shifted views, for several slopes: out[n, t, s].
 
     views[v, u, t, s]: the channels of a lenslet are neighbours along s.
-    reach: pixels that the taps bring in from beyond a block of columns.
-    used[v, u]: whether a view counts.
-    at[v, n, i, k], weights[j][v, n, i, k]: where tap 0 of view (i, k) reads in the padded lines of
+    reach: number of pixels that the taps read beyond a block of columns.
+    used[v, u]: whether a view has a weight above 0.
+    at[v, n, i, k], weights[j][v, n, i, k]: position of tap 0 of view (i, k) in the padded lines of
     all u, and the weight of tap j.
     down[v, n], down_weights[v, n, j]: row of tap 0 for t = 0, and the weights of the taps.
     sums[g, n, t, s]: room for the sums of each group of rows of views.
-    done[k]: counts the groups that are done with a block of columns: the last one adds them up.
-    bad[k]: whether a pixel is not finite, for each of the blocks and groups.
+    done[k]: number of groups that have finished a block of columns; the last one adds them up.
+    bad[k]: whether a pixel is not finite, for each block and group.
     """
     rows, columns, height, width = views.shape
     groups, slopes = sums.shape[:2]
@@ -161,12 +161,12 @@ def _shift_and_sum(
         bad[k] = np.any(np.isnan(probe))
         mine = slice(start, start + size)
         sums[group, :, :, mine] = block
-        if take_next(done, k // groups) == groups - 1:  # the last of its columns
+        if take_next(done, k // groups) == groups - 1:  # the last group of these columns
             merge(sums[:, :, :, mine], out[:, :, mine])
 
 
 def _merge(sums, out):
-    """Sum over the groups: out[n, t, s]."""
+    """Add up the groups: out[n, t, s]."""
     groups, slopes, height, width = sums.shape
     for n in range(slopes):
         for t in range(height):

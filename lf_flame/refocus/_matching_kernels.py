@@ -1,6 +1,6 @@
 """Compiled loop that compares shifted views: arrays in, output array filled, nothing returned.
 
-It gathers in a fixed order, each row by itself: the bits do not depend on the number of threads.
+It gathers in a fixed order, one thread per row: the bits do not depend on the number of threads.
 """
 
 import numpy as np
@@ -9,11 +9,11 @@ from lf_flame._common.compiling import compiled
 from lf_flame._common.threads import pieces, shared
 
 TAPS = 4
-"""Lenslets along an axis that a shifted view is read from."""
+"""Number of lenslets along an axis from which a shifted view is interpolated."""
 
 
 def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
-    """Row of a view, shifted along both axes: out[s].
+    """Shift a row of a view along both axes: out[s].
 
     row[a]: rows that are read, down_weight[a] their weights; start: lenslet that tap 0 reads for
     s = 0; line: room for a row with `reach` lenslets beyond both ends, where the edges repeat.
@@ -34,16 +34,16 @@ def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
 
 
 def _add_squares(row, reference, count, total):
-    """Add the squared difference of two rows, which counts so much."""
+    """Add the squared difference of two rows, times a weight."""
     for s in range(np.uint64(total.size)):
         difference = row[s] - reference[s]
         total[s] += count * (difference * difference)
 
 
 def _bring_to_level(level, down, start, height, row):
-    """Multiply a shifted row by a view's level, which is a polynomial in the view's own place.
+    """Multiply a shifted row by a view's level, a polynomial in the view's own coordinates.
 
-    down: row of the view that is shown; start: its lenslet that is shown at s = 0.
+    down: row of the view that is shown; start: lenslet of the view shown at s = 0.
     """
     t = np.float32(2.0 * down / max(height - 1, 1) - 1.0)
     step = np.float32(2.0 / max(row.size - 1, 1))
@@ -59,16 +59,16 @@ def _compare_views(
     queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
     counts, middle_counts, shifts_down, shifts_across, even, levels, middles, out,
 ):  # fmt: skip
-    """Squared differences of shifted views from the middle: out[i, part, s] for row rows[i].
+    """Squared differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
-    The middle itself goes to middles[i, s].
+    The central view itself goes to middles[i, s].
 
-    down[v], across[u]: by how much tap 0 is moved; down_weights[v, a], across_weights[u, b].
-    parts_down[v], parts_across[u]: 0 before the middle, 1 in it, 2 behind it; a part is
-    ``3 parts_down + parts_across``, and the middle is the mean of the views of part 4.
-    counts[v, u], middle_counts[v, u]: how much a view counts, and for the middle.
-    shifts_down[v], shifts_across[u]: by how much views are moved, in all.
-    even: whether views are as bright as the middle; levels[v, u, power]: else by what to multiply.
+    down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
+    parts_down[v], parts_across[u]: 0 before the centre, 1 in it, 2 after it; a part is
+    ``3 parts_down + parts_across``, and the central view is the mean of the views of part 4.
+    counts[v, u], middle_counts[v, u]: weights of the views, and for the central view.
+    shifts_down[v], shifts_across[u]: whole shifts of the views.
+    even: whether all views are as bright as the central one; else levels[v, u, power] multiply.
     """
     height, width = views.shape[2:]
     reach = TAPS

@@ -1,7 +1,7 @@
 """Compiled loop of the slope search: arrays in, output array filled, nothing returned.
 
-A matrix product that BLAS would do too, but in another order on another number of threads; this one
-sums in one order, in float64, and the bits stay the same.
+It is a matrix product. BLAS would sum in another order on another number of threads; this loop sums
+in one order, in float64, so that the bits stay the same.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame._common.threads import pieces, shared
 
 BLOCK = 512
-"""Columns that are worked on together."""
+"""Number of columns that are processed together."""
 
 
 def _add_product(queue, left, right, out):

@@ -1,7 +1,7 @@
 """Compiled loop of refocusing on a surface: arrays in, output array filled, nothing returned.
 
-As in `lf_flame.simulation`, the loop gathers and all sums run in float64, in a fixed
-order: the bits do not depend on the number of threads.
+As in `lf_flame.simulation`, the loop gathers and all sums run in float64 in a fixed order: the bits
+do not depend on the number of threads.
 """
 
 import math
@@ -15,8 +15,8 @@ from lf_flame._common.threads import pieces, shared
 def _refocus_row(views, line, t, weights, taps, out):
     """Refocus row t of an image with a slope for each of its pixels, line[s]: out[s, c].
 
-    A pixel's shift along t depends on the row of the view only, that along s on its column, so
-    the interpolation has rows + columns sets of taps to place, and not rows * columns.
+    A pixel's shift along t depends only on the row of the view, its shift along s only on the
+    column. Interpolation therefore needs rows + columns sets of taps, not rows * columns.
     """
     rows, columns, height, width, channels = views.shape
     right = np.empty((columns, taps, width), np.int64)
@@ -45,15 +45,15 @@ def _refocus_row(views, line, t, weights, taps, out):
 
 
 def _place_taps(line, middle, start, step, length, stride, index, weight):
-    """Where a view is read for each pixel along one axis: index[tap, s] and its weight[tap, s].
+    """Find where a view is read for each pixel along one axis: index[tap, s], weight[tap, s].
 
-    Pixel s stands at start + s * step; taps outside the axis read its edge. One tap rounds the
-    shift, two interpolate linearly, four by Keys' cubic convolution with a = -1/2 (IEEE Trans.
-    Acoust. Speech Signal Process. 29, 1153, 1981).
+    Pixel s is at start + s * step; taps outside the axis read its edge. One tap rounds the shift,
+    two interpolate linearly, four use Keys' cubic convolution with a = -1/2 (IEEE Trans. Acoust.
+    Speech Signal Process. 29, 1153, 1981).
     """
     taps = index.shape[0]
     for s in range(line.size):
-        # Further out, every tap lies beyond the edge.
+        # Beyond these limits every tap reads the edge.
         shift = min(max(line[s] * middle, -length - 2.0), length + 2.0)
         whole = math.floor(shift + 0.5) if taps == 1 else math.floor(shift)
         f = shift - whole
@@ -72,7 +72,7 @@ def _place_taps(line, middle, start, step, length, stride, index, weight):
 
 
 def _add_view(view, down, right, tap_weight, weight, part):
-    """Add weight times the row of a flat view that down points to, interpolated along s."""
+    """Add weight times a row of a flat view, starting at `down`, interpolated along s."""
     for b in range(right.shape[0]):
         for c in range(part.shape[0]):
             for s in range(down.size):
@@ -84,7 +84,7 @@ def _add_view(view, down, right, tap_weight, weight, part):
 def _refocus_surface(queue, views, slopes, weights, taps, out):
     """Weighted mean of views[v, u, t, s, c], shifted by slopes[n, t, s]: out[n, t, s, c].
 
-    weights[v, u]: of the views, with sum 1; those of weight 0 are not read.
+    weights[v, u]: weights of the views, with sum 1; views of weight 0 are not read.
     """
     height = slopes.shape[1]
     for k in pieces(queue, slopes.shape[0] * height):

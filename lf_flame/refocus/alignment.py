@@ -1,4 +1,4 @@
-"""Aligning some views on a slope, each kept by itself: what networks that refocus look at."""
+"""Aligning selected views on a slope without averaging them, as input of refocusing networks."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ def align_views(
     *,
     block: tuple[int, int] = (1, 1),
 ) -> np.ndarray:
-    """Shift some views so that what stands at a slope is at the same place in all of them.
+    """Shift some views so that objects at a slope are at the same place in all of them.
 
     View (v, u) becomes ``L[v, u, t + slope (v - vc), s + slope (u - uc)]``, interpolated linearly,
     coordinates clamped at the edges; the mean over all views is `shift_and_sum`.
@@ -35,18 +35,18 @@ def align_views(
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Views whose indices are not given are not read.
+        Views; those without an index are not read.
     slopes : float or sequence of float
-        In lenslets per view step, whatever the blocks.
+        Slopes in lenslets per view step, whatever the block.
     view_indices : sequence of (int, int)
-        Row and column of each view.
+        Row and column of each view, counted from 0.
     block : (int, int), optional
-        Lenslets that are averaged into one pixel, along (t, s), after shifting.
+        Number of lenslets averaged into one pixel, along (t, s), after shifting.
 
     Returns
     -------
-    ndarray of float32, shape (n, views, t / block, s / block) or with a last axis of channels
-        Without the first axis for a single slope.
+    ndarray of float32, shape (n, views, t / block, s / block), or with a last axis of channels
+        Aligned views; without the first axis for a single slope.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def align_views(
 
 
 def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, ...]) -> np.ndarray:
-    """Rows and columns of views of a light field that has so many, [k, 2]."""
+    """Check rows and columns of views against the light field's number of views, [k, 2]."""
     indices = np.asarray(view_indices)
     if indices.ndim != 2 or indices.shape[1:] != (2,) or indices.dtype.kind not in "iu":
         raise InputError(f"Views are indexed by pairs of row and column, got {view_indices!r}.")
@@ -98,9 +98,9 @@ def as_view_indices(view_indices: Sequence[tuple[int, int]], shape: tuple[int, .
 
 
 def _as_images(views: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lay views out as images[m, t, x] of float32, and say which of them are those at the indices.
+    """Give views as images[m, t, x] of float32, and the numbers m of those at the indices.
 
-    Where they are laid out so already, nothing is copied; else only what is asked for.
+    If the views have this form already, nothing is copied; else only the views at the indices.
     """
     shape = views.shape[:2]
     at = np.ravel_multi_index(tuple(indices.T), shape)
@@ -111,20 +111,20 @@ def _as_images(views: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _taps(shifts: np.ndarray, length: int, block: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find what is read for each pixel of the output along an axis, and its weight.
+    """Find the lenslets that each output pixel along an axis is read from, and their weights.
 
     Parameters
     ----------
     shifts : ndarray, shape (k, n)
-        In lenslets.
+        Shifts in lenslets.
     length, block : int
-        Lenslets along the axis, and in a pixel.
+        Number of lenslets along the axis, and in a pixel.
 
     Returns
     -------
     ndarray of int, shape (k, n, length / block, block + 1)
     ndarray of float32, shape (k, n, block + 1)
-        Sums to 1.
+        Weights with sum 1.
     """
     first, (near, far) = shift_taps(np.clip(shifts, -length, length), "linear")
     weights = np.ones((*shifts.shape, block + 1))
@@ -136,7 +136,7 @@ def _taps(shifts: np.ndarray, length: int, block: int) -> tuple[np.ndarray, np.n
 
 @njit
 def _combine_rows(view, rows, weights, line):
-    """Weighted sum of rows of a view[t, x]: line[x]."""
+    """Sum weighted rows of a view[t, x]: line[x]."""
     line[:] = 0.0
     for j in range(rows.size):
         weight, row = weights[j], view[rows[j]]
@@ -149,8 +149,8 @@ def _combine_rows(view, rows, weights, line):
 def _align_in_blocks(queue, images, at, rows, row_weights, columns, column_weights, channels, out):
     """Shift images[at[k], t, x], average them over blocks: out[n, k, i, j * channels + c].
 
-    images: the channels of a lenslet are neighbours along x.
-    rows[k, n, i, a], row_weights[k, n, a]: which rows make up row i of the output.
+    images: the channels of a lenslet are adjacent along x.
+    rows[k, n, i, a], row_weights[k, n, a]: rows that make up row i of the output.
     columns[k, n, j, b], column_weights[k, n, b]: the same along x, for channel 0.
     """
     slopes, count, height = out.shape[:3]

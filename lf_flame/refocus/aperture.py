@@ -1,7 +1,7 @@
-"""Synthetic apertures: the weight that each view has in a refocused image.
+"""Synthetic apertures: the weight of each view in a refocused image.
 
-The views divide the square aperture of the main lens into as many squares. A smaller, round or
-annular aperture takes of each view the part of its square that lies inside.
+The views divide the square aperture of the main lens into squares. The weight of a view is the part
+of its square inside the smaller, round or annular aperture.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,30 +21,31 @@ def aperture_weights(
     shape: str = "round",
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> np.ndarray:
-    """Weights of the views for an aperture of any size and place, its middle covered or not.
+    """Weights of views for an aperture of any size and position, full or annular.
 
     Parameters
     ----------
     views : (int, int)
-        Views along v and u; where they differ, a round aperture is an ellipse.
+        Number of views along v and u; if they differ, a round aperture is an ellipse.
     width : float, optional
-        In widths of the full aperture, above 0. What lies beyond the full one is cut off.
+        Width of the aperture in widths of the full one, above 0; it is cut at the full aperture.
     ring : float, optional
-        Width of the middle that is covered, 0 or more, below `width`.
+        Width of the covered centre of an annular aperture, 0 or more, below `width`.
     shape : {"round", "square"}, optional
+        Shape of the aperture.
     centre : (float, float), optional
-        Where the aperture's centre is, rows and columns of views from the middle one: the
-        viewpoint. What is in focus stands still when it moves.
+        Centre of the aperture, in rows and columns of views from the central view: the viewpoint.
+        Objects in focus do not move with it.
 
     Returns
     -------
     ndarray of float64, shape (v, u), values from 0 to 1
-        Part of each view's square that lies inside, for `shift_and_sum` and the like.
+        Fraction of each view's square inside the aperture, for `shift_and_sum` and others.
 
     Raises
     ------
     InputError
-        If the numbers are out of range, or no view lies inside.
+        If a number is out of range, or no view is inside.
 
     Examples
     --------
@@ -81,13 +82,14 @@ def aperture_weights(
 
 
 def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
-    """Weights of the views for a round aperture about the middle view.
+    """Weights of views for a round aperture centred on the central view.
 
     Parameters
     ----------
     views : (int, int)
+        Number of views along v and u.
     diameter : float, optional
-        In widths of the full aperture, above 0. Beyond 1 it is cut by the square of the views,
+        Diameter in widths of the full aperture, above 0. Above 1 the square of the views cuts it;
         from sqrt(2) on it is the full aperture.
 
     Returns
@@ -97,7 +99,7 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
     Raises
     ------
     InputError
-        If the numbers are out of range.
+        If a number is out of range.
 
     Examples
     --------
@@ -111,13 +113,14 @@ def round_aperture(views: tuple[int, int], diameter: float = 1.0) -> np.ndarray:
 
 
 def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Weights of the views where only some are used, all alike.
+    """Weights of views that select some views, all with weight 1.
 
     Parameters
     ----------
     views : (int, int)
+        Number of views along v and u.
     view_indices : sequence of (int, int)
-        Row and column of each view that is used.
+        Row and column of each view to use.
 
     Returns
     -------
@@ -135,11 +138,12 @@ def sparse_aperture(views: tuple[int, ...], view_indices: Sequence[tuple[int, in
 
 
 def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -> np.ndarray:
-    """Weights of the views for a ring: a round aperture with its middle covered.
+    """Weights of views for a ring: a round aperture with its centre covered.
 
     Parameters
     ----------
     views : (int, int)
+        Number of views along v and u.
     inner, outer : float
         Diameters in widths of the full aperture, inner below outer.
 
@@ -157,15 +161,16 @@ def annular_aperture(views: tuple[int, int], inner: float, outer: float = 1.0) -
 
 
 def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
-    """Weights of the views for the depth of field of an ordinary camera stopped to an f-number.
+    """Weights of views for the depth of field of an ordinary camera at an f-number.
 
-    The f-number is the working one, distance of the microlens array over the diameter of the
-    aperture; the lenslets' own, focal length over width of the micro-image, is the smallest.
+    It is the working f-number: distance of the microlens array over the diameter of the aperture.
+    Its smallest value is that of the lenslets, focal length over width of the micro-image.
 
     Parameters
     ----------
     camera : PlenopticCamera
     f_number : float
+        Working f-number.
 
     Returns
     -------
@@ -174,7 +179,7 @@ def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
     Raises
     ------
     InputError
-        If the views do not reach that far.
+        If the f-number is below the smallest one.
 
     Examples
     --------
@@ -193,14 +198,14 @@ def f_number_aperture(camera: PlenopticCamera, f_number: float) -> np.ndarray:
 
 
 def _edges(views: int, width: float, centre: float) -> np.ndarray:
-    """Edges of the views' squares, from the aperture's centre in halves of its width."""
-    with np.errstate(over="ignore"):  # of a width next to 0, all lie beyond
+    """Edges of the views' squares, from the aperture's centre, in halves of its width."""
+    with np.errstate(over="ignore"):  # for a width near 0, all edges are outside
         return 2 * (centred(views + 1) - centre) / views / width
 
 
 def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
-    """Part of each view's square inside a disc."""
-    width = min(width, 4.0)  # beyond, it holds all views wherever among them its centre is
+    """Fraction of each view's square inside a disc."""
+    width = min(width, 4.0)  # a wider one holds all views for any centre among them
     down, right = (_edges(n, width, at) for n, at in zip(views, centre, strict=True))
     area = _area_to(down[:, None], right[None, :])
     inside = np.diff(np.diff(area, axis=0), axis=1)
@@ -208,7 +213,7 @@ def _inside_disc(views: tuple[int, int], width: float, centre: tuple[float, floa
 
 
 def _inside_square(views: tuple[int, int], width: float, centre: tuple[float, float]) -> np.ndarray:
-    """Part of each view's square inside a square; where the views differ, a rectangle."""
+    """Fraction of each view's square inside a square (a rectangle if the views differ)."""
     width = min(width, 4.0)
     down, right = (
         np.diff(np.clip(_edges(n, width, at), -1, 1)) * n * width / 2
@@ -218,14 +223,14 @@ def _inside_square(views: tuple[int, int], width: float, centre: tuple[float, fl
 
 
 SHAPES: dict[str, Callable[..., np.ndarray]] = {"round": _inside_disc, "square": _inside_square}
-"""Part of each view's square, (v, u), inside an aperture of a width about a centre, by shape."""
+"""Fraction by shape of each view's square, (v, u), inside an aperture (width, centre)."""
 
 
 def _area_to(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Area of the unit disc between the axes and (y, x), with the sign of y x."""
     sign = np.sign(y) * np.sign(x)
     y, x = np.minimum(np.abs(y), 1), np.minimum(np.abs(x), 1)
-    corner = np.sqrt(1 - y**2)  # where the circle meets the height y
+    corner = np.sqrt(1 - y**2)  # x at which the circle reaches the height y
     beyond = (_under_circle(x) - _under_circle(corner)) + y * corner
     return sign * np.where(x <= corner, x * y, beyond)
 

@@ -1,4 +1,4 @@
-"""Pictures of slopes: sharpness curves, slope maps, and regions in focus."""
+"""Figures of slopes: sharpness curves, slope maps, and regions in focus."""
 
 from functools import partial
 
@@ -10,13 +10,13 @@ from lf_flame.optics.camera import PlenopticCamera
 
 
 def with_depth(text: str, slope: float, camera: PlenopticCamera | None) -> str:
-    """Add the depth in mm to a slope's text, where the camera is known and has such a layer."""
+    """Add the depth in mm to a slope's text, if the camera is known and has such a layer."""
     depth = None if camera is None else camera.slope_to_real_depth(slope)
     return text if depth is None or not np.isfinite(depth) else f"{text} ({depth + 0.0:+.4g} mm)"
 
 
 def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
-    """Write depths below an axis's slopes, where the camera is known; gives the label."""
+    """Write depths below an axis's slopes, if the camera is known; returns the label."""
     if camera is None:
         return "slope (lenslets per view step)"
     axis.set_major_formatter(
@@ -26,16 +26,16 @@ def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
 
 
 def search_figure(searches, labels=None, camera=None):
-    """Sharpness against slope: one curve a search, its peak marked.
+    """Sharpness against slope: one curve per search, with its peak marked.
 
     Parameters
     ----------
     searches : list of SlopeSearch
-        Those without a peak are drawn without a mark.
+        Searches; those without a peak are drawn without a mark.
     labels : list of str, optional
-        What each search looked at. Default: its region.
+        Name of each search. Default: its region.
     camera : PlenopticCamera, optional
-        Gives depths in mm beside the slopes.
+        Camera for depths in mm beside the slopes.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def draw_searches(axis, searches, labels) -> None:
 
 
 def shown_slope(slope: float, digits: int) -> str:
-    """Write a slope out, without a minus before zero."""
+    """Write a slope without a minus sign before zero."""
     return f"{round(slope, digits) + 0.0:.{digits}f}"
 
 
@@ -77,13 +77,13 @@ def _shown_slope(slope: float, camera: PlenopticCamera | None) -> str:
 
 
 def slope_map_figure(focus_map, camera=None):
-    """Everything in focus beside the slope of each pixel, paler where it is less trusted.
+    """Everything in focus beside the slope of each pixel, paler where it is less certain.
 
     Parameters
     ----------
     focus_map : lf_flame.refocus.FocusMap
     camera : PlenopticCamera, optional
-        Gives depths in mm beside the slopes.
+        Camera for depths in mm beside the slopes.
 
     Returns
     -------
@@ -105,14 +105,14 @@ def slope_map_figure(focus_map, camera=None):
 
 
 def regions_figure(image: np.ndarray, surface: np.ndarray, regions):
-    """Draw an image of which some regions are in focus beside the slope of each pixel.
+    """Draw an image with some regions in focus, beside the slope of each pixel.
 
     Parameters
     ----------
     image : ndarray, shape (t, s) or (t, s, 3), from 0 to 1
     surface : ndarray, shape (t, s)
     regions : sequence of (int, int, int, int)
-        First and last but one row, first and last but one column.
+        First row, last row + 1, first column, last column + 1 of each region.
 
     Returns
     -------

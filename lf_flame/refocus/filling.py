@@ -1,10 +1,10 @@
-"""Slopes where a map has none that is certain: by votes that travel through a picture.
+"""Filling a slope map where it is uncertain, by votes that spread through a guide image.
 
-Each certain pixel votes for its slope, and votes fade on their way, faster over the edges of the
-picture: by the recursive filter of the domain transform (Gastal, Oliveira, ACM Trans. Graph. 30
-(4), 69, 2011). A pixel takes the slope for which most votes arrive, and of those votes the mean: so
-no surface is invented halfway between two others, as by smoothing slopes themselves, and the noise
-of neighbours on one surface averages out.
+Each certain pixel votes for its slope. Votes decay on their way, faster across edges of the guide
+image, by the recursive filter of the domain transform (Gastal, Oliveira, ACM Trans. Graph. 30 (4),
+69, 2011). A pixel takes the slope with most votes, as the mean of those votes. Unlike smoothing of
+slopes, this invents no surface halfway between two others, and the noise of neighbours on one
+surface averages out.
 """
 
 from itertools import pairwise
@@ -14,38 +14,38 @@ import numpy as np
 from lf_flame._common.threads import pieces, shared
 
 REACH = 20.0
-"""Standard deviation of a vote's way, in lenslets, where the picture is even."""
+"""Standard deviation of a vote's distance, in lenslets, where the guide image is uniform."""
 
 BLOCK = 64
-"""Columns that are worked on together."""
+"""Number of columns that are processed together."""
 
 EDGE = 0.5
-"""Change of brightness, in standard deviations of the picture, as far as the reach."""
+"""Change of brightness that is as far as REACH, in standard deviations of the guide image."""
 
 TURNS = 3
-"""Times that votes travel along rows and columns; Gastal and Oliveira's number."""
+"""Number of passes along rows and columns, as in Gastal and Oliveira."""
 
 
 def fill_slopes(
     values: np.ndarray, votes: np.ndarray, picture: np.ndarray, slopes: np.ndarray
 ) -> np.ndarray:
-    """Give each pixel the slope that most votes around it are for.
+    """Give each pixel the slope with most votes around it.
 
     Parameters
     ----------
     values : ndarray of float64, shape (t, s)
         Slopes.
     votes : ndarray of float64, shape (t, s)
-        How much each of them counts, 0 or above; 0 where it is not certain.
+        Weight of each slope, 0 or above; 0 where it is uncertain.
     picture : ndarray, shape (t, s) or (t, s, channels)
-        What the pixels show; its edges hold votes back.
+        Guide image; its edges stop votes.
     slopes : ndarray of float64, shape (n,)
-        Rising in equal steps: votes are for the same slope if they are nearer than a step.
+        Slopes in equal rising steps: votes closer than a step are for the same slope.
 
     Returns
     -------
     ndarray of float64, shape (t, s)
-        Where no vote arrives, the mean of all votes, or without any that of all values.
+        Slopes. Where no vote arrives, the mean of all votes, or without any, of all values.
     """
     if not votes.any():
         return np.full(values.shape, values.mean())
@@ -63,12 +63,12 @@ def fill_slopes(
 
 
 def _nearness(at: np.ndarray, k: int) -> np.ndarray:
-    """1 where a slope is number k of the slopes, and 0 from a step away on; ends hold the rest."""
+    """Weights, 1 at slope number k, and 0 from one step away on; ends hold the rest."""
     return np.maximum(1 - np.abs(at - k), 0)
 
 
 def _arriving(values: np.ndarray, votes: np.ndarray, links: list) -> np.ndarray:
-    """Votes, and votes times slopes, after they have travelled: shape (2, t, s)."""
+    """Votes, and votes times slopes, after they have spread: shape (2, t, s)."""
     planes = np.stack([votes, votes * values])
     if votes.any():
         for down, across in links:
@@ -78,10 +78,10 @@ def _arriving(values: np.ndarray, votes: np.ndarray, links: list) -> np.ndarray:
 
 
 def _links(picture: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """How closely each pixel is tied to the one above and to the left, in each turn.
+    """Find how strongly each pixel is linked to the one above and to the left, in each pass.
 
-    Of turn i of N the standard deviation is ``REACH sqrt(3) 2^(N - i) / sqrt(4^N - 1)``, so that
-    their variances add up to that of the reach (equation 14 there).
+    In pass i of N the standard deviation is ``REACH sqrt(3) 2^(N - i) / sqrt(4^N - 1)``, so that
+    the variances add up to that of REACH (equation 14 there).
     """
     picture = np.atleast_3d(picture).astype(np.float64)
     spread = float(picture.std())
@@ -98,7 +98,7 @@ def _links(picture: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 @shared
 def _smooth_rows(queue, planes, links):
-    """Smooth planes[k, t, s] along s, forth and back: links[t, s] ties s - 1 to s, from 0 to 1."""
+    """Smooth planes[k, t, s] along s, forth and back; links[t, s], 0 to 1, is from s - 1 to s."""
     width = planes.shape[2]
     for t in pieces(queue, planes.shape[1]):
         for k in range(planes.shape[0]):
@@ -111,7 +111,7 @@ def _smooth_rows(queue, planes, links):
 
 @shared
 def _smooth_columns(queue, planes, links):
-    """Smooth planes[k, t, s] along t, forth and back: links[t, s] ties t - 1 to t, from 0 to 1."""
+    """Smooth planes[k, t, s] along t, forth and back; links[t, s], 0 to 1, is from t - 1 to t."""
     height, width = planes.shape[1:]
     for block in pieces(queue, (width + BLOCK - 1) // BLOCK):
         first, last = np.uint64(block * BLOCK), np.uint64(min((block + 1) * BLOCK, width))

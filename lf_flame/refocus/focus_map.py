@@ -1,18 +1,18 @@
 """Slope map and image with everything in focus.
 
-`all_in_focus` has the views, and asks at which slope those that see a place match the middle one
-(`lf_flame.refocus.matching`). `depth_from_focus` has a focal stack alone. Either map is then
-filled where it is not certain, along the picture (`lf_flame.refocus.filling`).
+`all_in_focus` uses the views: it finds the slope at which those that see a place match the central
+view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Uncertain parts of
+either map are then filled, guided by the image (`lf_flame.refocus.filling`).
 
-Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994): at each
-pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
+Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994) finds at
+each pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
 stack. Sharpness is the gradient energy of the low-passed slice under a Gaussian window.
 
 The stack should come from exact shifts (`refocus` with "sinc"). With linear interpolation a slice
 is piecewise linear in the slope, with kinks where a view's shift is a whole number of lenslets, and
-the energy peaks at the kinks: planted surfaces come out wrong by more than 0.02 in the median, with
-exact shifts by less than 0.01. No low-pass mends that, nor do the modified Laplacian or the
-variance over the views.
+the energy peaks at the kinks: slopes of known surfaces are then wrong by more than 0.02 in the
+median, with exact shifts by less than 0.01. Neither a low-pass nor the modified Laplacian nor the
+variance over the views removes this error.
 """
 
 from dataclasses import dataclass
@@ -37,52 +37,52 @@ from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.surface import refocus_surface
 
 LOW_PASS = 1.0
-"""Standard deviation, in lenslets, of the Gaussian before the gradient: keeps aliasing out."""
+"""Standard deviation of the Gaussian before the gradient, in lenslets; it suppresses aliasing."""
 
 FLOOR = 0.1
-"""Sharpness, as a part of its mean over the image, at which confidence is halved."""
+"""Sharpness at which confidence is halved, as a fraction of its mean over the image."""
 
 TRUSTED = 0.2
-"""Confidence from which a slope is called certain."""
+"""Smallest confidence of a certain slope."""
 
 VOTING = 0.1
-"""Confidence from which a pixel's slope counts for itself and its surroundings: lower, as the
-votes of many find the slope of faint texture, of which no pixel is certain alone."""
+"""Smallest confidence with which a pixel votes for its slope; lower than TRUSTED, because many
+votes find the slope of faint texture where no single pixel is certain."""
 
 RESOLVED = 1.0
-"""Lenslets by which the outermost view moves between slopes that can be told apart."""
+"""Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
 
 DOUBT = 0.13
-"""Difference of costs that makes a slope less likely by e: what noise does under the window."""
+"""Difference of costs that makes a slope less likely by a factor e: the noise under the window."""
 
 JUMP = 0.1
-"""Difference of slope between neighbours that belong to two surfaces."""
+"""Smallest difference of slope between neighbours on two surfaces."""
 
 TOLERANCE = 0.07
-"""Error of a slope that is called wrong in the 4D Light Field Benchmark (BadPix(0.07): Honauer,
+"""Smallest error of a wrong slope in the 4D Light Field Benchmark (BadPix(0.07): Honauer,
 Johannsen, Kondermann, Goldluecke, ACCV 2016)."""
 
 MAP_STEPS = 33
-"""Slopes of the stack from which commands and pages make a slope map."""
+"""Number of slopes in the stack from which commands and pages make a slope map."""
 
 
 @dataclass(frozen=True, eq=False)
 class FocusMap:
-    """Result of `depth_from_focus` and `all_in_focus`.
+    """Slope map and image with everything in focus, from `depth_from_focus` or `all_in_focus`.
 
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
-        In lenslets per view step. Where it is certain, the pixel's own, averaged with those of
-        neighbours that are within a step of the search and not beyond an edge of the picture;
-        elsewhere that of such neighbours.
+        Slope of each pixel, in lenslets per view step. Where certain, it is the pixel's own,
+        averaged with neighbours within a step of the search that no edge separates; elsewhere it
+        is that of such neighbours.
     confidence : ndarray of float64, shape (t, s)
-        0 to 1; certain from 0.2 on. From a stack: how far the peak of sharpness stands above its
-        mean over the slopes, and above the weakest texture that counts. From views: how much
-        likelier slopes near the best one are than others. 0 where the best lies at an end of the
-        slopes, at a jump of the slope, and where neighbours say another slope, off by over 0.07.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. From a stack: height of the peak of
+        sharpness above its mean over the slopes, and above the weakest texture that counts. From
+        views: likelihood of slopes near the best one against all others. 0 where the best slope is
+        the first or last, at a jump of the slope, and where neighbours differ by over 0.07.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
-        Every pixel at its slope.
+        Image with every pixel refocused at its slope.
     """
 
     slope: np.ndarray
@@ -91,22 +91,22 @@ class FocusMap:
 
 
 def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0) -> FocusMap:
-    """Find the slope at which each pixel is sharpest in a focal stack.
+    """Find the slope at which each pixel of a focal stack is sharpest.
 
     Parameters
     ----------
     stack : array_like, shape (n, t, s) or (n, t, s, channels)
-        Refocused images, best by `refocus` with "sinc" (see above).
+        Refocused images, preferably from `refocus` with "sinc" interpolation.
     slopes : sequence of float
-        Their slopes: at least three, rising in equal steps.
+        Slope of each image, at least three, rising in equal steps.
     window : float, optional
-        Standard deviation, in lenslets, of the Gaussian under which sharpness is summed: smaller
-        shows finer outlines, larger needs less texture.
+        Standard deviation, in lenslets, of the Gaussian under which sharpness is summed. A smaller
+        one shows finer outlines, a larger one needs less texture.
 
     Returns
     -------
     FocusMap
-        Its image is interpolated between the two slices next to each pixel's slope.
+        Slope map. Its image is interpolated between the two slices next to each pixel's slope.
 
     Raises
     ------
@@ -140,29 +140,30 @@ def all_in_focus(
 ) -> FocusMap:
     """Find the slope map of a light field and refocus every pixel at its slope.
 
-    A pixel's slope is the one at which the views that see it match the middle one best; beside an
-    outline these are half of them, or a quarter (`lf_flame.refocus.matching`). Where that is not
-    certain, as without texture, the slope comes from around and stops at the edges of the middle
-    view (`lf_flame.refocus.filling`). The image is refocused on the surface found
-    (`refocus_surface`), not picked from slices, so that it has no seams.
+    A pixel's slope is the one at which the views that see it match the central view best; near an
+    outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
+    uncertain, for example without texture, the slope comes from the surroundings, up to the edges
+    of the central view (`lf_flame.refocus.filling`). The image is refocused on the resulting
+    surface (`refocus_surface`), not selected from slices, so that it has no seams.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : sequence of float
-        To search: at least three, rising in equal steps. A peak at the first or the last is not
-        trusted; let them reach a step beyond the scene.
+        Slopes to search, at least three, rising in equal steps. A peak at the first or last is not
+        trusted: include one step more on each side than the scene needs.
     window : float, optional
-        As in `depth_from_focus`.
+        Standard deviation, in lenslets, of the Gaussian under which matches are averaged.
     interpolation : optional
-        As in `refocus_surface`, for the image.
+        Interpolation for the image, as in `refocus_surface`.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above, in the match and in the image. Default: all alike. Those of
-        the light field multiply them.
+        Weight of each view, 0 or above, in the match and in the image; the light field's own
+        weights multiply them. Default: all equal.
 
     Returns
     -------
     FocusMap
+        Slope map, confidence and image.
 
     Raises
     ------
@@ -205,18 +206,18 @@ def _matched(
 
 
 def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of views of which any counts."""
+    """Rows and columns of views with any weight above 0."""
     return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
 
 
 def _best_match(
     costs: np.ndarray, slopes: np.ndarray, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slope at which the views match best, by a parabola through three, and its confidence.
+    """Find the slope at which the views match best, by a parabola through three, and confidence.
 
     With weights ``exp(-cost / DOUBT)``, as if costs were energies, the confidence is the weight of
-    slopes within `width` of the best, less what they would have if all slopes were alike, from 0 to
-    1. It is 0 at the ends.
+    slopes within `width` of the best, minus its value if all slopes had equal weights, scaled to 0
+    to 1. It is 0 at the ends.
     """
     slope, inside = _lowest(costs, slopes)
     k, least = costs.argmin(axis=0), costs.min(axis=0)
@@ -234,9 +235,9 @@ def _best_match(
 def _settled(
     slope: np.ndarray, confidence: np.ndarray, picture: np.ndarray, slopes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes by the votes of those that are certain; confidence is kept where the two agree.
+    """Slopes from the votes of certain pixels; confidence is kept where both slopes agree.
 
-    At a jump the window saw both surfaces, and which of them the pixel is on only its picture says.
+    At a jump the window saw both surfaces, and only the guide image shows the pixel's own.
     """
     jump = maximum_filter(slope, 3) - minimum_filter(slope, 3) > JUMP
     confidence = np.where(jump, 0.0, confidence)
@@ -246,7 +247,7 @@ def _settled(
 
 
 def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Take the middle view; of an even number of them the middle ones, on the surface."""
+    """Central view; for an even number of views, the mean of the central ones on the surface."""
     down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
     return refocus_surface(views, slope, weights=np.outer(down, right))
 
@@ -275,7 +276,7 @@ def _sharpest(
 
 
 def _lowest(costs: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope of the lowest costs[n, t, s], by a parabola through three, and if it is not an end."""
+    """Slope of the lowest costs[n, t, s], by a parabola through three, and if it is no end."""
     k = costs.argmin(axis=0)
     middle = np.clip(k, 1, len(slopes) - 2)
     before, least, after = (

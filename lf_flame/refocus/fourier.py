@@ -1,4 +1,4 @@
-"""Refocusing in the Fourier domain: exact phases per view, and Ng's slice."""
+"""Refocusing in the Fourier domain: exact phases for each view, and Ng's slice."""
 
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -24,16 +24,16 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
 
 SLOPES_AT_ONCE = 4
-"""Slopes whose row sums are held in memory together."""
+"""Number of slopes with row sums that are held in memory together."""
 
 EDGES = ("wrap", "clamp")
-"""Beyond the image lies the image again, or its edge repeated."""
+"""Names of the continuations at the edges: the image again, or its edge repeated."""
 
 SLICE_WIDTHS = (2, 4, 6, 8)
-"""Samples along an angular axis from which a slice may be interpolated."""
+"""Numbers of samples along an angular axis from which a slice may be interpolated."""
 
 OVERSAMPLING = 2
-"""Samples of the angular spectrum per view, for slices."""
+"""Number of samples of the angular spectrum per view, for slices."""
 
 
 def fourier_refocus(
@@ -46,22 +46,24 @@ def fourier_refocus(
 ) -> np.ndarray:
     """Refocus by the shift theorem: each view's spectrum times the phase factor of its shift.
 
-    The whole stack comes from one transform of the views. With the default, "sinc" and "wrap",
-    shifts of band-limited, periodic views are exact: nothing is interpolated, so nothing is
-    softened; light that leaves at one edge comes back at the other. With another interpolation
-    and "clamp" it is `shift_and_sum` by other means, to rounding.
+    All images come from one transform of the views. With the defaults "sinc" and "wrap", shifts of
+    band-limited, periodic views are exact: nothing is interpolated or softened; light that leaves
+    at one edge enters at the opposite one. With another interpolation and "clamp" the result is
+    that of `shift_and_sum`, up to rounding.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
+        Slopes in lenslets per view step.
     interpolation : {"sinc", "linear", "nearest", "cubic"}, optional
+        Interpolation between lenslets; "sinc" is exact for band-limited views.
     edges : {"wrap", "clamp"}, optional
-        "clamp" pads every view with its edge as far as its shift reaches.
-        "sinc" then no longer wraps around, but rings where the pad meets its other end.
+        Continuation at the edges. "clamp" pads every view with its edge as far as its shift
+        reaches; "sinc" then does not wrap around, but rings where the pads meet.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
-        of the light field multiply them.
+        Weight of each view, 0 or above; divided by their sum. The light field's own weights
+        multiply them. Default: all equal.
 
     Returns
     -------
@@ -124,10 +126,10 @@ def _by_phases(views, slopes, weights, interpolation: str, edges: str) -> np.nda
 
 
 def _spectra(views: np.ndarray, weights: np.ndarray, pads: list) -> Iterator[np.ndarray]:
-    """Weighted spectra of one row of views after the other, [u, t, s]: all take much memory."""
+    """Weighted spectra [u, t, s], one row of views at a time, to save memory."""
     size = [n + sum(pad) for n, pad in zip(views.shape[2:], pads, strict=True)]
     for row, row_weights in zip(views, weights, strict=True):
-        # As the sums over u read them.
+        # In the memory order in which the sums over u read them.
         spectra = np.empty((size[1] // 2 + 1, size[0], len(row)), np.complex128).transpose(2, 1, 0)
         for view, weight, spectrum in zip(row, row_weights, spectra, strict=True):
             view = np.pad(view.astype(np.float64, copy=False), pads, mode="edge")
@@ -136,7 +138,7 @@ def _spectra(views: np.ndarray, weights: np.ndarray, pads: list) -> Iterator[np.
 
 
 def _pads(size: tuple[int, int], shifts: list[np.ndarray]) -> list[tuple[int, int]]:
-    """How far the edges are repeated before and behind each axis: as far as shifts reach."""
+    """Find the number of edge pixels to repeat before and after each axis: as shifts reach."""
     pads = []
     for length, some in zip(size, shifts, strict=True):
         reach = int(np.abs(some).max()) + 2  # and as far as cubic interpolation does
@@ -145,10 +147,10 @@ def _pads(size: tuple[int, int], shifts: list[np.ndarray]) -> list[tuple[int, in
 
 
 def _phase_factors(frequencies: np.ndarray, shifts: np.ndarray, interpolation: str = "sinc"):
-    """Response of shifts [n, view] at some frequencies: complex128 [frequency, view, n].
+    """Frequency response of shifts [n, view]: complex128 [frequency, view, n].
 
-    Of "sinc" these are the phase factors themselves; of an interpolation, their weighted sums over
-    its taps.
+    For "sinc" it is the phase factor itself; for another interpolation, the weighted sum of phase
+    factors over its taps.
     """
     if interpolation != "sinc":
         first, weights = shift_taps(shifts.T, interpolation)
@@ -156,14 +158,14 @@ def _phase_factors(frequencies: np.ndarray, shifts: np.ndarray, interpolation: s
         waves = np.exp(2j * np.pi * frequencies[:, None, None, None] * offsets)
         return np.einsum("fjvn,jvn->fvn", waves, weights)
     phases = np.exp(2j * np.pi * frequencies[:, None, None] * shifts.T)
-    # A shift by a fraction leaves the Nyquist frequency only its real part.
+    # A fractional shift leaves only the real part of the Nyquist frequency.
     nyquist = np.abs(frequencies) == 0.5
     phases[nyquist] = phases[nyquist].real
     return phases
 
 
 def _mean_by_factors(spectra: Iterable[np.ndarray], down, right) -> np.ndarray:
-    """Mean over rows v of spectra [u, t, s], times down[t, v, n] and right[s, u, n]: [n, t, s]."""
+    """Mean over rows v of spectra [u, t, s] times down[t, v, n] and right[s, u, n]: [n, t, s]."""
     height, rows, slopes = down.shape
     waves, columns = right.shape[:2]
     total = np.zeros((waves, height, slopes), np.complex128)
@@ -186,25 +188,27 @@ def fourier_slice(
     edges: str = "wrap",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus by Ng's Fourier slice: photographs are slices of the light field's spectrum.
+    """Refocus with Ng's Fourier slice: photographs are slices of the light field's spectrum.
 
     R. Ng, "Fourier slice photography", ACM Trans. Graph. 24 (2005). The slice at a slope runs
     through the angular frequencies ``slope * (k_t, k_s)``. There the spectrum, sampled twice per
-    view, is interpolated from `width` x `width` samples by a Kaiser-Bessel window whose roll-off
-    is divided out beforehand (J. Jackson et al., IEEE Trans. Med. Imag. 10, 1991). What that
-    resampling costs: on views of noise between 0 and 1 the image is off by at most 3e-1, 1e-3,
-    2e-5 and 1e-6 for a width of 2, 4, 6 and 8.
+    view, is interpolated from `width` x `width` samples with a Kaiser-Bessel window, whose roll-off
+    is divided out beforehand (J. Jackson et al., IEEE Trans. Med. Imag. 10, 1991). The error from
+    this resampling, for views of noise between 0 and 1, is at most 3e-1, 1e-3, 2e-5 and 1e-6 for a
+    width of 2, 4, 6 and 8.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
+        Slopes in lenslets per view step.
     width : {2, 4, 6, 8}, optional
+        Number of samples along each angular axis from which the slice is interpolated.
     edges : {"wrap", "clamp"}, optional
-        As in `fourier_refocus`; to clamp, no slope may shift a view by more than the image.
+        As in `fourier_refocus`; for "clamp" no slope may shift a view by more than the image.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
-        of the light field multiply them.
+        Weight of each view, 0 or above; divided by their sum. The light field's own weights
+        multiply them. Default: all equal.
 
     Returns
     -------
@@ -279,8 +283,8 @@ def _angular_spectrum(spectra: np.ndarray, width: int) -> np.ndarray:
 def _slice_taps(frequencies, views: int, slopes: np.ndarray, width: int):
     """Find the samples around a slice, and their weights: [n, frequency, tap].
 
-    The transform counts views from 0, the window's roll-off from the middle one, and the
-    slope from the centre, half a view beside it where the number is even.
+    The transform counts views from 0, the window's roll-off from the central view, and the slope
+    from the centre, which is half a view off for an even number of views.
     """
     samples, middle = OVERSAMPLING * views, views // 2
     angular = slopes[:, None, None] * frequencies[:, None]  # in cycles per view: [n, frequency, 1]
@@ -291,7 +295,7 @@ def _slice_taps(frequencies, views: int, slopes: np.ndarray, width: int):
 
 
 def _mend_nyquist(spectra, slopes, width: int, out: np.ndarray) -> None:
-    """Replace the Nyquist frequencies, whose real part alone counts, by the exact ones."""
+    """Replace the Nyquist frequencies, of which only the real part counts, by the exact ones."""
     rows, columns, height = spectra.shape[:3]
     down = _phase_factors(np.fft.fftfreq(height), centred(rows) * slopes[:, None])
     right = _phase_factors(np.fft.rfftfreq(width), centred(columns) * slopes[:, None])
@@ -314,5 +318,5 @@ def _window_transform(x: np.ndarray, width: int) -> np.ndarray:
 
 
 def _beta(width: int) -> float:
-    """Shape of the window that loses least (P. Beatty et al., IEEE Trans. Med. Imag. 24, 2005)."""
+    """Shape of the window of least error (P. Beatty et al., IEEE Trans. Med. Imag. 24, 2005)."""
     return np.pi * np.sqrt((width / OVERSAMPLING * (OVERSAMPLING - 0.5)) ** 2 - 0.8)

@@ -1,15 +1,15 @@
-"""Shifting an image by a fraction of a lenslet: which neighbours count, and how much."""
+"""Shifting an image by a fraction of a lenslet: neighbours and their weights."""
 
 import numpy as np
 
 from lf_flame.errors import InputError
 
 INTERPOLATIONS = ("linear", "nearest", "cubic")
-"""Two neighbours by their distance; the nearest one; four by Keys's cubic convolution."""
+"""Interpolations: two neighbours by distance; the nearest; four by Keys's cubic convolution."""
 
 
 def check_interpolation(interpolation: str, allowed=INTERPOLATIONS) -> None:
-    """Refuse an interpolation that is not among those allowed."""
+    """Refuse an unknown interpolation."""
     if interpolation not in allowed:
         raise InputError(
             f"interpolation must be one of {', '.join(allowed)}, got {interpolation!r}."
@@ -22,7 +22,7 @@ def shift_taps(shifts: np.ndarray, interpolation: str) -> tuple[np.ndarray, np.n
     Parameters
     ----------
     shifts : ndarray of float64
-        In lenslets; within a range that integers count.
+        Shifts in lenslets, within the range of integers.
     interpolation : {"linear", "nearest", "cubic"}
         "nearest" rounds halves up. "cubic" is the convolution with a = -1/2 of R. Keys, "Cubic
         convolution interpolation for digital image processing", IEEE Trans. ASSP 29 (1981).
@@ -32,7 +32,8 @@ def shift_taps(shifts: np.ndarray, interpolation: str) -> tuple[np.ndarray, np.n
     first : ndarray of int64, of the shape of `shifts`
         Offset of the first neighbour: tap j reads ``line[s + first + j]``.
     weights : ndarray of float64, shape (taps, *shape of shifts)
-        Sum to 1; shifts are rounded to 2^-24, so that "linear" ones do so in float32 as well.
+        Weights with sum 1. Shifts are rounded to 2^-24, so that "linear" weights have sum 1 in
+        float32 as well.
 
     Raises
     ------

@@ -1,23 +1,24 @@
 """How well the views match at each slope, judged by those views that see a place.
 
-Shifted by the right slope all views show what the middle one does, but for those before which
-something stands nearer. At a straight outline that hides it from one side of the aperture at most:
-so besides all views each half and each quarter of them is asked (Kang, Szeliski, Chai, CVPR 2001,
-choose halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outline in the
-aperture), and the best answer counts. As fewer views agree more easily by chance, they have to be
-better by something.
+Shifted by the right slope all views show the same as the central one, except where a nearer object
+occludes the place. A straight outline occludes it on one side of the aperture at most. Therefore
+all views, each half and each quarter of them are compared (Kang, Szeliski, Chai, CVPR 2001, choose
+halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outline in the aperture),
+and the best match counts. Because fewer views agree more easily by chance, they must match better
+by a margin.
 
-Squared differences e from the middle become ``e / (e + scale)`` before they are averaged over a
-window (Geman, McClure, Bull. Int. Stat. Inst. 52, 5, 1987), the scale being about the noise. Else
-one sharp outline outweighs the faint texture beside it, and draws its surroundings to its own
-slope.
+Squared differences e from the central view become ``e / (e + scale)`` before they are averaged over
+a window (Geman, McClure, Bull. Int. Stat. Inst. 52, 5, 1987); the scale is about the noise. Without
+this, one sharp outline outweighs the faint texture beside it, and its slope spreads to its
+surroundings.
 
-Views that are darker or brighter than the middle one, as towards the rim of a lens, are brought to
-its level first (`lf_flame.refocus.view_levels`): else that counts as a mismatch at every slope.
+Views that are darker or brighter than the central one, such as those near the rim of a lens, are
+first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
+every slope.
 
-Views are read by the cubic B-spline, without the filter that would make it interpolate: it blurs
-alike at all fractions of a lenslet, where linear interpolation softens whole shifts less than
-others, and draws slopes to them.
+Views are read with the cubic B-spline, without the filter that would make it interpolate. It blurs
+equally at all fractions of a lenslet. Linear interpolation softens whole shifts less than others,
+which pulls slopes towards them.
 """
 
 from collections.abc import Iterator
@@ -31,50 +32,50 @@ from lf_flame.refocus import _matching_kernels
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
 HALF, QUARTER = 0.05, 0.1
-"""By how much half the views, and a quarter, must match better than all, from 0 to 1."""
+"""Margins, on a scale from 0 to 1, by which half and a quarter of the views must match better."""
 
 SCALE = 0.35
-"""Squared difference that counts half, in those that noise makes."""
+"""Squared difference that counts half, in units of those due to noise."""
 
 TOLERATED = 0.07
-"""Error of a slope whose differences are small, too: views never match better in strong texture."""
+"""Error of a slope with small differences; views never match better than this in strong texture."""
 
 FLOOR = 1e-3
-"""Difference, in brightest pixels, that is called noise at least: 8 bits round by as much."""
+"""Smallest noise, relative to the brightest pixel; rounding to 8 bits is of this size."""
 
 LEAST_SIDE = 0.125
-"""Share of what all views beside the middle count, below which a half or a quarter is not asked."""
+"""Smallest weight of a half or quarter that is compared, relative to all views but the central."""
 
 LEVEL_TURNS, SETTLED = 6, 1e-3
-"""Times at most that the levels of uneven views are found, each time by the slopes found last, and
-change of a level that is called none: slopes that unevenness spoilt become better with it."""
+"""Largest number of times that the levels of uneven views are found, each time with the latest
+slopes, and largest change of a level that ends this; with better levels, slopes become better."""
 
 LEAST_READ = 500
-"""Pixels in the rows that are read, below which chance makes levels: they stay as they are."""
+"""Smallest number of pixels in the rows read; with fewer, levels would be chance, and are kept."""
 
 LEAST_KNOWN = 0.05
-"""Share of the pixels whose slopes are known, below which levels are left as they are."""
+"""Smallest fraction of pixels with known slopes; below it, levels are kept."""
 
 SLOPE_WINDOW = 3.0
-"""Standard deviation, in pixels of a row, of the Gaussian over which its slopes are found."""
+"""Standard deviation of the Gaussian along a row over which its slopes are found, in pixels."""
 
 SAMPLED_ROWS = 32
-"""Rows, about, from which noise and levels are taken."""
+"""Approximate number of rows from which noise and levels are estimated."""
 
 
 def match_views(
     views: np.ndarray, slopes: np.ndarray, window: float, weights: np.ndarray | None = None
 ) -> np.ndarray:
-    """Tell how badly the views match around each pixel at each slope: `ComparedViews.costs`."""
+    """Mismatch of the views around each pixel at each slope: `ComparedViews.costs`."""
     weights = np.ones(views.shape[:2]) if weights is None else weights
     return ComparedViews(views, slopes, weights).costs(window)
 
 
 def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, np.float32]]:
-    """Mean square over all views, over each half and each quarter, and what that is worth less.
+    """Mean square over all views, each half and each quarter, with the margin of each.
 
-    Halves and quarters hold the middle row or column, too. One with hardly more than the middle,
-    as beside an aperture that is off it, is left out: it would match at every slope.
+    Halves and quarters include the central row or column. A part that has hardly more than the
+    central view, as for an off-centre aperture, is left out: it would match at every slope.
     """
     spans = (slice(0, 3), slice(0, 2), slice(1, 3))
     needed = LEAST_SIDE * (counts.sum() - counts[1, 1])
@@ -87,22 +88,23 @@ def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, 
 
 
 class ComparedViews:
-    """Views, what each counts, and by what it is brought to the level of the middle one.
+    """Views with their weights, and levels that make them as bright as the central view.
 
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s)
-        Grey and finite, of a type that kernels read.
+        Grey, finite views of a type that the kernels read.
     slopes : ndarray of float64, shape (n,)
+        Slopes to compare at, in lenslets per view step.
     weights : ndarray of float64, shape (v, u)
-        How much each view counts. All are compared with the middle one, whatever it counts.
+        Weight of each view. All are compared with the central view, whatever its weight.
 
     Attributes
     ----------
     counts : ndarray of float64, shape (3, 3)
-        What the views in each of the nine parts of the aperture count, 1 in the mean.
+        Sum of the weights in each of the nine parts of the aperture; weights have mean 1.
     even : bool
-        Whether all views are as bright as the middle one.
+        Whether all views are as bright as the central one.
     """
 
     def __init__(self, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray):
@@ -114,7 +116,7 @@ class ComparedViews:
         self._middle = (chosen if chosen.any() else middle).astype(np.float32)
         self.counts = np.zeros((3, 3))
         np.add.at(self.counts, np.ix_(*self._parts), self._weights)
-        # Lest squares leave the range of float32, the brightest pixel is 1.
+        # The brightest pixel becomes 1, so that squares stay within float32.
         brightest = max(float(np.abs(row).max()) for row in views)
         self._unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
         self._levels = even_levels(views.shape[:2])
@@ -128,12 +130,12 @@ class ComparedViews:
                 break
 
     def find_levels(self, slope: np.ndarray, known: np.ndarray) -> bool:
-        """Find the levels of the views by the slopes of pixels in some rows, or in all.
+        """Find the levels of the views from the slopes of pixels in some rows, or in all.
 
         Returns
         -------
         bool
-            Whether they have changed by more than `SETTLED`.
+            Whether a level changed by more than `SETTLED`.
         """
         if len(slope) != len(self._rows):
             slope, known = slope[self._rows], known[self._rows]
@@ -145,17 +147,17 @@ class ComparedViews:
         return bool(np.abs(self._levels - before).max() > SETTLED)
 
     def costs(self, window: float) -> np.ndarray:
-        """Tell how badly the views match around each pixel at each slope.
+        """Mismatch of the views around each pixel at each slope.
 
         Parameters
         ----------
         window : float
-            Standard deviation of the Gaussian under which pixels count, in lenslets.
+            Standard deviation of the Gaussian that averages over pixels, in lenslets.
 
         Returns
         -------
         ndarray of float32, shape (n, t, s)
-            From 0, all alike, to about 1.
+            Costs, from 0 for equal views to about 1.
         """
         views, slopes = self.views, self.slopes
         noise = float(np.median(self._best()[0])) + FLOOR**2
@@ -176,7 +178,7 @@ class ComparedViews:
         return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least squared difference in some rows, and about the slope at which it is."""
+        """Least squared difference in some rows, and approximately the slope where it occurs."""
         least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
@@ -189,7 +191,7 @@ class ComparedViews:
         return least, best
 
     def _squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared differences from the middle in nine parts, (3, 3, rows, s), and the middle."""
+        """Squared differences from the centre in nine parts, (3, 3, rows, s), and the centre."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)
@@ -211,7 +213,7 @@ def _steepness(image: np.ndarray) -> np.ndarray:
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where `count` views are read along an axis: first tap, [view], and weights, [view, tap]."""
+    """Find where `count` views are read along an axis: first tap [view], weights [view, tap]."""
     shifts = np.clip(slope * centred(count), -length, length)
     whole = np.floor(shifts)
     f = (shifts - whole)[:, None]
@@ -221,6 +223,6 @@ def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _part_of_view(count: int) -> np.ndarray:
-    """0 for views before the middle, 1 for those in it (one, or two), 2 for those behind it."""
+    """Give 0 for views before the centre, 1 for those in it (one or two), 2 for those after it."""
     at = centred(count)
     return (1 + np.sign(at) * (np.abs(at) >= 1)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Refocusing by whichever method is cheapest for what is asked."""
+"""Refocusing by the fastest method for an interpolation."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from lf_flame.refocus.shift import shift_and_sum
 METHODS = ("auto", "space", "fourier", "slice")
 
 FINEST_SLICE = 8
-"""Width at which a slice equals exact phases to the rounding of float32."""
+"""Width at which a slice equals exact phases up to the rounding of float32."""
 
 
 def refocus(
@@ -22,26 +22,27 @@ def refocus(
     method: str = "auto",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus a light field; edges are clamped, whatever the method.
+    """Refocus a light field by any method; coordinates are clamped at the edges.
 
-    The method decides about the time, not about the picture: where two methods know an
-    interpolation, their results agree to 1e-6 of the brightest pixel.
+    The method affects the time, not the image: where two methods offer an interpolation, their
+    results agree to 1e-6 of the brightest pixel.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
     slopes : float or sequence of float
+        Slopes in lenslets per view step.
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
-        "sinc" shifts band-limited views exactly.
+        Interpolation between lenslets. "sinc" shifts band-limited views exactly.
     method : {"auto", "space", "fourier", "slice"}, optional
-        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the one that takes
-        least. With 15 x 15 views there is no cross-over: measured, a plane of `shift_and_sum` takes
-        less than a plane of phases, and that less than a slice, which has to be read from all over
-        a spectrum far larger than the cache, for any number of planes. So "auto" is "space" for
-        neighbours in space, and "fourier" for "sinc".
+        `shift_and_sum`, `fourier_refocus`, `fourier_slice` (for "sinc" only), or the fastest.
+        "auto" is "fourier" for "sinc", and "space" otherwise. Measured with 15 x 15 views, an
+        image takes less time with `shift_and_sum` than with phases, and less with phases than with
+        a slice, for any number of images: a slice is read from all over a spectrum far larger than
+        the cache.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; divided by their sum. Default: all alike. Those
-        of the light field multiply them.
+        Weight of each view, 0 or above; divided by their sum. The light field's own weights
+        multiply them. Default: all equal.
 
     Returns
     -------
@@ -51,7 +52,7 @@ def refocus(
     Raises
     ------
     InputError
-        If an argument cannot be used, or the method does not know the interpolation.
+        If an argument cannot be used, or the method does not offer the interpolation.
 
     Examples
     --------
@@ -71,7 +72,7 @@ def refocus(
         raise InputError(f"The method {method!r} does not know {interpolation!r} interpolation.")
     if method == "space":
         return shift_and_sum(light_field, slopes, interpolation=interpolation, weights=weights)
-    # SciPy takes longer to import than Numba; who shifts in space need not wait for it.
+    # SciPy takes longer to import than Numba, and shifts in space do not need it.
     from lf_flame.refocus.fourier import fourier_refocus, fourier_slice
 
     if method == "fourier":

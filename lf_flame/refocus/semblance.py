@@ -1,15 +1,15 @@
-"""How much of the views' gradient energy is left when they are refocused on a region.
+"""Semblance: how well the gradients of the views agree when refocused on a region.
 
     semblance = sum |sum_a h_a g_a|^2 / sum (sum_a h_a) (sum_a h_a |g_a|^2)
 
-over the lenslets of the region, with g_a the gradient that view a shows there at a slope, and h_a
-its weight, which falls to 0 at the edges of the view, times how much the view counts. By the
-Cauchy-Schwarz inequality it is 1 where the views agree and less elsewhere, whatever the region
-holds (Neidell and Taner, Geophysics 36, 482, 1971; theirs is of seismic traces). This excludes
-three sources of bias: bilinear shifts soften an image unless they are whole, here all are exact, by
-the spectrum; above the frequencies that the views resolve there is aliasing, so the gradients are
-low-passed; and as the slope changes light enters and leaves the region, and fewer views see the
-lenslets near the edges of the image, which numerator and denominator share.
+over the lenslets of the region. g_a is the gradient that view a shows there at a slope; h_a is the
+view's taper, which falls to 0 at its edges, times its weight. By the Cauchy-Schwarz inequality the
+semblance is 1 where the views agree and less elsewhere, whatever the region contains (Neidell and
+Taner, Geophysics 36, 482, 1971, for seismic traces). This excludes three sources of bias. Bilinear
+shifts soften an image unless they are whole; here all shifts are exact, by the spectrum. Above the
+frequencies that the views resolve there is aliasing; the gradients are therefore low-passed. As the
+slope changes, light enters and leaves the region, and fewer views see lenslets near the edges of
+the image; numerator and denominator share this.
 """
 
 import math
@@ -32,10 +32,10 @@ PASS_BAND = 0.15
 """Width of the Gaussian low-pass in cycles per lenslet."""
 
 LEAK = 1e-4
-"""Part of the mean energy that a region must hold: interpolation rings with a third of it."""
+"""Smallest energy of a region relative to the mean; interpolation rings with a third of it."""
 
 ROUNDING = 4 * 2.0**-24
-"""Part of the brightness below which a gradient may be rounding: a few half units of float32."""
+"""Largest gradient that may be rounding, relative to the brightness: some half units of float32."""
 
 
 def region_semblance(
@@ -50,28 +50,29 @@ def region_semblance(
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s) or (v, u, t, s, channels)
-        Of colours the mean is taken.
+        Views; colours are averaged to grey.
     slopes : ndarray of float64
+        Slopes in lenslets per view step.
     regions : list of (t_start, t_stop, s_start, s_stop)
-        In lenslets, inside the image. They cost least where many share their rows or columns.
+        Regions in lenslets, inside the image. They cost least if many share rows or columns.
     counts : ndarray of float64, shape (v, u)
-        How much each view counts, 1 in the mean. Views that do not are not transformed.
+        Weight of each view, 1 in the mean. Views of weight 0 are not transformed.
     progress : callable, optional
-        ``progress(finished, done, total)`` wraps the iterable of rows of views.
+        Function ``progress(finished, done, total)`` that wraps the iterable of rows of views.
 
     Returns
     -------
     semblance : ndarray of float64, shape (slopes, regions)
-        0 where the region holds no energy to speak of.
+        Semblance from 0 to 1; 0 where the region has no significant energy.
     energy : ndarray of float64, shape (slopes, regions)
         Mean squared gradient of the views over the region, per lenslet squared.
     rounding : float
-        Root-mean-square gradient that may be rounding.
+        Largest root-mean-square gradient that may be rounding.
 
     Raises
     ------
     InputError
-        If what the regions can see of the views is not finite.
+        If pixels of the views near the regions are not finite.
     """
     patch = _Patch.of(views, slopes, regions)
     farthest = np.abs(slopes).max()
@@ -107,19 +108,19 @@ def region_semblance(
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """What regions can see of the views at some slopes: grey, less its mean, up to about 1.
+    """Part of the views that regions use at some slopes: grey, minus its mean, of size about 1.
 
     Attributes
     ----------
     views : ndarray, shape (v, u, t, s) or (v, u, t, s, channels)
-        What can be seen, as it was given: one view at a time is made grey.
+        The part used, as given; views are made grey one at a time.
     corner : (int, int)
-        Where it begins.
+        First row and column of the part.
     exponent : int
-        Power of two that pixels are divided by, so that no sum of float32 overflows and no digit
-        changes.
+        Power of two by which pixels are divided, so that float32 sums do not overflow; a power of
+        two changes no digits.
     mean, rounding : float
-        After that division: their mean, and how much of a gradient may be rounding.
+        Mean of the divided pixels, and the largest gradient that may be rounding.
     """
 
     views: np.ndarray
@@ -130,7 +131,7 @@ class _Patch:
 
     @classmethod
     def of(cls, views: np.ndarray, slopes: np.ndarray, regions: list) -> "_Patch":
-        """Cut it out and measure it."""
+        """Cut out the part that the regions use, and measure it."""
         cuts = []
         for k in (0, 1):
             reach = int(np.abs(slopes).max() * (views.shape[k] - 1) / 2) + REACH
@@ -150,11 +151,11 @@ class _Patch:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Lenslets, (t, s)."""
+        """Number of lenslets, (t, s)."""
         return self.views.shape[2], self.views.shape[3]
 
     def row(self, v: int) -> Iterator[np.ndarray]:
-        """Give one view of row v after the other, [t, s] in float32."""
+        """Give the views of row v one after the other, [t, s] in float32."""
         for view in _grey(self.views[v : v + 1]):
             np.ldexp(view, -self.exponent, out=view)
             view -= self.mean
@@ -162,14 +163,14 @@ class _Patch:
 
 
 def _grey(views: np.ndarray) -> Iterator[np.ndarray]:
-    """Give one view after the other, [t, s] in float64."""
+    """Give the views one after the other in grey, [t, s] in float64."""
     for view in (view for row in views for view in row):
-        with np.errstate(invalid="ignore"):  # infinities of both signs
+        with np.errstate(invalid="ignore"):  # for infinities of both signs
             yield view.astype(np.float64) if view.ndim == 2 else view.mean(axis=2, dtype=np.float64)
 
 
 def _gradient(view: np.ndarray) -> np.ndarray:
-    """Gradient ``d/dt + i d/ds`` of a low-passed view [t, s], its edges repeated: complex64."""
+    """Gradient ``d/dt + i d/ds`` of a low-passed view [t, s], with edges repeated: complex64."""
     padded = [fft.next_fast_len(n + 2 * REACH, real=True) for n in view.shape]
     pads = [(REACH, m - n - REACH) for n, m in zip(view.shape, padded, strict=True)]
     spectrum = fft.rfft2(np.pad(view, pads, mode="edge"))

@@ -1,18 +1,18 @@
-"""Sums of shifted views over regions, from which the semblance follows.
+"""Sums of shifted views over regions, for the semblance.
 
-With x a lenslet, w the region, g_a the gradient of view a, c_a how much it counts, h its weight
-before it is shifted (the same for all views), and d_a its shift at a slope:
+With x a lenslet, w the region, g_a the gradient of view a, c_a its weight, h its taper before it is
+shifted (the same for all views), and d_a its shift at a slope:
 
     numerator     sum_x w(x) |sum_a c_a (h g_a)(x + d_a)|^2
     denominator   sum_x w(x) S(x) sum_a c_a (h |g_a|^2)(x + d_a),  S(x) = sum_a c_a h(x + d_a)
 
 By the shift theorem ``f(x + d) = F^-1[exp(2 pi i k d) F[f](k)]`` the sum over the views in the
 numerator takes one inverse transform for each slope, of spectra that are computed once. In the
-denominator the shifts are moved to the other factor,
+denominator the shifts move to the other factor,
 ``sum_a c_a sum_y (h |g_a|^2)(y) (w S)(y - d_a)``, where y - d_a is the conjugate phase: the views'
-energy stays as it is, and is summed by weights that are shifted back. As w, h and the shifts are
-separable along the two axes, so are those weights where all views count alike, and the sums are two
-matrix products. Other c_a are a sum of separable terms, and S the sum of as many.
+energy is not shifted, and is summed with weights that are shifted back. Since w, h and the shifts
+are separable along the two axes, so are those weights if all views have equal weights, and the sums
+are two matrix products. Other c_a are a sum of separable terms, and S is a sum of as many.
 """
 
 from collections.abc import Iterable
@@ -26,36 +26,37 @@ from lf_flame._common.arrays import centred
 from lf_flame.refocus import _semblance_kernels
 
 REACH = 8
-"""Lenslets that the low-pass reaches, and over which a view's weight falls to 0 at its edges."""
+"""Reach of the low-pass in lenslets, over which a view's taper falls to 0 at its edges."""
 
 SOFTNESS = 1.5
 """Standard deviation of a region's edges in lenslets."""
 
 SLOPES_AT_ONCE = 8
-"""Slopes that are refocused together: more would take more memory and hardly less time."""
+"""Number of slopes refocused together; more would take more memory and hardly less time."""
 
 LEAST_TERM, MOST_TERMS = 1e-6, 2
-"""Size of a separable term of the views' weights, against the largest, and terms at most: more
-changed no slope of round apertures by 1e-4, as the first is exact but for the image's corners."""
+"""Smallest separable term of the weights of views, relative to the largest, and most terms. With
+more, no slope of round apertures changed by 1e-4: the first term is exact but for the corners."""
 
 MEMORY, SHARE = 48e6, 0.45
-"""Bytes that the sums at some slopes may take, and part of the views in float32 if that is more:
-where more slopes are asked for, the views are gone through again."""
+"""Memory in bytes for the sums at some slopes, or, if larger, this fraction of the views in
+float32; for more slopes the views are read again."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShiftAxis:
-    """How views are shifted along one axis, and the intervals of it that regions cover.
+    """Shifts of the views along one axis, and the intervals that regions cover.
 
     Attributes
     ----------
     views, length : int
-        Views along the angular axis, and lenslets along the spatial one.
+        Number of views along the angular axis, and of lenslets along the spatial axis.
     period : int
-        Lenslets after which a transform repeats itself, `length` or more.
+        Period of the transforms in lenslets, `length` or more.
     covered : ndarray of float64, shape (intervals, length), from 0 to 1
+        Coverage of each lenslet by each interval.
     terms : ndarray of float64, shape (terms, views)
-        How much the views count, this axis' factor of each separable term.
+        Factors of the separable terms of the weights of views, along this axis.
     """
 
     views: int
@@ -68,14 +69,14 @@ class ShiftAxis:
     def of(
         cls, length: int, intervals: np.ndarray, farthest: float, terms: np.ndarray
     ) -> "ShiftAxis":
-        """Lay out an axis for intervals (start, stop), one a row, and slopes up to `farthest`."""
+        """Prepare an axis for intervals (start, stop), one a row, and slopes up to `farthest`."""
         views = terms.shape[1]
-        # So long that nothing that leaves at one end can come around into a region.
+        # Long enough that nothing that leaves at one end wraps around into a region.
         span = max(length - intervals.min(), intervals.max()) + farthest * (views - 1) / 2
         period = fft.next_fast_len(max(length, int(np.ceil(span))))
         lenslets = np.arange(length)
         covered = (intervals[:, :1] <= lenslets) & (lenslets < intervals[:, 1:])
-        # With hard edges, interpolation would ring into the dark from bright light beyond them.
+        # With hard edges, bright light beyond them would ring into a dark region.
         covered = gaussian_filter1d(covered.astype(np.float64), SOFTNESS, mode="constant")
         return cls(views, length, period, covered, terms)
 
@@ -87,14 +88,14 @@ class ShiftAxis:
         return np.exp(2j * np.pi * np.outer(fft.fftfreq(self.period), slope * centred(self.views)))
 
     def weights(self, slope: float) -> tuple[np.ndarray, np.ndarray]:
-        """Weights by which the views' energy counts in each interval, and sums of their squares.
+        """Weights of the views' energy in each interval, and sums of their squares.
 
         Returns
         -------
         ndarray of float64, shape (terms, intervals, views, length)
             ``(w S)(y - d_a)``.
         ndarray of float64, shape (terms, terms, intervals)
-            ``sum_x w(x) S(x)^2``, of S the product of two terms.
+            ``sum_x w(x) S(x)^2``, with S^2 the product of two terms.
         """
         phases = self._phases(slope)  # [k, a]
         taper = fft.fft(_taper(self.length), self.period)  # [k]
@@ -117,7 +118,8 @@ def separable_terms(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     -------
     ndarray of float64, shape (terms, v)
     ndarray of float64, shape (terms, u)
-        The first term has the sums over rows and columns; one is enough where all are alike.
+        Factors. The first term has the sums over rows and columns; alone it is exact for equal
+        weights.
     """
     down, across = counts.mean(axis=1), counts.mean(axis=0) / counts.mean()
     left, sizes, right = np.linalg.svd(counts - np.outer(down, across))
@@ -128,7 +130,7 @@ def separable_terms(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slopes_in_memory(down: ShiftAxis, across: ShiftAxis) -> int:
-    """How many slopes' sums have room in memory."""
+    """Find the number of slopes with sums that fit into memory."""
     room = max(MEMORY, SHARE * 4 * down.views * down.length * across.views * across.length)
     energy = len(down.covered) * (across.views * across.length + down.views * down.length)
     energy *= len(down.terms)
@@ -136,15 +138,16 @@ def slopes_in_memory(down: ShiftAxis, across: ShiftAxis) -> int:
 
 
 class SemblanceSums:
-    """Numerator and denominator at some slopes, from one row of views after the other.
+    """Numerator and denominator of the semblance at some slopes, summed by rows of views.
 
     Parameters
     ----------
     slopes : ndarray of float64, shape (n,)
+        Slopes in lenslets per view step.
     down, across : ShiftAxis
-        Along (v, t) and along (u, s).
+        Axes along (v, t) and along (u, s).
     counts : ndarray of float64, shape (v, u)
-        How much each view counts, 1 in the mean.
+        Weight of each view, 1 in the mean.
     """
 
     def __init__(self, slopes: np.ndarray, down: ShiftAxis, across: ShiftAxis, counts: np.ndarray):
@@ -152,11 +155,11 @@ class SemblanceSums:
         self.mean_energy = 0.0
         """Mean squared gradient of the views."""
         self.found: tuple[np.ndarray, np.ndarray, np.ndarray]
-        """Numerator, denominator and ``sum_x w(x) S(x)^2``, float64 of shape (n, i, j), for
-        interval i down and interval j across; there once the last row has been added."""
+        """Numerator, denominator and ``sum_x w(x) S(x)^2``, float64, shape (n, i, j), for interval
+        i down and interval j across; set when the last row has been added."""
 
     def add(self, v: int, gradients: Iterable[tuple[int, np.ndarray]]) -> None:
-        """Add row v of the views, by (u, gradient [t, s]) of its views that count; in order."""
+        """Add row v of the views, as (u, gradient [t, s]) of views above weight 0; in order."""
         if v == 0:
             self._begin()
         down, across = self.down, self.across
@@ -191,12 +194,12 @@ class SemblanceSums:
         self._spectra = np.zeros((len(self.slopes), *self._periods), np.complex64)  # [n, k_s, k_t]
 
     def _add_energies(self, v: int, energies: np.ndarray) -> None:
-        """Add those of row v, [t, u s]."""
+        """Add the energies of row v, [t, u s]."""
         by_row = self._by_row[..., v, :].reshape(len(self._row_sums), -1)  # [n m i, t]
         _semblance_kernels.add_product(by_row, energies, self._row_sums)
 
     def _add_spectra(self, v: int, spectra: np.ndarray) -> None:
-        """Add those of row v, [k_s, u, k_t]."""
+        """Add the spectra of row v, [k_s, u, k_t]."""
         for first in range(0, len(self.slopes), SLOPES_AT_ONCE):
             some = slice(first, first + SLOPES_AT_ONCE)
             # Small matrix products, [n, u] @ [u, k_t]; for larger ones BLAS starts threads.
@@ -205,13 +208,13 @@ class SemblanceSums:
             self._spectra[some] += row_sums.transpose(1, 0, 2)
 
     def _end(self) -> None:
-        """Sum over the regions, and forget what was needed for it."""
+        """Sum over the regions, and free the memory used for it."""
         refocused, alike, seen = [], [], []
         by_interval = self._row_sums.reshape(*self._by_row.shape[:3], -1)  # [n, m, i, u s]
         for n, slope in enumerate(self.slopes):
             image = fft.ifft2(self._spectra[n]).T[: self.down.length, : self.across.length]
             light = image.real.astype(np.float64) ** 2 + image.imag.astype(np.float64) ** 2
-            # Not by BLAS, whose sums depend on the number of its threads.
+            # Not with BLAS, where sums depend on the number of threads.
             lines = np.einsum("it,ts->is", self.down.covered, light)
             refocused.append(np.einsum("is,js->ij", lines, self.across.covered))
             by_column, seen_across = self.across.weights(slope)  # [m, j, u, s], [m, m, j]
@@ -224,6 +227,6 @@ class SemblanceSums:
 
 
 def _taper(n: int) -> np.ndarray:
-    """Weight of a view along an axis: 1, and falling to 0 at its edges."""
+    """Taper of a view along an axis: 1, falling to 0 at its edges."""
     inward = (np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5) / min(REACH, n / 4)
     return np.sin(np.pi / 2 * np.minimum(inward, 1)) ** 2

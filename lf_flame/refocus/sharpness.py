@@ -1,6 +1,7 @@
 """The slope at which a region of a light field is sharpest.
 
-Sharpness is gradient energy, freed from what is not due to focus (`lf_flame.refocus.semblance`).
+Sharpness is gradient energy without the changes that focus does not cause
+(`lf_flame.refocus.semblance`).
 """
 
 from collections.abc import Callable, Iterable
@@ -27,42 +28,43 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.semblance import region_semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
-"""Slopes searched by default, either way: at first, and at most if the peak is not inside."""
+"""Largest slope searched by default, in both directions: at first, and if the peak is outside."""
 
 WIDEST_STEP, STEP_BY_VIEWS = 0.1, 0.7
-"""Step of a search at most, and at most times the views less one: 0.05 for 15 views.
+"""Largest step of a search, and largest step times (views - 1): 0.05 for 15 views.
 
-Of what passes the low-pass, two views that far apart beat by half a cycle or less over such a step.
+Over such a step, the phase of two views that far apart changes by half a cycle or less at all
+frequencies that pass the low-pass.
 """
 
 RIPPLE = 0.02
-"""Part of the highest peak by which another one must stand out to be its rival."""
+"""Prominence of a rival peak, relative to the highest peak."""
 
 CLEAR = 3.0
-"""How far a peak stands above what unrelated views would leave if it is more than a ripple."""
+"""Smallest height of a peak that is no ripple, relative to the value for unrelated views."""
 
 MOST_NOISE = 0.5
-"""Part of the energy to subtract as noise at most, lest too little be left to divide by."""
+"""Largest fraction of the energy that is subtracted as noise, so that enough remains as divisor."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlopeSearch:
-    """Result of `find_sharpest_slope`.
+    """Slope of sharpest focus of one region, and its sharpness curve.
 
     Attributes
     ----------
     slope : float
-        Slope of the highest sharpness, between the samples by a spline.
+        Slope of the highest sharpness, interpolated with a spline; NaN without a peak.
     slopes, sharpness : ndarray of float64, shape (n,)
-        The curve: mean squared gradient over the region, per lenslet squared, as it would be if
-        the views held as much of it at every slope as they do at the peak.
+        Sharpness curve: mean squared gradient over the region, per lenslet squared, as if the
+        views had the same gradients at every slope as at the peak.
     confidence : float
-        In [0, 1]: ``1 - rival / peak``, where the rival is the highest of the curve's other peaks,
-        its lowest point, and the 1/n that n unrelated views would leave of their energy. Near 1
-        for one layer; near 0 for two layers of equal strength, for noise, and where there is too
-        little parallax to tell slopes apart.
+        Confidence in [0, 1]: ``1 - rival / peak``. The rival is the highest of three: the curve's
+        other peaks, its lowest point, and 1/n, the value for n unrelated views. It is near 1 for
+        one layer; near 0 for two layers of equal strength, for noise, and if there is too little
+        parallax to distinguish slopes.
     region : (int, int, int, int)
-        ``(t_start, t_stop, s_start, s_stop)`` in lenslets.
+        Region ``(t_start, t_stop, s_start, s_stop)`` in lenslets; stops are excluded.
     """
 
     slope: float
@@ -91,30 +93,32 @@ def find_sharpest_slope(
     region: Region | None = None,
     weights: ArrayLike | None = None,
 ) -> SlopeSearch:
-    """Search the slope that makes a region sharpest.
+    """Find the slope at which a region is sharpest.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Of colours the mean is searched.
+        Views; colours are averaged to grey.
     slopes : sequence of float, optional
-        At least three, rising in equal steps. Where the steps are wide for the number of views,
-        slopes between them are searched too. Default: -3 to 3, and twice as far, up to 12, as long
-        as the peak is not inside, or no more than a ripple of unrelated views.
+        Slopes to search, at least three, rising in equal steps. If the steps are wide for the
+        number of views, slopes between them are searched too. Default: -3 to 3, doubled up to 12
+        as long as the peak is not inside, or is no more than a ripple of unrelated views.
     region : (int, int, int, int), optional
-        ``(t_start, t_stop, s_start, s_stop)`` in lenslets; it should hold one layer.
-        Default: the whole image.
+        Region ``(t_start, t_stop, s_start, s_stop)`` in lenslets, stops excluded; it should contain
+        one layer. Default: the whole image.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above. Default: all alike. Those of the light field multiply them.
+        Weight of each view, 0 or above; the light field's own weights multiply them. Default: all
+        equal.
 
     Returns
     -------
     SlopeSearch
+        Slope, confidence and sharpness curve.
 
     Raises
     ------
     InputError
-        If the arguments cannot be used, if a slope shifts views by more than the image, or if the
+        If an argument cannot be used, if a slope shifts views by more than the image, or if the
         curve has no peak inside the range: it is flat to the rounding of float32 pixels, or still
         rises at an end.
 
@@ -156,33 +160,33 @@ def find_sharpest_slopes(
     progress: Callable[[Iterable, int, int], Iterable] | None = None,
     weights: ArrayLike | None = None,
 ) -> list[SlopeSearch]:
-    """Search the slope of each of many regions; they share one set of refocused images.
+    """Find the slope of sharpest focus of each of many regions, in one pass over the views.
 
     Parameters
     ----------
     light_field, slopes
-        As for `find_sharpest_slope`. The default range is one for all: it widens while any curve
-        rises at an end, or most have no peak.
+        As for `find_sharpest_slope`. The default range is shared: it widens while any curve rises
+        at an end, or most have no peak.
     tiles : (int, int), optional
-        Rows and columns of tiles to cut the image into.
+        Number of rows and columns of tiles into which the image is cut.
     regions : sequence of (int, int, int, int), optional
-        ``(t_start, t_stop, s_start, s_stop)`` in lenslets, instead of tiles.
+        Regions ``(t_start, t_stop, s_start, s_stop)`` in lenslets, instead of tiles.
     progress : callable, optional
-        ``progress(finished, done, total)`` wraps the iterable of finished rows of views; it is
-        called again where the range widens.
+        Function ``progress(finished, done, total)`` that wraps the iterable of finished rows of
+        views; it is called again if the range widens.
     weights : array_like, shape (v, u), optional
         As for `find_sharpest_slope`.
 
     Returns
     -------
     list of SlopeSearch
-        In the order of the regions; of tiles, row by row. Where a curve has no peak inside the
-        range, the slope is NaN and the confidence 0.
+        Results in the order of the regions, or of the tiles row by row. If a curve has no peak
+        inside the range, the slope is NaN and the confidence 0.
 
     Raises
     ------
     InputError
-        If the arguments cannot be used, or a slope shifts views by more than the image.
+        If an argument cannot be used, or a slope shifts views by more than the image.
 
     Examples
     --------
@@ -210,15 +214,15 @@ def find_sharpest_slopes(
 
 @dataclass(frozen=True, eq=False)
 class _Curves:
-    """What `semblance` gives for regions at rising slopes, and what follows from it."""
+    """Semblance of regions at rising slopes, and quantities that follow from it."""
 
     regions: list[Region]
-    views: float  # as many of equal weight would leave as much when they are unrelated
+    views: float  # number of views of equal weight with the same value when unrelated
     slopes: np.ndarray
     semblance: np.ndarray
     energy: np.ndarray
     rounding: float
-    stride: int = 1  # one in so many slopes was asked for
+    stride: int = 1  # every stride-th slope was requested
 
     @cached_property
     def top(self) -> np.ndarray:
@@ -231,9 +235,9 @@ class _Curves:
 
     @cached_property
     def flat(self) -> np.ndarray:
-        """Which curves may be rounding alone.
+        """Whether each curve may be rounding alone.
 
-        The mean square of ``gradient + error`` is off by up to ``2 gradient error + error^2``: a
+        The mean square of ``gradient + error`` is wrong by up to ``2 gradient error + error^2``; a
         curve that varies by no more than that has no peak.
         """
         error = self.rounding * (2 * np.sqrt(self.sharpness.max(axis=0)) + self.rounding)
@@ -241,17 +245,17 @@ class _Curves:
 
     @cached_property
     def rising(self) -> np.ndarray:
-        """Which curves are highest at an end."""
+        """Whether each curve is highest at an end."""
         return ~self.flat & ((self.top == 0) | (self.top == len(self.slopes) - 1))
 
     @property
     def settled(self) -> bool:
-        """Whether none rises at an end, and half of those that are not flat have a peak."""
+        """Whether no curve rises at an end, and half of those that are not flat have a peak."""
         high = self.semblance.max(axis=0)[~self.flat] > min(CLEAR / self.views, 0.5)
         return not self.rising.any() and 2 * int(np.count_nonzero(high)) >= len(high)
 
     def amid(self, outer: "_Curves") -> "_Curves":
-        """Join these curves with those at slopes on both sides of theirs."""
+        """Join these curves with those at slopes on both sides."""
         middle = len(outer.slopes) // 2
         joined = {
             name: np.insert(getattr(outer, name), middle, getattr(self, name), axis=0)
@@ -270,10 +274,10 @@ class _Curves:
 
 
 def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: float) -> float:
-    """Slope of the peak, between the samples by a spline.
+    """Slope of the peak, interpolated with a spline.
 
-    What the views do not share at the peak is taken for noise, of equal strength everywhere, and
-    subtracted: where fewer views see the edges, it counts for less, and would move a flat peak.
+    The part that the views do not share at the peak is taken as noise of equal strength everywhere,
+    and subtracted. Where fewer views see the edges it counts less, and would shift a flat peak.
     """
     k = int(semblance.argmax())
     near = slice(max(k - 5, 0), k + 6)
@@ -288,7 +292,7 @@ def _peak(slopes: np.ndarray, semblance: np.ndarray, energy: np.ndarray, views: 
 
 
 def _confidence(curve: np.ndarray, unrelated: float) -> float:
-    """How far the peak stands above its rival; an end that the curve rises to is a peak too."""
+    """Height of the peak above its rival; an end that the curve rises to is a peak too."""
     top = curve.max()
     peaks, _ = scipy.signal.find_peaks(np.pad(curve, 1), prominence=RIPPLE * top)
     rivals = np.sort(curve[peaks - 1])[:-1]
@@ -299,7 +303,7 @@ def _measure(
     views: np.ndarray, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
     progress=None,
 ) -> _Curves:  # fmt: skip
-    """Measure the regions at the slopes, and between them where the number of views asks for it."""
+    """Measure the regions at the slopes, and between them if the number of views requires it."""
     angular, size = views.shape[:2], views.shape[2:4]
     regions = [as_region(region, size) for region in regions]
     step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
@@ -323,7 +327,7 @@ def _measure(
 
 
 def _between(slopes: np.ndarray, step: float, limit: float) -> tuple[np.ndarray, int]:
-    """Fill in slopes that are farther apart than `step`; each so many of them was asked for."""
+    """Add slopes so that steps are at most `step`; every stride-th of them was requested."""
     if np.abs(slopes).max() > limit:
         raise InputError(
             f"slopes to search must lie within -{limit:g} to {limit:g}, beyond which views are "
@@ -339,7 +343,7 @@ def _between(slopes: np.ndarray, step: float, limit: float) -> tuple[np.ndarray,
 
 
 def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:
-    """Cut the image into tiles, equal to a lenslet, row by row."""
+    """Cut the image into tiles, row by row, with sizes that differ by at most a lenslet."""
     if not all(1 <= n <= m for n, m in zip(tiles, size, strict=True)):
         raise InputError(
             f"tiles must be rows and columns, at least 1 and at most the {size[0]} x {size[1]} "

@@ -20,14 +20,14 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.interpolation import shift_taps
 
 SLOPES_AT_ONCE = 8
-"""Slopes that share one reading of the light field."""
+"""Number of slopes for each reading of the light field."""
 
 BLOCK = 2048
-"""Pixels of a line, about, that are worked on together; shorter pieces are read more slowly."""
+"""Approximate number of pixels of a line per block; shorter ones are read more slowly."""
 
 JOBS = 4
-"""Blocks of columns times groups of rows of views that threads can share, where there are so many
-rows. A constant, so that the bits do not depend on the number of threads."""
+"""Number of jobs (blocks of columns times groups of rows of views) for threads to share, if there
+are enough rows. It is constant, so that the bits do not depend on the number of threads."""
 
 
 def shift_and_sum(
@@ -37,30 +37,30 @@ def shift_and_sum(
     interpolation: str = "linear",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus by shifting in space, coordinates clamped at the edges.
+    """Refocus by shifting and averaging views, with coordinates clamped at the edges.
 
-    Interpolation is separable over the views, so each row of views is shifted and summed along s
-    first, and the row sums along t after that: N^2 + N shifts instead of 2 N^2. Slopes share one
-    reading of the light field.
+    Interpolation is separable over the views: each row of views is first shifted and summed along
+    s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2. The light field is
+    read once for several slopes.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Of 8 or 16 bits, float32 or float64, and contiguous, it is read without a copy.
+        Views. Contiguous arrays of 8 or 16 bits, float32 or float64 are read without a copy.
     slopes : float or sequence of float
-        One refocused image for each.
+        Slope of each refocused image, in lenslets per view step.
     interpolation : {"linear", "nearest", "cubic"}, optional
-        Between neighbouring lenslets. "nearest" rounds each view's shift to whole lenslets,
+        Interpolation between lenslets. "nearest" rounds each view's shift to whole lenslets,
         halves up; "cubic" is Keys's convolution, which can overshoot at edges.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above (`lf_flame.refocus.aperture`); divided by their sum.
-        Default: all alike. Those of the light field multiply them. Views of weight 0 are not read.
+        Weight of each view, 0 or above (`lf_flame.refocus.aperture`); divided by their sum. Views
+        of weight 0 are not read. The light field's own weights multiply them. Default: all equal.
 
     Returns
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
         One image for each slope; for a single number the image itself, without the first axis.
-        In the unit of the views. Eight taps at a time are summed in float32, the rest in
+        It has the unit of the views. Eight taps at a time are summed in float32, the rest in
         float64: the error stays within some units of the last place for any number of views.
         (Views of float64 are summed in float64 throughout.)
 
@@ -83,7 +83,7 @@ def shift_and_sum(
     weights = as_weights(weights, light_field)
     views, steps = as_readable(as_views(light_field)), as_slopes(slopes)
     channels = views.shape[4] if views.ndim == 5 else 1
-    lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet side by side
+    lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
     stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
     for first in range(0, len(steps), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
@@ -92,27 +92,28 @@ def shift_and_sum(
 
 
 class ShiftPlan(NamedTuple):
-    """Where the views are read at some slopes, and how much they count: what the kernel is told.
+    """Positions at which the kernel reads the views at some slopes, and their weights.
 
-    n slopes of a light field of (v, u) views; a chain is a run of views that are summed in one go.
+    There are n slopes of a light field with (v, u) views; a chain is a run of views that are summed
+    together.
 
     Attributes
     ----------
     used : ndarray of bool, shape (v, u)
-        Whether a view counts; one that does not is not read.
+        Whether a view has a weight above 0; others are not read.
     reach : int
-        Pixels by which each line is padded at its ends, and a block at its sides: as far as any
-        tap reaches beyond it.
+        Number of pixels by which each line is padded at its ends, and a block at its sides: the
+        farthest reach of any tap.
     at : ndarray of uint64, shape (v, n, chain, link)
-        Where tap 0 of each view reads in the padded lines of its row of views.
+        Position of tap 0 of each view in the padded lines of its row of views.
     weights : tuple of ndarray of float32 or float64, one for each tap, shape (v, n, chain, link)
-        Weight of the tap times the view's, scaled row by row; 0 in links that hold no view.
+        Weight of the tap times that of the view, scaled row by row; 0 in links without a view.
     down : ndarray of int64, shape (v, n)
         Row that tap 0 of a row of views reads for row 0 of the image.
     down_weights : ndarray of float64, shape (v, n, tap)
         Weights of the rows' taps, which undo the scale and divide by the sum of the weights.
     groups, blocks : int
-        Groups of rows of views, and blocks of columns, that are worked on side by side.
+        Number of groups of rows of views, and of blocks of columns, that run in parallel.
     """
 
     used: np.ndarray
@@ -129,20 +130,22 @@ def plan_shifts(
     shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
     weights: np.ndarray, precision: type = np.float32,
 ) -> ShiftPlan:  # fmt: skip
-    """Plan the shifts of all views at some slopes, without looking at a pixel.
+    """Plan the shifts of all views at some slopes, without reading a pixel.
 
     Parameters
     ----------
     shape : (int, int, int, int)
-        Views (v, u), rows, and pixels of a row, which holds the channels of a lenslet side by side.
+        Number of views (v, u), of rows, and of pixels in a row, with channels adjacent.
     channels : int
+        Number of channels.
     slopes : ndarray of float64, shape (n,)
+        Slopes in lenslets per view step.
     interpolation : str
         See `shift_and_sum`.
     weights : ndarray of float64, shape (v, u)
-        Of the views, 0 or above, at least one above 0.
+        Weights of the views, 0 or above, at least one above 0.
     precision : {numpy.float32, numpy.float64}, optional
-        Of the sums along a line.
+        Type of the sums along a line.
 
     Returns
     -------
@@ -187,18 +190,18 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
 
 
 def view_shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:
-    """Shift of every view at every slope, [view, n]; beyond the image all shifts are alike."""
+    """Shift of every view at every slope, [view, n]; beyond the image it is clipped."""
     return np.clip(slopes * centred(views)[:, None], -length, length)
 
 
 def _padded_line(width: int, blocks: int, channels: int, taps: int, reach: int) -> int:
-    """Pixels from one view's line to the next, as the kernel lays a block of columns out."""
+    """Find the distance in pixels from one view's line to the next in a block of columns."""
     breadth = -(-width // (blocks * channels)) * channels
     return _next_multiple(breadth + (taps - 1) * channels, _kernels.LANES) + 2 * reach
 
 
 def _powers_of_two(sums: np.ndarray) -> np.ndarray:
-    """Scale of each row: what its weights sum to, rounded up to a power of two.
+    """Scale of each row: the sum of its weights, rounded up to a power of two.
 
     Divided by it, equal weights stay exact and no sum leaves the range of float32.
     """
@@ -212,7 +215,7 @@ def _next_multiple(length: int, multiple: int) -> int:
 def _chain(
     used: np.ndarray, at: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Lay the views that count out in chains.
+    """Arrange the views above weight 0 in chains.
 
     Parameters
     ----------
@@ -228,7 +231,7 @@ def _chain(
     rows, columns = used.shape
     taps, slopes = len(weights), at.shape[1]
     length = _next_multiple(int(used.sum(axis=1).max()), _kernels.CHAIN)
-    links = np.argsort(~used, axis=1, kind="stable")[:, :length]  # those that count come first
+    links = np.argsort(~used, axis=1, kind="stable")[:, :length]  # used views come first
     chained_at = np.zeros((rows, slopes, length), np.uint64)
     chained_at[..., : links.shape[1]] = np.swapaxes(at[links], 1, 2)
     chained = np.zeros((taps, rows, slopes, length), weights.dtype)

@@ -1,4 +1,4 @@
-"""From which slope to which the surfaces of a light field reach."""
+"""Range of slopes of the surfaces in a light field."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -9,36 +9,37 @@ from lf_flame.refocus._arguments import Views, as_views, as_weights, farthest_sl
 from lf_flame.refocus.sharpness import find_sharpest_slopes
 
 SIDE = 192
-"""Lenslets of the longer side, about, to which views are averaged: the range needs no more."""
+"""Approximate longer side of the reduced views in lenslets; the range needs no more."""
 
 TILE = 12
-"""Lenslets of a tile's side there, at least."""
+"""Smallest side of a tile in reduced lenslets."""
 
 CERTAIN, ALONE = 0.5, 0.9
-"""Confidence from which a tile's slope counts, where a neighbour agrees and where none does."""
+"""Smallest confidence of a tile that counts: if a neighbour agrees, and if none does."""
 
 AGREEING = 0.5
-"""Neighbours that agree differ by less. At an outline a tile may see what is not there."""
+"""Largest difference of slope of neighbours that agree. At an outline a tile may be wrong."""
 
 MARGIN = 0.3
-"""Slope by which the range reaches beyond the tiles: a peak at an end would not be trusted."""
+"""Slope added to the range on both sides, because a peak at an end would not be trusted."""
 
 FEWEST = 0.25
-"""Share of the tiles that must be certain for the range to be called so."""
+"""Smallest fraction of certain tiles with which the range is certain."""
 
 
 @dataclass(frozen=True)
 class SlopeRange:
-    """Slopes between which a scene lies.
+    """Range of slopes that contains a scene.
 
     Attributes
     ----------
     low, high : float
-        Beyond those of the certain tiles by a margin, in lenslets per view step.
+        Ends of the range: the extreme slopes of certain tiles and a margin, in lenslets per view
+        step.
     slope : float
-        The median of the certain tiles.
+        Median slope of the certain tiles.
     certain : bool
-        Whether enough of the image has a slope of its own to say so.
+        Whether enough of the image has texture for the range to be certain.
     """
 
     low: float
@@ -47,13 +48,13 @@ class SlopeRange:
     certain: bool
 
     def describe(self) -> str:
-        """Say in words from where to where, and whether that is certain."""
+        """Describe the range in words, and whether it is certain."""
         doubt = "" if self.certain else "; not certain, there is too little texture"
         return f"from slope {self.low:+.2f} to {self.high:+.2f}{doubt}"
 
 
 def find_slope_range(light_field: Views) -> SlopeRange:
-    """Find from which slope to which a scene reaches, by tiles of its views made smaller.
+    """Find the range of slopes of a scene, from tiles of its reduced views.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     Returns
     -------
     SlopeRange
-        Where no tile is certain, -3 to 3, as far as the image allows.
+        Range of slopes. If no tile is certain, -3 to 3, as far as the image allows.
 
     Examples
     --------
@@ -91,7 +92,7 @@ def find_slope_range(light_field: Views) -> SlopeRange:
 
 
 def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """Whether the slope of each tile counts, shape (rows, columns)."""
+    """Whether each tile counts, shape (rows, columns)."""
     sure = confidence >= CERTAIN
     rows, columns = slopes.shape
     around = np.pad(np.where(sure, slopes, np.nan), 1, constant_values=np.nan)
@@ -104,7 +105,7 @@ def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
 
 
 def _averaged(views: np.ndarray, block: int) -> np.ndarray:
-    """Average colours, and blocks of lenslets; what a block lacks at the ends is left out."""
+    """Average colours, and whole blocks of lenslets; incomplete blocks are left out."""
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     v, u, t, s = grey.shape
     t, s = t // block, s // block

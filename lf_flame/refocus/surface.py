@@ -1,9 +1,9 @@
-"""Refocusing on a surface: a slope for every pixel in place of one for the image.
+"""Refocusing on a surface: a slope for every pixel instead of one for the image.
 
-A slope map is ``slopes[t, s]``, in lenslets per view step. A tilted plane, as a tilted
-(Scheimpflug) lens has in focus, is linear in it; regions of interest each get a slope of their own
-(volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238); the slope map of
-a whole scene makes an image with everything in focus (`lf_flame.refocus.focus_map`).
+A slope map is ``slopes[t, s]``, in lenslets per view step. It is linear for a tilted plane, such as
+a tilted (Scheimpflug) lens has in focus. Regions of interest can each have their own slope
+(volumetric refocusing: Samarakoon, Abeywardena, Edussooriya, arXiv 2502.19238). The slope map of a
+whole scene gives an image with everything in focus (`lf_flame.refocus.focus_map`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,10 +27,11 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.interpolation import check_interpolation
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
-"""Lenslets along an axis that each interpolation reads."""
+"""Number of lenslets along an axis that each interpolation reads."""
 
 WINDOW = 1.5
-"""Half the window of a Gaussian that softens a slope map, in standard deviations: 15 x 15 for 5."""
+"""Half-width of the window of a Gaussian that softens a slope map, in standard deviations: a window
+of 15 x 15 for a standard deviation of 5."""
 
 
 def refocus_surface(
@@ -40,7 +41,7 @@ def refocus_surface(
     interpolation: str = "linear",
     weights: ArrayLike | None = None,
 ) -> np.ndarray:
-    """Refocus every pixel at a slope of its own.
+    """Refocus every pixel at its own slope.
 
     ``out[t, s]`` is the mean over v, u of ``L[v, u, t + slopes[t, s] (v - vc), s + slopes[t, s]
     (u - uc)]``, coordinates clamped at the edges. A constant map gives `shift_and_sum`.
@@ -48,21 +49,21 @@ def refocus_surface(
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        uint8, uint16, float32 and float64 are read as they are; others become float32, or
-        float64 where they are wider.
+        Views. Types uint8, uint16, float32 and float64 are read directly; others are converted to
+        float32, or to float64 if they are wider.
     slopes : array_like, shape (t, s) or (n, t, s)
-        One slope map or several.
+        One slope map or several, in lenslets per view step.
     interpolation : {"linear", "nearest", "cubic"}, optional
-        Between neighbouring lenslets: "nearest" rounds both shifts to whole lenslets, halves up;
+        Interpolation between lenslets. "nearest" rounds both shifts to whole lenslets, halves up;
         "cubic" is Keys' convolution with a = -1/2, 4 x 4 lenslets, which can overshoot.
     weights : array_like, shape (v, u), optional
-        Weight of each view, 0 or above; their sum is taken out. Views of weight 0 are not read.
-        Default: all alike. Those of the light field multiply them.
+        Weight of each view, 0 or above; divided by their sum. Views of weight 0 are not read. The
+        light field's own weights multiply them. Default: all equal.
 
     Returns
     -------
     ndarray of float32, shape of `slopes`, or with a last axis of channels
-        Sums run in float64.
+        Refocused images; sums run in float64.
 
     Raises
     ------
@@ -103,14 +104,14 @@ def refocus_surface(
 def planar_slopes(
     shape: Sequence[int], at: float, *, gradient: Sequence[float] | np.ndarray = (0.0, 0.0)
 ) -> np.ndarray:
-    """Slope map that is linear: a plane in object space, tilted or not.
+    """Slope map of a plane in object space: linear in t and s.
 
     Parameters
     ----------
     shape : (int, int)
-        Lenslet rows and columns, (t, s).
+        Number of lenslet rows and columns, (t, s).
     at : float
-        Slope in the middle of the image.
+        Slope at the centre of the image, in lenslets per view step.
     gradient : (float, float), optional
         Change of the slope from one lenslet to the next, along t and along s.
 
@@ -141,19 +142,19 @@ def tilted_plane(
 ) -> np.ndarray:
     """Slope map of a plane in object space, ``depth = depth_mm + y tan(tilt_t) + x tan(tilt_s)``.
 
-    Exact: the slope is linear in the inverse distance, and along the rays of the middle view,
-    ``x = Z s pitch / i0``, the inverse distance of a plane is linear in s (as a plane's disparity
-    is: Hartley and Zisserman, Multiple View Geometry, chapter 13). The slope changes by
-    ``view_step tan(tilt) / Z`` per lenslet, Z the distance of the plane from the main lens.
+    It is exact: the slope is linear in the inverse distance, and along the rays of the central
+    view, ``x = Z s pitch / i0``, the inverse distance of a plane is linear in s (like a plane's
+    disparity: Hartley and Zisserman, Multiple View Geometry, chapter 13). The slope changes by
+    ``view_step tan(tilt) / Z`` per lenslet, with Z the distance of the plane from the main lens.
 
     Parameters
     ----------
     camera : PlenopticCamera
-        Its recorded lenslets give the shape of the map.
+        Camera; its recorded lenslets give the shape of the map.
     depth_mm : float
         Depth of the plane on the optical axis, from the focal plane.
     tilt_rad : (float, float)
-        How the plane leans away from the camera downward (t) and to the right (s), within pi/2.
+        Tilt away from the camera in rad, downward (t) and to the right (s), within pi/2.
 
     Returns
     -------
@@ -162,7 +163,7 @@ def tilted_plane(
     Raises
     ------
     InputError
-        If the plane does not stand in front of the main lens, or a tilt reaches pi/2.
+        If the plane is not in front of the main lens, or a tilt reaches pi/2.
 
     Examples
     --------
@@ -189,22 +190,22 @@ def region_slopes(
     background: float,
     soften: float = 0.0,
 ) -> np.ndarray:
-    """Slope map of regions of interest, each with a slope of its own.
+    """Slope map of regions of interest, each with its own slope.
 
     Parameters
     ----------
     shape : (int, int)
-        Lenslet rows and columns, (t, s).
+        Number of lenslet rows and columns, (t, s).
     regions : iterable of (region, slope)
-        A region is ``(t_start, t_stop, s_start, s_stop)`` in lenslets, or a mask, shape (t, s) of
-        bool. A later one lies over those before it.
+        Regions with their slopes. A region is ``(t_start, t_stop, s_start, s_stop)`` in lenslets,
+        or a mask, bool of shape (t, s). A later region covers earlier ones.
     background : float
-        Slope of the rest; far from all that is in the scene, the rest is blurred.
+        Slope elsewhere; far from the slopes of the scene, the background is blurred.
     soften : float, optional
-        Standard deviation, in lenslets, of a Gaussian that smooths the map, so that no seam shows
-        (Samarakoon et al. use 5 in a window of 15 x 15). Regions are widened by half its window
-        first: within a region all lenslets have its slope, unless another one is as near. Default:
-        none.
+        Standard deviation, in lenslets, of a Gaussian that smooths the map, so that there are no
+        seams (Samarakoon et al. use 5 in a window of 15 x 15). Regions are first widened by half
+        the window: all lenslets of a region keep its slope, unless another region is as near.
+        Default: no smoothing.
 
     Returns
     -------
@@ -213,7 +214,7 @@ def region_slopes(
     Raises
     ------
     InputError
-        If a region does not lie in the image, or a number cannot be used.
+        If a region is not inside the image, or a number cannot be used.
 
     Examples
     --------
@@ -227,7 +228,7 @@ def region_slopes(
     reach = max(int(WINDOW * soften), 1) if soften else 0
     slopes = np.full(shape, background, dtype=float)
     masks = [(_as_mask(region, shape), slope) for region, slope in regions]
-    for width in (2 * reach + 1, 1):  # widened, they may lie over their neighbours
+    for width in (2 * reach + 1, 1):  # widened regions may cover their neighbours
         for mask, slope in masks:
             slopes[maximum_filter(mask, width)] = slope
     slopes = _as_slope_maps(slopes, shape)

@@ -1,10 +1,11 @@
-"""The level of each view against the middle one, which falls off towards the corners.
+"""Level of each view relative to the central one; it falls towards the corners.
 
-By cos^4, vignetting or the gain of a camera, views of one place differ in brightness; what compares
-views takes that for parallax. The level of a view is a polynomial of second order over the image,
-by which the view is multiplied. It is fitted to the middle view where both show the same place as
-far as is known, by instrumental variables: sums of pixels times powers of their place, which noise
-does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel Data, 2010, chapter 5).
+By cos^4, vignetting or the gain of a camera, views of one place differ in brightness, which a
+comparison of views would take for parallax. The level of a view is a polynomial of second order
+over the image, by which the view is multiplied. It is fitted to the central view where both
+probably show the same place, by instrumental variables: sums of pixels times powers of their
+coordinates, which noise does not bias (Wooldridge, Econometric Analysis of Cross Section and Panel
+Data, 2010, chapter 5).
 """
 
 from collections.abc import Sequence
@@ -15,35 +16,36 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 from lf_flame._common.arrays import centred
 
 FEWEST = 100
-"""Pixels from which a view's level is fitted."""
+"""Smallest number of pixels with which a view's level is fitted."""
 
 TURNS = 12
-"""Times that a level is fitted anew: fewer leave it drawn to what overlaps in one view only."""
+"""Number of repeated fits of a level; with fewer, places occluded in one view still bias it."""
 
 LIT = 0.05
-"""Light, in the brightest pixel's, from which a pixel tells of levels: in darkness all are alike,
-and what is usual there says nothing of the rest."""
+"""Smallest light, relative to the brightest pixel, of a pixel that is used for levels: in darkness
+all views are equal, and the usual misfit there says nothing about the rest."""
 
 POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-"""Powers of t and s in a level, each from -1 to 1 over the image."""
+"""Powers of the coordinates t and s in a level; each runs from -1 to 1 over the image."""
 
 SMOOTH = 2.0
-"""Standard deviation, in pixels of a row, of a Gaussian that takes off noise."""
+"""Standard deviation of the Gaussian that suppresses noise, in pixels of a row."""
 
 RIDGE = 1e-3
-"""Share of the light by which a level is held to be even where little of the image is lit."""
+"""Strength of the regularisation towards level 1 (ridge), relative to the light; it matters where
+little of the image is lit."""
 
 EVEN, EVEN_OVER_IMAGE = 0.016, 0.016
-"""Root-mean-square difference of levels from 1, and change of them over the image, called none:
-outlines that hide what is behind them, in noise, make as much, and it harms little."""
+"""Largest root-mean-square difference of levels from 1, and largest change over the image, that are
+neglected: occluding outlines in noise cause as much, and the effect is small."""
 
 EXPLAINED = 0.6
-"""Squared difference of levels from 1, in usual squared misfits that they leave, called none: what
-they follow by chance in views that have nothing in common, and harmless beside the misfits."""
+"""Largest squared difference of levels from 1, relative to the usual squared misfit, that is
+neglected: chance causes it in unrelated views, and it is small beside the misfits."""
 
 
 def even_levels(shape: tuple[int, ...]) -> np.ndarray:
-    """Levels of views that are alike: float32, shape (v, u, 6)."""
+    """Levels of views of equal brightness: float32, shape (v, u, 6)."""
     levels = np.zeros((*shape, len(POWERS)), np.float32)
     levels[..., 0] = 1
     return levels
@@ -52,23 +54,25 @@ def even_levels(shape: tuple[int, ...]) -> np.ndarray:
 def find_levels(
     views: np.ndarray, slope: np.ndarray, rows: np.ndarray, weights: np.ndarray, known: np.ndarray
 ) -> np.ndarray:
-    """Find by what each view is to be multiplied to be as bright as the middle one.
+    """Find the factor, over the image, that makes each view as bright as the central one.
 
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s)
+        Grey views.
     slope : ndarray of float64, shape (rows, s)
-        Of the pixels in some rows, as far as is known.
+        Approximate slopes of the pixels in some rows.
     rows : ndarray of int
+        Indices of these rows.
     weights : ndarray of float64, shape (v, u)
-        Views of weight 0 are left as they are.
+        Weights of the views; views of weight 0 get level 1.
     known : ndarray of bool, shape of `slope`
-        Pixels to look at.
+        Whether to use each pixel.
 
     Returns
     -------
     ndarray of float32, shape (v, u, 6)
-        Coefficients of `POWERS`; 1 and zeros where views are alike to `EVEN`.
+        Coefficients of `POWERS`; 1 and zeros if views differ by no more than `EVEN`.
     """
     levels = even_levels(views.shape[:2])
     down, across = (centred(n) for n in views.shape[:2])
@@ -106,9 +110,9 @@ def find_levels(
 def _smooth_over_views(
     levels: np.ndarray, down: np.ndarray, across: np.ndarray, weights: np.ndarray
 ) -> None:
-    """Make how levels change over the image a polynomial of second order over the views.
+    """Fit the change of levels over the image with a polynomial of second order over the views.
 
-    Single views do not tell it well; the gain of each is its own.
+    Single views determine it poorly; the mean level (gain) of each view is kept.
     """
     v, u = np.meshgrid(down / max(down[-1], 1), across / max(across[-1], 1), indexing="ij")
     terms = np.stack([v, u, v**2, v * u, u**2])[:, weights > 0]
@@ -124,7 +128,7 @@ def _read(
     down: float,
     across: float,
 ):
-    """Read a view where it shows the places: its light, powers of where that is, and if inside."""
+    """Read a view where it shows the places: light, powers of the coordinates, and if inside."""
     at = [place + slope * step for place, step in zip(places, (down, across), strict=True)]
     light = map_coordinates(view, at, np.float64, order=1, mode="nearest")
     light = gaussian_filter1d(light, SMOOTH, axis=1, mode="nearest")
@@ -134,7 +138,7 @@ def _read(
 
 
 def _level(light: np.ndarray, middle: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Fit a level to pixels; those that are far off, as where something hides them, count less."""
+    """Fit a level to pixels; those far off, for example occluded ones, have less weight."""
     level, trust = np.eye(len(POWERS))[0], np.ones(light.shape)
     for _ in range(TURNS):
         lit = (trust * light * powers) @ powers.T

@@ -1,4 +1,4 @@
-"""What a camera looks at: layers with textures, flames, shapes, dead leaves; scene files."""
+"""Scenes for a camera: layers with textures, flames, shapes, dead leaves; scene files."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Compiled loop of dead leaves: arrays in, output array filled, nothing returned.
+"""Compiled loop that renders dead leaves: arrays in, output array filled, nothing returned.
 
-Every pixel is worked out by one thread in a fixed order: the bits do not depend on their number.
+One thread computes each pixel in a fixed order: the bits do not depend on the number of threads.
 """
 
 import math
@@ -13,20 +13,20 @@ COLUMNS = (
     "y", "x", "slope", "half_height", "half_width", "cosine", "sine", "squareness",
     "brightness", "contrast", "wave_y", "wave_x", "phase",
 )  # fmt: skip
-"""What the numbers of a leaf are. Lengths in pixels; its own axes are turned by the angle of
-(cosine, sine); a squareness of 2 makes an ellipse, more makes it squarer (superellipse)."""
+"""Names of the numbers that describe a leaf. Lengths are in pixels; (cosine, sine) is the angle of
+its axes; a squareness of 2 makes an ellipse, a larger one a superellipse closer to a rectangle."""
 
 OPAQUE = 1e-3
-"""Share of light that may still come from behind when a pixel is done with."""
+"""Fraction of light from behind a pixel that is neglected; leaves farther back are then skipped."""
 
 
 def _shade(leaf, y, x):
-    """Cover and radiance of a leaf at a place relative to its middle."""
+    """Coverage and radiance of a leaf at a position relative to its centre."""
     down = leaf[5] * y - leaf[6] * x
     right = leaf[6] * y + leaf[5] * x
     p = leaf[7]
     rho = (abs(down / leaf[3]) ** p + abs(right / leaf[4]) ** p) ** (1.0 / p)
-    # Distance to the edge along the ray from the middle, in pixels; the edge is a pixel wide.
+    # Distance to the edge along the ray from the centre, in pixels; the edge is a pixel wide.
     inside = 0.5 + math.hypot(down, right) * (1.0 - rho) / rho if rho > 0.0 else 1.0
     cover = min(max(inside, 0.0), 1.0)
     if cover == 0.0:
@@ -36,7 +36,7 @@ def _shade(leaf, y, x):
 
 
 def _render_leaves(queue, leaves, background, out):
-    """Look at leaves, the nearest first, from every view: out[v, u, t, s]."""
+    """Render leaves, sorted nearest first, in every view: out[v, u, t, s]."""
     rows, columns, height, width = out.shape
     for m in pieces(queue, rows * columns * height):
         k, t = m // height, m % height

@@ -1,9 +1,9 @@
-"""Dead leaves: random textured leaves, one hiding the other, at all depths.
+"""Dead leaves: random textured leaves at all depths that occlude one another.
 
-Images so made have the edges, the textures and the occlusions of photographs, in all sizes
-(A. B. Lee, D. Mumford, J. Huang, "Occlusion models for natural images", International Journal of
-Computer Vision 41, 2001), and cost nothing to make as a light field: a leaf at a slope moves by as
-much from view to view. Nothing here knows of lenses; a view is a pinhole's.
+Such images have edges, textures and occlusions of all sizes, like photographs (A. B. Lee, D.
+Mumford, J. Huang, "Occlusion models for natural images", International Journal of Computer Vision
+41, 2001). A light field of them is cheap: a leaf with slope d moves by d pixels from view to view.
+No lens is simulated; each view is that of a pinhole camera.
 """
 
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from lf_flame.scenes import _kernels
 @strict
 @dataclass(frozen=True)
 class DeadLeaves:
-    """What the leaves look like.
+    """Random light fields of dead leaves: textured leaves that occlude one another.
 
     Parameters
     ----------
     leaves : int
-        In a light field.
+        Number of leaves in a light field.
     smallest, largest : float
-        Half the length of a leaf along each of its axes, in pixels; lengths r are as frequent as
-        r^-3, by which an image looks alike in all sizes.
+        Range of half a leaf's length along each of its axes, in pixels; the density of lengths r
+        is r^-3, with which an image looks alike at all scales.
     slopes : (float, float)
-        Range, in pixels per view step, positive = behind the focal plane; uniform.
+        Range of slopes, in pixels per view step, positive = behind the focal plane; uniform.
     contrast : float
         Largest amplitude of a leaf's wave pattern.
     wavelength : (float, float)
-        Of the pattern, in pixels, uniform in its logarithm.
+        Range of the pattern's wavelength, in pixels; uniform in its logarithm.
 
     Examples
     --------
@@ -70,13 +70,13 @@ class DeadLeaves:
         Parameters
         ----------
         views, image : (int, int)
-            Views along (v, u), pixels along (t, s).
+            Number of views along (v, u), and of pixels along (t, s).
         rng : numpy.random.Generator
 
         Returns
         -------
         LightField
-            Grey, from 0 to 1.
+            Grey light field with values from 0 to 1.
         """
         leaves = self._draw_leaves(image, rng)
         out = np.empty((*views, *image), np.float32)
@@ -84,7 +84,7 @@ class DeadLeaves:
         return LightField(out)
 
     def _draw_leaves(self, image: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
-        """Draw the numbers of all leaves, nearest first, [leaf, number]; see the kernel."""
+        """Draw the parameters of all leaves, nearest first, [leaf, parameter]; see the kernel."""
         n = self.leaves
         angle = rng.uniform(0, 2 * np.pi, n)
         shortest, longest = np.log(self.wavelength)
@@ -108,6 +108,6 @@ class DeadLeaves:
         return np.column_stack([columns[name] for name in _kernels.COLUMNS])
 
     def _draw_lengths(self, rng: np.random.Generator) -> np.ndarray:
-        """Lengths between the smallest and the largest, of density r^-3."""
+        """Draw lengths between the smallest and the largest, with density r^-3."""
         near, far = self.smallest**-2, self.largest**-2
         return (near - (near - far) * rng.uniform(size=self.leaves)) ** -0.5

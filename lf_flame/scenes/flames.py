@@ -1,12 +1,12 @@
 """Burner flames as layer textures: an axisymmetric luminous body seen along the line of sight.
 
 At height fraction ``h`` (0 = burner, 1 = tip) the body glows with
-``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)``, with a hollow parameter c(h) that falls from the sheet
-at the burner to the filled tip, and a radius b(h). Its projection along the line of sight has
-the closed form (Abel transform, term by term of the Gaussian moments)
+``R(r) = (1 + c (r/b)^2) exp(-(r/b)^2)``. The hollow parameter c(h) falls from the burner, where the
+flame is a sheet, to the tip, which is filled; b(h) is the radius. The projection along the line of
+sight has the closed form (Abel transform, term by term of the Gaussian moments)
 ``I(x) = sqrt(pi) b exp(-q^2) (1 + c (q^2 + 1/2))``, ``q = x / b``.
-Wrinkles sway the axis and change the radius along the height, as a random sum of waves whose
-energy falls as the wave number to -5/3.
+Wrinkles displace the axis and change the radius along the height, as a random sum of waves with
+energy proportional to the wave number to the power -5/3.
 """
 
 import numpy as np
@@ -15,13 +15,13 @@ WAVES = 4
 """Number of wrinkle waves over the height of a flame."""
 
 HOLLOW_AT_BURNER = 3.0
-"""Parameter c at the burner: above 2 the projection is brightest beside the axis."""
+"""Hollow parameter c at the burner; above 2 the projection is brightest beside the axis."""
 
 HALF_WIDTH = 3.2
 """Half-width of the texture in units of the radius; the glow outside it is below 1e-4."""
 
 MOST_CELLS = 2000
-"""Texture cells along an axis at most; a larger flame gets larger cells."""
+"""Largest number of texture cells along an axis; a larger flame gets larger cells."""
 
 
 def radius_profile(h: np.ndarray) -> np.ndarray:
@@ -36,13 +36,13 @@ def projected_glow(x: np.ndarray, b: np.ndarray, hollow: np.ndarray) -> np.ndarr
 
 
 def draw_wrinkles(rng: np.random.Generator) -> np.ndarray:
-    """Draw the waves of one flame.
+    """Draw the random wrinkles (waves) of one flame.
 
     Returns
     -------
     ndarray of float64, shape (2, WAVES, 2)
-        Cosine and sine coefficients of the sway and of the change of radius; on average over
-        draws each of the two has a root-mean-square of 1 over the height.
+        Cosine and sine coefficients of the sway and of the change of radius. Averaged over draws,
+        each of the two has a root mean square of 1 over the height.
 
     Examples
     --------
@@ -65,27 +65,27 @@ def flame_texture(
     swelling: float = 0.0,
     cell_mm: float = 0.1,
 ) -> np.ndarray:
-    """Radiance of a flame, its base on the last row and its tip on the first.
+    """Radiance of a flame as a layer's texture: base on the last row, tip on the first.
 
     Parameters
     ----------
     height_mm : float
-        Height from burner to tip, which is the height of the texture.
+        Height from burner to tip, the height of the texture.
     radius_mm : float
-        Nominal radius; the texture is ``2 * HALF_WIDTH * radius_mm`` wide.
+        Nominal radius; the texture is ``2 * HALF_WIDTH * radius_mm`` wide, 6.4 radii.
     wrinkles : ndarray, shape (2, WAVES, 2), optional
-        From `draw_wrinkles`. Default: a smooth flame.
+        Coefficients from `draw_wrinkles`. Default: a smooth flame.
     sway_mm : float, optional
-        Root-mean-square sway of the axis at the tip; it grows from 0 at the burner.
+        Root mean square of the axis's displacement at the tip; it grows from 0 at the burner.
     swelling : float, optional
-        Root-mean-square relative change of the radius at the tip.
+        Root mean square of the relative change of the radius at the tip.
     cell_mm : float, optional
-        Wanted size of a texture cell.
+        Desired size of a texture cell.
 
     Returns
     -------
     ndarray of float64, shape (rows, columns), values in [0, 1]
-        Scaled so that its brightest cell is 1.
+        Radiance, scaled so that the brightest cell is 1.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def flame_texture(
 
 
 def _waves(h: np.ndarray, wrinkles: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Sum the waves of the sway and of the radius over the height, shape of h."""
+    """Sway and change of radius over the height, as sums of waves, each of the shape of h."""
     if wrinkles is None:
         return np.zeros_like(h), np.zeros_like(h)
     phase = 2 * np.pi * h * np.arange(1, WAVES + 1)

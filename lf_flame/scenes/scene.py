@@ -15,16 +15,16 @@ from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 
 BRIGHTEST = 1e36
-"""Radiance whose sums over some layers still are float32 numbers."""
+"""Largest radiance of a texture: sums over a few layers are still float32 numbers."""
 
 LARGEST_MM, SMALLEST_MM = 1e303, 1e-250
-"""Lengths whose sums and ratios with those of a camera still are float64 numbers."""
+"""Range of lengths in mm: sums and ratios with those of a camera are still float64 numbers."""
 
 Lengths = Sequence[float] | np.ndarray
 """Two lengths (y, x), as users give them."""
 
 
-# Both classes have a constructor of their own, as they keep other types than they take.
+# Both classes have their own constructor because they store other types than they accept.
 @dataclass(frozen=True, eq=False, init=False)
 class Layer:
     """A luminous rectangle perpendicular to the optical axis: a flat picture, a surface, a flame.
@@ -32,29 +32,30 @@ class Layer:
     Parameters
     ----------
     texture : array_like, shape (rows, columns)
-        Radiance of its cells, 0 or above; constant over each cell. Stored as float64. In a layer
-        with an optical thickness, the radiance that would leave it if nothing were absorbed. It
-        holds for the whole cell: of a coverage, its share is in it already (premultiplied), and
-        where the coverage is 0 the texture shines still.
+        Radiance of the cells, 0 or above, constant over each cell. Stored as float64. With an
+        optical thickness, it is the radiance that would leave the layer without absorption. With
+        a coverage, it already includes the covered fraction (premultiplied); a cell with coverage
+        0 still emits its radiance.
     depth_mm : float
-        Depth from the focal plane, positive = farther from the main lens; of the middle, where
+        Depth from the focal plane, positive = farther from the main lens; depth of the centre if
         the layer has a thickness.
     size_mm : (float, float)
         Height and width.
     centre_mm : (float, float), optional
         Position (y, x) of its centre.
     opaque : bool, optional
-        Whether it hides what is behind it.
+        Whether the layer occludes everything behind it.
     coverage : array_like, shape (rows, columns), optional
-        Where an opaque layer is: 1, a share of a cell on its outline, 0 for a hole. Default: all
-        of the rectangle, so that a texture of zeros is a black card.
+        Opaque fraction of each cell of an opaque layer: 1 inside, between 0 and 1 on the outline,
+        0 in a hole. Default: 1 everywhere, so that a texture of zeros is a black card.
     optical_thickness : float or array_like of shape (rows, columns), optional
-        Absorption along the line of sight, 0 or above, stored as float64 for each cell: light from
-        behind is weakened by ``exp(-tau)``, its own by ``(1 - exp(-tau)) / tau`` (emission and
-        absorption evenly mixed; Modest, Radiative Heat Transfer, chapter on the equation of
-        transfer). Along the optical axis: an oblique ray's longer path, by 1/cos, is left out.
+        Absorption along the line of sight, 0 or above, stored as float64 for each cell. Light from
+        behind is attenuated by ``exp(-tau)``, the layer's own by ``(1 - exp(-tau)) / tau``
+        (emission and absorption evenly mixed; Modest, Radiative Heat Transfer, chapter on the
+        equation of transfer). It holds along the optical axis: the longer path of an oblique ray,
+        by 1/cos, is neglected.
     thickness_mm : float, optional
-        Extent along the optical axis, over which light and absorption spread evenly.
+        Extent along the optical axis over which light and absorption are spread evenly, 0 or above.
 
     Raises
     ------
@@ -132,19 +133,19 @@ class Layer:
 
     @property
     def opacity(self) -> np.ndarray | float:
-        """Share of each cell that is opaque: the coverage, 1 without one, 0 if not opaque."""
+        """Opaque fraction of each cell: the coverage, 1 without one, 0 if not opaque."""
         if not self.opaque:
             return 0.0
         return 1.0 if self.coverage is None else self.coverage
 
     def cell_edges_mm(self, axis: int) -> np.ndarray:
-        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, cells + 1 of them."""
+        """Edges of the cells along an axis (0 = y, 1 = x), in mm, float64, shape (cells + 1,)."""
         cells = self.texture.shape[axis]
         offset = self.centre_mm[axis] - self.size_mm[axis] / 2
         return offset + np.arange(cells + 1) * (self.size_mm[axis] / cells)
 
     def extent_mm(self, cells: np.ndarray, axis: int) -> tuple[float, float]:
-        """Where the cells that are not 0 begin and end along an axis, in mm; NaN if all are 0."""
+        """Start and end, in mm, of the nonzero cells along an axis; NaN if all are 0."""
         filled = np.flatnonzero(cells.any(axis=1 - axis))
         if filled.size == 0:
             return (np.nan, np.nan)
@@ -155,7 +156,7 @@ class Layer:
 def _checked_cells(
     values: ArrayLike, name: str, shape: tuple[int, ...] | None = None
 ) -> np.ndarray:
-    """Make float64 cells of an argument, read-only."""
+    """Read-only float64 cells from an argument, checked."""
     cells = np.asarray(values)
     if cells.ndim != 2 or cells.size == 0 or cells.dtype.kind not in "biuf":
         raise InputError(
@@ -199,17 +200,17 @@ def _checked_pair(values: Lengths, name: str, above: float = -np.inf) -> tuple[f
 
 @dataclass(frozen=True, eq=False, init=False)
 class Scene:
-    """Layers, whose light adds up except where one hides or dims another.
+    """Layers with light that adds up, except where one occludes or attenuates another.
 
     Parameters
     ----------
     layers : sequence of Layer
-        At least one, in any order; stored as a tuple.
+        Layers in any order, at least one; stored as a tuple.
 
     Raises
     ------
     InputError
-        If there is none, or if two opaque layers at one depth overlap, so that neither is in
+        If there is no layer, or if two opaque layers at one depth overlap, so that neither is in
         front.
 
     Examples
@@ -238,14 +239,15 @@ class Scene:
 
     @property
     def depths_mm(self) -> tuple[float, ...]:
-        """The depths at which there are layers, each once, farthest first."""
+        """Depths of the layers in mm, each once, farthest first."""
         return tuple(sorted({layer.depth_mm for layer in self.layers}, reverse=True))
 
     def at_depths(self, depths_mm: Iterable[float], camera: PlenopticCamera) -> "Scene":
-        """Let each layer stand at another depth, scaled so that the central view stays the same.
+        """Scene with each layer moved to another depth and scaled to look the same in the middle.
 
-        Only parallax and defocus then tell the two scenes apart. That holds for glowing sheets;
-        what hides, absorbs or has a thickness also looks otherwise from another distance.
+        The central view stays the same, so that the scenes differ only in parallax and defocus.
+        This holds for glowing sheets; a layer that occludes, absorbs or has a thickness also looks
+        different at another distance.
         """
         return Scene(
             [
@@ -290,7 +292,7 @@ class Scene:
 
     @property
     def front_to_back(self) -> tuple[Layer, ...]:
-        """The layers, nearest to the main lens first; at one depth, glow before surfaces."""
+        """Layers, nearest to the main lens first; at one depth, glowing before opaque ones."""
         return tuple(sorted(self.layers, key=lambda layer: (layer.depth_mm, layer.opaque)))
 
 

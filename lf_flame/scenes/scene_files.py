@@ -1,4 +1,4 @@
-"""Scenes written by hand: a TOML file of layers, with a camera if it is not the paper's."""
+"""Scene files written by hand: TOML with layers, and a camera if it is not the paper's."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,8 +17,8 @@ from lf_flame.scenes.scene import LARGEST_MM, Layer, Scene
 from lf_flame.scenes.shapes import SHAPES, shape_texture
 
 LAYER_BYTES, CHANNEL_BYTES = 52, 8
-"""Bytes of memory that a layer takes for each pixel of its image, and for each of its channels,
-while it is read and its radiance, coverage and absorption are made."""
+"""Bytes of memory per pixel that a layer takes, and per pixel and channel of its image, while the
+image is read and radiance, coverage and absorption are made."""
 
 
 @strict
@@ -31,21 +31,22 @@ class LayerEntry:
     depth_mm : float
         Depth from the focal plane, positive = farther from the main lens.
     size_mm : (float, float)
-        Height and width.
+        Height and width, above 0.
     centre_mm : (float, float), optional
-        Down and right of the optical axis.
+        Position of the centre, down and right of the optical axis.
     shape : {"rectangle", "square", "circle", "triangle", "flame"}, optional
+        Name of a shape. Give either shape or image.
     image : str, optional
-        Image file, relative to the scene file; colours are averaged to grey, transparency
-        darkens, and 8-bit and 16-bit values are scaled to [0, 1]. Either shape or image.
+        Image file, relative to the scene file. Colours are averaged to grey, transparent pixels
+        darken, and 8-bit and 16-bit values are scaled to [0, 1].
     brightness : float, optional
         Radiance of white, 0 or above.
     opaque : bool, optional
-        Whether it hides what is behind it: where the shape is, or where the image is not
+        Whether the layer occludes what is behind it, inside the shape or where the image is not
         transparent.
     optical_thickness : float, optional
-        Absorption along the line of sight where the layer is brightest, elsewhere in proportion
-        to its light: soot that glows also absorbs.
+        Absorption along the line of sight in the brightest cell. In other cells it is proportional
+        to their light, because soot that glows also absorbs.
     thickness_mm : float, optional
         Extent along the optical axis.
     """
@@ -75,14 +76,14 @@ class LayerEntry:
             )
 
     def memory(self, folder: Path) -> int:
-        """Bytes that it takes to make the layer from its image file, by the file's header."""
+        """Count the bytes needed to make the layer, from the header of its image file."""
         if self.image is None:
             return 0
         rows, columns, channels = read_shape(folder / self.image)
         return rows * columns * (LAYER_BYTES + CHANNEL_BYTES * channels)
 
     def layer(self, folder: Path) -> Layer:
-        """Make the layer, its image file looked for in `folder`."""
+        """Make the layer; its image file is relative to `folder`."""
         if self.image is not None:
             texture, coverage = _read_grey(folder / self.image)
         elif self.shape in SHAPES:
@@ -105,15 +106,15 @@ class LayerEntry:
 @strict
 @dataclass(frozen=True)
 class SceneFile:
-    """A whole scene file.
+    """Content of a whole scene file.
 
     Parameters
     ----------
     layers : list of LayerEntry
     camera : PlenopticCamera, optional
-        Default: the paper's.
+        Camera. Default: the paper's.
     effects : dict of str to bool, optional
-        Effects to force on or off.
+        Effects that are forced on or off.
     """
 
     layers: list[LayerEntry]
@@ -122,14 +123,14 @@ class SceneFile:
 
 
 def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool]]:
-    """Read a scene from a TOML file.
+    """Read a scene, its camera and its effects from a TOML file.
 
     Returns
     -------
     Scene
     PlenopticCamera
     dict
-        Effects that the file forces on or off.
+        Effects that the file forces on (True) or off (False), by name.
 
     Raises
     ------
@@ -160,7 +161,12 @@ def read_scene(path: str | Path) -> tuple[Scene, PlenopticCamera, dict[str, bool
 
 
 def read_camera(path: str | Path) -> PlenopticCamera:
-    """Read the camera of a TOML file of any kind, ``[camera]``, or of a simulation's record.
+    """Read a camera from the ``[camera]`` table of a TOML file, or from a simulation's record.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no camera, or a value cannot be used.
 
     Examples
     --------
@@ -175,7 +181,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
 
 
 def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read the radiance of an image's pixels, and how far they are there at all."""
+    """Radiance of an image's pixels, and their coverage: opaque 1, transparent 0."""
     pixels = read_pixels(path)
     check_levels(pixels, path)
     image = img_as_float64(pixels)
@@ -184,5 +190,5 @@ def _read_grey(path: Path) -> tuple[np.ndarray, np.ndarray]:
     coverage = np.ones(image.shape[:2])
     if image.ndim == 3 and image.shape[2] in (2, 4):
         coverage = image[..., -1]
-        image = image[..., :-1] * image[..., -1:]  # what is transparent does not shine
+        image = image[..., :-1] * image[..., -1:]  # transparent pixels emit nothing
     return (image.mean(axis=2) if image.ndim == 3 else image), coverage

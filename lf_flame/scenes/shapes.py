@@ -5,10 +5,10 @@ import numpy as np
 from lf_flame.errors import InputError
 
 SUPERSAMPLING = 8
-"""Points per cell and axis that decide its coverage; an edge cell is right to about 1/64."""
+"""Number of points per cell and axis that sample its coverage; an edge cell is right to 1/64."""
 
 MOST_CELLS = 1000
-"""Cells along an axis at most; a larger shape gets larger cells."""
+"""Largest number of cells along an axis; a larger shape gets larger cells."""
 
 
 def _inside_circle(y, x):
@@ -20,22 +20,22 @@ def _inside_triangle(y, x):
 
 
 SHAPES = {"rectangle": None, "square": None, "circle": _inside_circle, "triangle": _inside_triangle}
-"""Shape names, each with its test on coordinates that run from -1 to 1 over the bounding box. Of a
-line along x, what is inside is one piece about x = 0."""
+"""Shapes by name, with their tests on coordinates from -1 to 1 over the bounding box. On each line
+along x, the inside must be one interval that contains x = 0."""
 
 
 def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1) -> np.ndarray:
-    """Coverage texture of a shape that fills its bounding box.
+    """Texture of a geometric shape that fills its bounding box: the coverage of each cell.
 
     Parameters
     ----------
     shape : {"rectangle", "square", "circle", "triangle"}
-        A circle in a box that is not square becomes an ellipse.
+        Name of the shape; a circle in a box that is not square becomes an ellipse.
     size_mm : (float, float)
         Height and width of the bounding box.
     cell_mm : float, optional
-        Wanted size of a texture cell; larger where a shape would have over MOST_CELLS. A
-        rectangle needs only one cell, whatever its size.
+        Desired size of a texture cell; it is larger if the shape would have over MOST_CELLS. A
+        rectangle needs only one cell.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
     y, x = (
         (2 * np.arange(n * SUPERSAMPLING) + 1) / (n * SUPERSAMPLING) - 1 for n in (rows, columns)
     )
-    # Of a line of points those inside are neighbours about its middle: their ends say it all.
+    # On each line the points inside are one interval about the centre: its ends suffice.
     middle = len(x) // 2
     left, right = _count_inside(inside, y, np.stack([x[:middle][::-1], x[middle:]]))
     hits = _points_before(middle + right, columns)
@@ -71,10 +71,10 @@ def shape_texture(shape: str, size_mm: tuple[float, float], cell_mm: float = 0.1
 
 
 def _count_inside(inside, y: np.ndarray, outward: np.ndarray) -> np.ndarray:
-    """Count, on each line y, the points inside up to the first that is not, by bisection.
+    """Count the points inside on each line y up to the first outside, by bisection.
 
-    outward: the points from the middle to the left, and to the right, [side, point].
-    Returns counts [side, line].
+    `outward` are the points from the centre to the left and to the right, [side, point]. The
+    result is [side, line].
     """
     low = np.zeros((2, len(y)), int)
     high = np.full_like(low, outward.shape[1])
@@ -87,8 +87,8 @@ def _count_inside(inside, y: np.ndarray, outward: np.ndarray) -> np.ndarray:
 
 
 def _points_before(end: np.ndarray, columns: int) -> np.ndarray:
-    """Count the points of each cell, [line, cell], that come before an end on each line."""
-    # 16 bits hold all points of a line, and are quick.
+    """Count the points of each cell, [line, cell], before an end on each line."""
+    # 16-bit integers hold all points of a line, and are fast.
     cells = np.arange(columns, dtype=np.int16) * np.int16(SUPERSAMPLING)
     before = end.astype(np.int16)[:, None] - cells
     return np.clip(before, np.int16(0), np.int16(SUPERSAMPLING), out=before)

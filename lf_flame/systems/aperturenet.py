@@ -1,18 +1,18 @@
-"""ApertureNet, ours: nine views, each for a ninth of the aperture, and how wide to blur them.
+"""ApertureNet, ours: nine views, each for a ninth of the aperture, and the widths of their blur.
 
-Cut the square aperture of the main lens into 3 x 3 squares, and take the view in the middle of
-each. Something out of focus, whose image moves by d pixels over the whole aperture, moves by d / 3
-within a square. So what all the views of a square would have drawn is its middle view, blurred by
-a box d / 3 wide; and the mean of the nine, so blurred, is what all views together give. That is
-exact for things at one depth and views without gaps; only d, for each pixel, is not known.
-(Shift-and-sum of nine views takes it for 0, and shows ghosts.) In a round aperture the parts at the
-corners count for less, and the rest of it is for the network to learn.
+The square aperture of the main lens is divided into 3 x 3 squares, and the network receives the
+view at the centre of each. The image of an out-of-focus object that moves by d pixels over the
+whole aperture moves by d / 3 within a square. All views of a square together therefore give its
+central view, blurred by a box d / 3 wide; the mean of the nine blurred views is the image from all
+views. This is exact for objects at one depth and views without gaps; only d is unknown, for each
+pixel. (Shift-and-sum of nine views assumes d = 0, and shows ghosts.) In a round aperture the parts
+at the corners have less weight, and the network must learn the rest.
 
-So the network has one thing to find: how wide. From the aligned views it draws, for each pixel, the
-weights of some boxes, and mixes the blurred means by them (as kernel-predicting networks mix
-filters: S. Bako et al., ACM Transactions on Graphics 36(4), 2017); a small correction is added for
-what no box does, such as edges that hide something. It is fully convolutional and sees slopes only
-through the alignment: any slope and any size will do.
+The network thus only has to find the width. From the aligned views it computes weights of a few
+boxes for each pixel, and mixes the blurred means with these weights (as kernel-predicting networks
+mix filters: S. Bako et al., ACM Transactions on Graphics 36(4), 2017). A small correction is added
+for what no box describes, such as occluding edges. The network is fully convolutional and depends
+on slopes only through the alignment: it works for any slope and any size.
 """
 
 import keras
@@ -27,49 +27,50 @@ SIDE = 3
 VIEWS = SIDE**2
 
 ROUND = round_aperture((SIDE, SIDE))
-"""How much of each part lies in the round aperture that touches the square's sides."""
+"""Fraction of each part inside the round aperture that touches the square's sides."""
 
 WIDTHS = (1.0, 2.0, 3.0, 4.5, 6.0, 8.0)
-"""Of the boxes, in pixels; the first leaves the picture as it is."""
+"""Widths of the boxes in pixels; the first leaves the image unchanged."""
 
 BOX_SIDE = 9
-"""Pixels along the sides of the boxes' kernels: the widest box, and what it covers in part."""
+"""Side of the boxes' kernels in pixels: the widest box, and the pixels that it covers in part."""
 
 FILTERS = 32, 48
-"""At half and at a quarter of the resolution."""
+"""Number of filters at half and at a quarter of the resolution."""
 
 CONVINCED = 4.0
-"""Logit by which the first box is preferred at the start: training starts from shift-and-sum."""
+"""Initial logit of the first box: training starts from shift-and-sum."""
 
 SURE = 20.0
-"""Logits are cut off here, so that no weight is infinite."""
+"""Largest absolute logit, so that no weight is infinite."""
 
 BLOCK = 2
 """Side of the blocks of pixels that space-to-depth moves into channels."""
 
 PIXELS = BLOCK**2
-"""Channels that one channel becomes: the pixels of a block, row by row."""
+"""Number of channels that replace one channel: the pixels of a block, row by row."""
 
 
 def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> keras.Model:
     """Build the network.
 
-    Half the resolution, and a quarter for what moves far, is enough to see how far the views
-    disagree. All that is sharp comes from the mean of the views, whose pixels are moved, four by
-    four, into the channels of half the resolution (space to depth; W. Shi et al., CVPR 2016), where
-    convolutions have enough of them to be fast.
+    Half the resolution, and a quarter for large displacements, is enough to see how far the views
+    disagree. All sharp detail comes from the mean of the views. Its pixels are moved, four by four,
+    into the channels of half the resolution (space to depth; W. Shi et al., CVPR 2016), where
+    convolutions have enough channels to be fast.
 
     Parameters
     ----------
     seed : int, optional
-        Of the initial weights, He-normal.
+        Seed of the initial weights, He-normal.
     view_weights : ndarray, shape (3, 3), optional
-        How much each part of the aperture counts, as in `ROUND`. Default: all alike.
+        Weight of each part of the aperture, as in `ROUND`. Default: all equal.
 
     Returns
     -------
     keras.Model
-        Input (h, w, 9), the aligned views; sides multiples of 4. Output (h, w, 1), not clipped.
+        Model with input (h, w, 9), the aligned views, sides multiples of 4; output (h, w, 1), not
+        clipped.
 
     Examples
     --------
@@ -77,7 +78,7 @@ def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> 
     >>> build_aperturenet(seed=1).count_params() > 10_000
     True
     """
-    # Names of layers, "shares" and "mean_in_quads" too, are those of networks trained before.
+    # Networks that were trained before need the layers' names, such as "shares".
     seen = keras.Input((None, None, VIEWS), name="aligned_views")
     features = _see_disagreement(seen, seed)
     boxes = _box_weights(features)
@@ -88,7 +89,7 @@ def build_aperturenet(seed: int = 0, view_weights: np.ndarray | None = None) -> 
 
 
 def _see_disagreement(seen, seed: int):
-    """From how the views differ, draw features at half the resolution: (h/2, w/2, 32)."""
+    """Compute features from the differences of the views: (h/2, w/2, 32)."""
     numbers = iter(range(1000 * seed, 1000 * seed + 1000))
 
     def convolution(filters: int, side: int, kind=layers.Conv2D, **options):
@@ -107,7 +108,7 @@ def _see_disagreement(seen, seed: int):
 
 
 def _box_weights(features):
-    """For each pixel, how much each box counts, above 0: (h/2, w/2, box and pixel of a block)."""
+    """Weights of the boxes for each pixel, above 0: (h/2, w/2, box and pixel of a block)."""
     channels = PIXELS * len(WIDTHS)
     first_box = np.float32([CONVINCED] * PIXELS + [0] * (channels - PIXELS))
     logits = _from_zero(channels, "shares")(features) + first_box
@@ -118,29 +119,29 @@ def _blurred_means(seen, shares: np.ndarray):
     """Blur the mean of the views by every box: (h/2, w/2, box and pixel of a block)."""
     mean = _fixed("mean_in_quads", _mean_to_depth(shares), strides=BLOCK)(seen)
     boxes = _fixed("boxes", _kernels_in_depth(make_boxes()))
-    return boxes(mean) / boxes(ops.ones_like(mean))  # which at the edges is below 1
+    return boxes(mean) / boxes(ops.ones_like(mean))  # the divisor is below 1 at the edges
 
 
 def _mix_boxes(weights, blurred):
-    """Take the weighted mean over the boxes, for each pixel: (h/2, w/2, pixel of a block)."""
+    """Average the boxes with their weights, for each pixel: (h/2, w/2, pixel of a block)."""
     every_box = np.tile(np.eye(PIXELS), (len(WIDTHS), 1))[None, None]
     over_boxes = _fixed("over_boxes", every_box)
     return over_boxes(weights * blurred) / over_boxes(weights)
 
 
 def _depth_to_space(x):
-    """Put the pixels of the blocks back in their places: (h, w, 1)."""
+    """Move the pixels of the blocks back to their places: (h, w, 1)."""
     back = np.eye(PIXELS).reshape(BLOCK, BLOCK, 1, PIXELS)
     return _fixed("image", back, layers.Conv2DTranspose, strides=BLOCK)(x)
 
 
 def _from_zero(filters: int, name: str):
-    """Make a convolution that starts at zero: until it has learnt something, it adds nothing."""
+    """Make a convolution with zero weights, which contributes nothing until it has learnt."""
     return layers.Conv2D(filters, 3, padding="same", kernel_initializer="zeros", name=name)
 
 
 def _fixed(name: str, kernel: np.ndarray, kind=layers.Conv2D, **options):
-    """Make a convolution that does not learn."""
+    """Make a convolution with fixed weights."""
     transposed = kind is layers.Conv2DTranspose
     layer = kind(
         kernel.shape[2 if transposed else 3], kernel.shape[:2], padding="same", use_bias=False,
@@ -166,20 +167,20 @@ def _kernels_in_depth(kernels: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (blocks, blocks, 4, count * 4)
-        From the pixels of a block to every kernel's result at the pixels of a block.
+        Kernel from the pixels of a block to every kernel's result at the pixels of a block.
     """
     side, count = kernels.shape[0], kernels.shape[3]
     reach = -(-(side // 2) // BLOCK)
     out = np.zeros((2 * reach + 1,) * 2 + (BLOCK, BLOCK, count, BLOCK, BLOCK))
     for i, j, a, b in np.ndindex(side, side, BLOCK, BLOCK):
-        # Pixel (a, b) of a block reads this pixel of the block that far away.
+        # Pixel (a, b) of a block reads this pixel of the block at this offset.
         (down, row), (right, column) = (divmod(n - side // 2, BLOCK) for n in (i + a, j + b))
         out[down + reach, right + reach, row, column, :, a, b] = kernels[i, j, 0]
     return out.reshape(*out.shape[:2], PIXELS, count * PIXELS)
 
 
 def make_boxes() -> np.ndarray:
-    """Make boxes of `WIDTHS`, in pixels that they cover in part: float32, (9, 9, 1, boxes)."""
+    """Make boxes of `WIDTHS` with partly covered pixels: float32, (9, 9, 1, boxes)."""
     distances = np.abs(np.arange(BOX_SIDE) - BOX_SIDE // 2)
     lines = [np.clip(width / 2 - distances + 0.5, 0, 1) for width in WIDTHS]
     squares = [np.outer(line, line) / line.sum() ** 2 for line in lines]
@@ -187,17 +188,17 @@ def make_boxes() -> np.ndarray:
 
 
 class ApertureNet(NetworkSystem):
-    """ApertureNet on a light field."""
+    """ApertureNet applied to a light field."""
 
     name = "ApertureNet (ours)"
     smallest = 37
     multiple = 4
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose the views in the middles of 3 x 3 equal parts of the aperture."""
+        """Choose the views at the centres of 3 x 3 equal parts of the aperture."""
         return square_of_views(rows, columns, SIDE)
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Align them."""
+        """Align the nine views."""
         aligned = align_views(views, slopes, self.view_indices(*views.shape[:2]), block=block)
         return np.moveaxis(aligned, 1, -1)

@@ -1,7 +1,7 @@
-"""What all refocusing systems have in common: a light field in, refocused images out.
+"""Base of all refocusing systems: a light field in, refocused images out.
 
-A system says which views it looks at, which slopes it can do and how large an image must be, and
-refuses in one sentence what it cannot do. Behind it may stand a network or a formula.
+A system states which views it uses, which slopes it accepts and how large an image must be, and
+refuses other input in one sentence. It may be a network or a formula.
 """
 
 from abc import ABC, abstractmethod
@@ -14,24 +14,24 @@ from lf_flame.errors import InputError
 from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views
 
 ViewIndices = Sequence[tuple[int, int]]
-"""Row and column of each of some views."""
+"""Row and column of each selected view."""
 
 PIXELS_AT_ONCE = 1 << 18
-"""Which a network is given together: sixteen images of 90 x 180, or one photograph."""
+"""Maximum number of pixels in a batch: sixteen images of 90 x 180, or one photograph."""
 
 
 class RefocusingSystem(ABC):
-    """A way from a light field to refocused images.
+    """A method that turns a light field into refocused images.
 
     Attributes
     ----------
     name : str
-        What tables call it.
+        Name in tables.
     smallest : int
-        Side of the smallest image that it takes: its receptive field, for a network. On less it
-        would see nothing but the border.
+        Side of the smallest image that it accepts: its receptive field, for a network, because in
+        a smaller image every pixel would depend on the border.
     parameters : int
-        Numbers that the network holds; 0 for a formula.
+        Number of the network's parameters; 0 for a formula.
     """
 
     name: str
@@ -40,16 +40,16 @@ class RefocusingSystem(ABC):
 
     @abstractmethod
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Row and column of each view that the system looks at, of rows x columns views.
+        """Row and column of each view that the system uses, of rows x columns views.
 
         Raises
         ------
         InputError
-            If views that it needs are missing.
+            If required views are missing.
         """
 
     def slope_range(self, rows: int, columns: int) -> tuple[float, float]:
-        """Lowest and highest slope that it can do, in pixels of its images per view step."""
+        """Lowest and highest slope that it accepts, in pixels of its images per view step."""
         return -np.inf, np.inf
 
     def refocus(
@@ -60,30 +60,30 @@ class RefocusingSystem(ABC):
         Parameters
         ----------
         views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-            Grey or 3 channels, from 0 to 1. A system made for colour sees grey as three equal
-            channels, and one made for grey works on one channel after the other.
+            Grey or 3 channels, from 0 to 1. A system made for colour receives grey as three equal
+            channels; one made for grey processes one channel after the other.
         slopes : float or sequence of float
-            In lenslets per view step, positive = behind the focal plane.
+            Slopes in lenslets per view step, positive = behind the focal plane.
         block : (int, int), optional
-            Lenslets that are averaged into one pixel of the images, along (t, s).
+            Number of lenslets averaged into one pixel of the images, along (t, s).
 
         Returns
         -------
         ndarray of float32, shape (n, t / block, s / block) or with a last axis of channels
-            From 0 to 1.
+            Refocused images from 0 to 1.
 
         Raises
         ------
         InputError
-            If views are missing or whole numbers, a slope is beyond what the system was trained
-            for, blocks do not divide the image, or it is smaller than the system can take.
+            If views are missing or integers, a slope is outside the range of the system's training,
+            the block does not divide the image, or the image is too small.
         """
         views, slopes = as_views(views), as_slopes(slopes)
         self.check(views, slopes, block)
         return np.clip(self._refocus(views, slopes, block), 0, 1)
 
     def check(self, views: Views, slopes: ArrayLike = (), block: tuple[int, int] = (1, 1)) -> None:
-        """Refuse what `refocus` would refuse; slopes may be none yet.
+        """Refuse input that `refocus` would refuse; slopes may be empty.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class RefocusingSystem(ABC):
 
     @abstractmethod
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Refocus what has been checked."""
+        """Refocus checked input."""
 
     def _check(self, shape: tuple[int, ...], slopes: np.ndarray, block: tuple[int, int]) -> None:
         as_block(block, shape[2:4])
@@ -125,21 +125,21 @@ class RefocusingSystem(ABC):
 
 
 class NetworkSystem(RefocusingSystem):
-    """A system behind which a network stands.
+    """A refocusing system with a network.
 
     Parameters
     ----------
     model : keras.Model
-        Takes images (n, h, w, channels) of any size, gives (n, h, w, channels).
+        Network from images (n, h, w, channels) of any size to images (n, h, w, channels).
     name : str, optional
-        Instead of the network's own.
+        Name in tables. Default: that of the class.
 
     Attributes
     ----------
     colours : int
-        Channels of an image that the network works on together, 1 or 3.
+        Number of an image's channels that the network processes together, 1 or 3.
     multiple : int
-        Of which the sides of its images must be multiples.
+        Number of which the sides of its images must be multiples.
     """
 
     colours: int = 1
@@ -151,7 +151,7 @@ class NetworkSystem(RefocusingSystem):
 
     @abstractmethod
     def show(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Prepare what the network sees of a light field of `colours`, float32 (m, h, w, channels).
+        """Prepare the network's input from a light field of `colours`, float32 (m, h, w, channels).
 
         Parameters
         ----------
@@ -161,11 +161,11 @@ class NetworkSystem(RefocusingSystem):
         """
 
     def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Arrange refocused images (n, h, w) as the network should draw them, (m, h, w, c)."""
+        """Arrange refocused images (n, h, w) as the network's output, (m, h, w, c)."""
         return stack[..., None]
 
     def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        """Choose the slopes to learn from a light field, where others propose some."""
+        """Choose the slopes to learn from a light field, given proposed ones."""
         return slopes
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
@@ -175,13 +175,13 @@ class NetworkSystem(RefocusingSystem):
         return np.stack(channels, axis=-1)
 
     def _draw(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
-        """Refocus a light field that the network can see as it is."""
+        """Refocus a light field that the network can process directly."""
         return self.predict(self.show(views, slopes, block))[..., 0]
 
     def predict(self, shown: np.ndarray) -> np.ndarray:
-        """Run the network on images (m, h, w, channels), as many at once as fit.
+        """Run the network on images (m, h, w, channels), in batches that fit into memory.
 
-        Where its layers halve the sides, edges are repeated to fill them up, and cut off again.
+        If the sides are no multiples of `multiple`, edges are repeated, and cut off again.
         """
         height, width = shown.shape[1:3]
         beyond = -height % self.multiple, -width % self.multiple

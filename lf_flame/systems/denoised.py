@@ -1,9 +1,9 @@
-"""Refocusing by formula, and a denoiser behind it: what a network in low light has to beat.
+"""Refocusing by formula followed by a denoiser: the reference for networks in low light.
 
-Both denoisers are scikit-image's. They are made for noise that is everywhere the same, and shot
-noise is not: its variance is the light's. So they work on square roots (Anscombe 1948), in which it
-is. How strong it is, is estimated from each refocused image alone: a network is not told how much
-light there was, either.
+Both denoisers are scikit-image's. They assume uniform noise, but the variance of shot noise is
+proportional to the light. They are therefore applied to square roots (Anscombe 1948), whose noise
+is uniform. Its strength is estimated from each refocused image alone, because a network does not
+know the amount of light either.
 """
 
 from collections.abc import Callable
@@ -17,31 +17,33 @@ from lf_flame.systems.base import RefocusingSystem, ViewIndices
 from lf_flame.systems.formulas import ShiftAndSum
 
 LAPLACIANS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
-"""The difference of two Laplacians: blind to planes and to straight edges along an axis."""
+"""Difference of two Laplacians: it is 0 for planes and for straight edges along an axis."""
 
 NON_LOCAL = {"patch_size": 5, "patch_distance": 6, "fast_mode": True}
 FILTERING = 0.8
-"""Filtering of non-local means, in standard deviations of the noise: what scikit-image's example
-recommends for its fast mode where the noise is known."""
+"""Filtering of non-local means, in standard deviations of the noise, as recommended by
+scikit-image's example of its fast mode for known noise."""
 
 WEIGHTS = 0.05, 50.0
-"""Weights of total variation that are tried, in standard deviations of the noise."""
+"""Range of the weights of total variation, in standard deviations of the noise."""
 
 LEAST = 1e-8
-"""Light of an electron, in full scales, below which an image is left as it is: its noise is less
-than 1e-4, and that of rounding to 8 bits is 1e-3."""
+"""Light of an electron, in full scales, below which an image is not denoised: its noise is below
+1e-4, and rounding to 8 bits has 1e-3."""
 
 
 class Denoised(RefocusingSystem):
-    """Shift-and-sum of some views, each image denoised.
+    """Shift-and-sum of selected views, followed by a denoiser.
 
     Parameters
     ----------
     system : ShiftAndSum
+        System that refocuses.
     denoise : callable
-        Takes a grey image and the standard deviation of its noise, gives the denoised one:
-        `non_local_means` or `total_variation`.
+        Function of a grey image and the standard deviation of its noise; returns the denoised
+        image: `non_local_means` or `total_variation`.
     name : str
+        Name in tables.
 
     Examples
     --------
@@ -71,27 +73,28 @@ class Denoised(RefocusingSystem):
         electron = estimate_electron(image)
         if electron < LEAST:
             return image
-        roots = 2 * np.sqrt(image / electron + 3 / 8)  # noise of 1
+        roots = 2 * np.sqrt(image / electron + 3 / 8)  # with noise of standard deviation 1
         cleaned = self._denoise(roots, 1.0)
         return (electron * ((cleaned / 2) ** 2 - 1 / 8)).astype(np.float32)
 
 
 def estimate_electron(image: np.ndarray) -> float:
-    """Estimate how much light one electron is, from an image with shot noise.
+    """Estimate the light of one electron from an image with shot noise.
 
-    The variance of the noise is that times the light. By the median of the absolute differences of
-    Laplacians over the root of the light around, where Immerkaer (1996) takes the mean, and noise
-    that is everywhere the same: edges would decide that. Pixels without light are left out.
+    The variance of the noise is that number times the light. It comes from the median of the
+    absolute differences of Laplacians, divided by the root of the surrounding light; Immerkaer
+    (1996) takes the mean, for uniform noise, which edges would dominate. Pixels without light are
+    left out.
 
     Parameters
     ----------
     image : ndarray, shape (h, w)
-        In full scales.
+        Image in full scales.
 
     Returns
     -------
     float
-        In full scales; 0 for an image that is dark.
+        Light of one electron in full scales; 0 for a dark image.
     """
     around = uniform_filter(image.astype(float), 3, mode="mirror")
     lit = (image > 0) & (around > 0)
@@ -100,7 +103,7 @@ def estimate_electron(image: np.ndarray) -> float:
     differences = np.abs(correlate(image.astype(float), LAPLACIANS, mode="mirror"))[lit]
     spread = np.sqrt(np.sum(np.square(LAPLACIANS)))
     root = np.median(differences / np.sqrt(around[lit])) / 0.6745 / spread
-    return float(root**2)  # 0.6745: the median of |normal|
+    return float(root**2)  # 0.6745 is the median of |normal|
 
 
 def non_local_means(image: np.ndarray, noise: float) -> np.ndarray:
@@ -109,9 +112,9 @@ def non_local_means(image: np.ndarray, noise: float) -> np.ndarray:
 
 
 def total_variation(image: np.ndarray, noise: float) -> np.ndarray:
-    """Denoise by total variation, so strongly that what goes is as much as the noise.
+    """Denoise with total variation, with the strength at which the removed part equals the noise.
 
-    Chambolle (2004), section 4: the root-mean-square difference to the image is the noise.
+    Chambolle (2004), section 4: the root-mean-square difference from the image is the noise.
     """
 
     def excess(log_weight: float) -> float:

@@ -18,14 +18,15 @@ from lf_flame.systems.view_selection import every_view
 
 
 class ShiftAndSum(RefocusingSystem):
-    """Shift-and-sum of all views, or of some.
+    """Shift-and-sum of all or selected views.
 
     Parameters
     ----------
     name : str
+        Name in tables.
     selection : callable, optional
-        Takes the numbers of rows and columns of views, gives row and column of each view that is
-        used (`lf_flame.systems.view_selection`). Default: all.
+        Function of the number of rows and columns of views; returns row and column of each view to
+        use (`lf_flame.systems.view_selection`). Default: all views.
 
     Examples
     --------
@@ -41,13 +42,13 @@ class ShiftAndSum(RefocusingSystem):
         self.name, self._selection = name, selection or every_view
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose the views that are used."""
+        """Choose the views to use."""
         return self._selection(rows, columns)
 
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:
         indices = self.view_indices(*views.shape[:2])
         if max(block) > 1 and len(indices) < views.shape[0] * views.shape[1]:
-            # Aligned straight into blocks: for few views faster than to average images afterwards.
+            # Aligned directly into blocks: for few views faster than averaging images afterwards.
             return align_views(views, slopes, indices, block=block).mean(axis=1)
         weights = sparse_aperture(views.shape[:2], indices)
         return average(shift_and_sum(views, slopes, weights=weights), block)
@@ -83,8 +84,8 @@ REFERENCES: dict[str, Callable[..., np.ndarray]] = {
     "Fourier slice": partial(fourier_slice, edges="clamp"),
     "round aperture": _in_round_aperture,
 }
-"""What all views together give, or those in a round aperture: the reference for systems that see
-fewer. Cameras' own apertures are round, or nearly; a square one blurs points to squares."""
+"""Reference images from all views, or from those in a round aperture, for systems that use fewer.
+Apertures of cameras are nearly round; a square one blurs points to squares."""
 
 
 def average(stack: np.ndarray, block: tuple[int, int]) -> np.ndarray:

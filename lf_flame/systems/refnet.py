@@ -2,14 +2,14 @@
 
 E. Hedayati, T. C. Havens, J. P. Bos, "Machine learning method for light field refocusing", arXiv
 2103.16020: images at alpha = 0.125, 0.250, ... 2.0, trained either on shift-and-sum or on the
-Fourier slice. The layers are not published in what could be read. Ours follow the group's sister
-network of the same year (LFCompressionByRCNN-JPEG): bottleneck residual blocks, ELU, a tanh at the
-end, and 0.85 (1 - SSIM) / 2 + 0.15 times the mean absolute error as the loss. So this is a
-network in RefNet's place, not RefNet.
+Fourier slice. The layers are not published in the sources available to us. Ours follow the group's
+sister network of the same year (LFCompressionByRCNN-JPEG): bottleneck residual blocks, ELU, a tanh
+at the end, and the loss 0.85 (1 - SSIM) / 2 + 0.15 times the mean absolute error. This is therefore
+a network in place of RefNet, not RefNet itself.
 
-Alpha is not defined there either. Here alpha = 1 keeps the focus and an image is refocused at slope
-1 - alpha, in pixels per view step, Ng's shear without his magnification, which puts the sixteen
-slopes from 0.875 down to -1.
+Alpha is not defined there either. Here alpha = 1 keeps the focus, and an image is refocused at
+slope 1 - alpha, in pixels per view step. This is Ng's shear without his magnification; the sixteen slopes
+are from 0.875 down to -1.
 """
 
 from typing import Any
@@ -36,12 +36,12 @@ def build_refnet(seed: int = 0) -> keras.Model:
     Parameters
     ----------
     seed : int, optional
-        Of the initial weights.
+        Seed of the initial weights.
 
     Returns
     -------
     keras.Model
-        Input (h, w, 50), the views row by row, and how far apart they stand; output (h, w, 16),
+        Model with input (h, w, 50), the views row by row, and their distance; output (h, w, 16),
         from 0 to 1, one image for each of `ALPHAS`.
 
     Examples
@@ -71,16 +71,16 @@ def build_refnet(seed: int = 0) -> keras.Model:
 
 
 def refnet_loss(truth: Any, image: Any) -> Any:
-    """0.85 (1 - SSIM) / 2 + 0.15 mean absolute error, for each sample."""
+    """Loss 0.85 (1 - SSIM) / 2 + 0.15 mean absolute error, for each sample."""
     error = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
     return 0.85 * (1 - ssim(truth, image)) / 2 + 0.15 * error
 
 
 class RefNet(NetworkSystem):
-    """The network on a light field.
+    """RefNet applied to a light field.
 
-    It looks at 7 x 7 views spread over all that there are. Between two of its slopes it mixes their
-    two images by distance.
+    It uses 7 x 7 views spread over all views. For a slope between two of its own it interpolates
+    their images linearly.
     """
 
     name = "RefNet (our reading)"
@@ -103,21 +103,21 @@ class RefNet(NetworkSystem):
         return float(SLOPES.min()), float(SLOPES.max())
 
     def slopes_to_learn(self, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        """Learn its own sixteen."""
+        """Learn the network's own sixteen slopes."""
         return SLOPES * block[0]
 
     def show(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:
-        """Put the views behind one another, not aligned; one picture for all slopes.
+        """Stack the views as channels, not aligned; one input for all slopes.
 
-        Slopes are in steps of the camera's views, of which the network sees but some: a last
-        channel says how many lie from one that it sees to the next, halved to be about 1.
+        Slopes are in steps of the camera's views, of which the network receives only some: a last
+        channel has the number of steps between two of its views, halved to be about 1.
         """
         shown = align_views(views, [0.0], self.view_indices(*views.shape[:2]), block=block)
         apart = np.full_like(shown[:, :1], (views.shape[0] - 1) / (SIDE - 1) / 2)
         return np.moveaxis(np.concatenate([shown, apart], axis=1), 1, -1)
 
     def truth(self, stack: np.ndarray) -> np.ndarray:
-        """Put the sixteen images behind one another."""
+        """Stack the sixteen images as channels."""
         return np.moveaxis(stack, 0, -1)[None]
 
     def _draw(self, views: np.ndarray, slopes: np.ndarray, block: tuple[int, int]) -> np.ndarray:

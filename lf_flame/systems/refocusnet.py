@@ -1,8 +1,8 @@
-"""RefocusNet: four views, shifted to the wanted slope beforehand, become one refocused image.
+"""RefocusNet: four views, aligned at the desired slope beforehand, become one refocused image.
 
 S. Ben Dayan, D. Mendlovic, R. Giryes, "Deep Sparse Light Field Refocusing", BMVC 2020, arXiv
 2009.02582. Layers, positions of the views and order of the channels are those of the authors'
-program (shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained weights it takes.
+program (shacharBD/LightFieldRefocusing at 941ceeb, MIT licence), whose trained weights it accepts.
 """
 
 from pathlib import Path
@@ -19,36 +19,36 @@ from lf_flame.systems.base import NetworkSystem, ViewIndices
 VIEWS = 4
 COLOURS = 3
 TRUNK = (1, 3, 5, 7, 9, 11)
-"""Numbers of the convolutions of the trunk, 64 channels each, as the authors' program has them."""
+"""Numbers of the trunk's convolutions, 64 channels each, as in the authors' program."""
 
 TAPS = {0: 2, 1: 4, 3: 6, 5: 8, 7: 10, 9: 12, 11: 14}
-"""Number of the linear convolution behind each of them (0: behind the input), 12 channels each."""
+"""Number of the linear convolution after each of them (0: after the input), 12 channels each."""
 
 LAST = 15
 
 RECEPTIVE_FIELD = 17
 
 OFFICIAL = "the authors' weights"
-"""What a network with them is called."""
+"""Words for these weights in a network's name."""
 
 
 def build_refocusnet(seed: int = 0) -> keras.Model:
     """Build the network of the authors' program; 234,795 parameters.
 
-    Six 3 x 3 convolutions of 64 channels with ReLU; a linear one of 12 channels behind each and
-    behind the input, all seven summed; from the sum, a last convolution to three colours, to which
-    the mean over its four views is added.
+    It has six 3 x 3 convolutions of 64 channels with ReLU, and a linear one of 12 channels after
+    each and after the input. These seven are summed; a last convolution of the sum to three colours
+    is added to the mean of the sum's four views.
 
     Parameters
     ----------
     seed : int, optional
-        Of the initial weights, Glorot-uniform.
+        Seed of the initial weights, Glorot-uniform.
 
     Returns
     -------
     keras.Model
-        Input (h, w, 12), of any size: red, green and blue of one aligned view after the other.
-        Output (h, w, 3), not clipped.
+        Model with input (h, w, 12), of any size: red, green and blue of one aligned view after the
+        other; output (h, w, 3), not clipped.
 
     Examples
     --------
@@ -81,14 +81,14 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
     Parameters
     ----------
     model : keras.Model
-        From `build_refocusnet`.
+        Model from `build_refocusnet`.
     path : str or Path
-        An ``.npz`` of their arrays ``w1``, ``b1`` and so on.
+        File ``.npz`` with the arrays ``w1``, ``b1`` and so on.
 
     Raises
     ------
     InputError
-        If the file does not hold them.
+        If the file does not contain them.
     """
     with open_arrays(path) as file:
         for number in (*TRUNK, *TAPS.values(), LAST):
@@ -104,14 +104,15 @@ def load_official_weights(model: keras.Model, path: str | Path) -> None:
 
 
 class RefocusNet(NetworkSystem):
-    """RefocusNet on a light field; grey is shown to it as three equal colours.
+    """RefocusNet applied to a light field; grey becomes three equal colours.
 
     Parameters
     ----------
-    model, name : see `NetworkSystem`
+    model, name
+        See `NetworkSystem`.
     colours : {1, 3}, optional
-        3 for weights that were trained on colours, as the authors' were. Ours have only seen grey,
-        so they work on one channel after the other.
+        Number of colours: 3 for weights that were trained on colours, such as the authors'. Ours
+        were trained on grey, so they process one channel after the other.
     """
 
     name = "RefocusNet"
@@ -129,9 +130,9 @@ class RefocusNet(NetworkSystem):
         return cls(model, f"{cls.name}, {OFFICIAL}", colours=COLOURS)
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose a diamond half-way to the outermost views, in the order of the authors.
+        """Choose a diamond half-way to the outermost views, in the authors' order.
 
-        Where half-way is between two views it is the outer one, which suits their weights better.
+        If half-way is between two views, the outer one is used, which suits their weights better.
         """
         if rows != columns or rows < 3:
             raise InputError(

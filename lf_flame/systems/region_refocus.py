@@ -1,9 +1,9 @@
-"""Volumetric refocusing: regions of an image each at a slope of their own, from all views or few.
+"""Volumetric refocusing: image regions each at their own slope, from all views or few.
 
 T. Samarakoon, K. Abeywardena, C. U. S. Edussooriya, "Arbitrary Volumetric Refocusing of Dense and
-Sparse Light Fields", arXiv 2502.19238. From all views a region's slope is read off a slope map;
-from a cross of 17 it is the one at which the region looks most like the middle view, and the U-Net
-of `lf_flame.systems.sparse_unet` removes the ghosts. Only the cross needs Keras.
+Sparse Light Fields", arXiv 2502.19238. With all views a region's slope comes from a slope map. With
+a cross of 17 views it is the slope at which the region is most similar to the central view, and the
+U-Net of `lf_flame.systems.sparse_unet` removes the ghosts. Only the cross needs Keras.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lf_flame.systems.sparse_unet import SparseUNet
 
 STEP = 0.1
-"""Between the slopes that are told apart, in pixels per view step."""
+"""Distance between slopes that are distinguished, in pixels per view step."""
 
 SOFTEN = 5.0
 """Standard deviation in pixels of the Gaussian that joins the regions."""
@@ -37,31 +37,32 @@ SOFTEN = 5.0
 def search_region_slope(
     light_field: Views, region: Region, slopes: tuple[float, float]
 ) -> tuple[float, float]:
-    """Find the slope at which a region, refocused with the cross alone, looks most like the middle.
+    """Find the slope at which a region, refocused from the cross of views, is most like the centre.
 
-    By MS-SSIM, which has a single peak there: the range is divided into ten, the best slope and its
-    neighbours bracket the peak, and are divided again, until steps are at most 0.1.
+    The similarity is MS-SSIM, which has a single peak there. The range is divided into ten; the
+    best slope and its neighbours bracket the peak and are divided again, until steps are at most
+    0.1.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        From 0 to 1.
+        Views with values from 0 to 1.
     region : (int, int, int, int)
-        First and last but one row, first and last but one column; 11 pixels or more each way.
+        First row, last row + 1, first column, last column + 1; 11 pixels or more each way.
     slopes : (float, float)
-        Range, in pixels per view step.
+        Range of slopes, in pixels per view step.
 
     Returns
     -------
     float
-        The slope.
+        Slope.
     float
-        MS-SSIM there.
+        MS-SSIM at this slope.
 
     Raises
     ------
     InputError
-        If the region does not lie in the image or is too small, or the range is empty.
+        If the region is not inside the image or is too small, or the range is empty.
     """
     views = as_views(light_field)
     from keras import ops
@@ -93,20 +94,21 @@ def search_region_slope(
 
 
 def most_common_slope(focus_map: FocusMap, region: Region) -> tuple[float, float]:
-    """Find the slope that most of a region's certain pixels share, to within a step of 0.1.
+    """Find the slope that most of a region's certain pixels share, within a step of 0.1.
 
     Parameters
     ----------
     focus_map : FocusMap
+        Slope map.
     region : (int, int, int, int)
-        First and last but one row, first and last but one column.
+        First row, last row + 1, first column, last column + 1.
 
     Returns
     -------
     float
-        The slope; where no pixel is certain, that of most.
+        Slope; if no pixel is certain, that of most pixels.
     float
-        Part of the pixels that are certain, from 0 to 1.
+        Fraction of the pixels that are certain, from 0 to 1.
     """
     t0, t1, s0, s1 = region
     inside, confidence = (
@@ -136,41 +138,41 @@ def refocus_regions(
     dense: bool = False,
     unet: "SparseUNet | None" = None,
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Bring several regions into focus at once, whatever their depths; the rest is blurred.
+    """Bring several regions into focus at once, at any depths; the rest is blurred.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        From 0 to 1.
+        Views with values from 0 to 1.
     regions : iterable of (int, int, int, int)
-        See `search_region_slope`.
+        First row, last row + 1, first column, last column + 1 of each region.
     slopes : (float, float)
-        Range of the search.
+        Range of the search, in pixels per view step.
     background : float, optional
-        Slope of all that is no region. Default: the lowest, as Samarakoon et al. choose a smaller
+        Slope outside the regions. Default: the lowest, because Samarakoon et al. choose a smaller
         one.
     dense : bool, optional
-        Use all views: a region's slope is then the one that most of its pixels have in a slope map
-        (`lf_flame.refocus.all_in_focus`, where the authors have a map of their own). Otherwise the
-        cross of 17 views alone is used, and `search_region_slope`.
+        Whether all views are used: a region's slope is then that of most of its pixels in a slope
+        map (`lf_flame.refocus.all_in_focus`; the authors use another map). Otherwise only the
+        cross of 17 views is used, with `search_region_slope`.
     unet : SparseUNet, optional
-        Trained, removes the ghosts that the cross leaves.
+        Trained network that removes the ghosts of the cross.
 
     Returns
     -------
     ndarray of float32, shape (t, s) or (t, s, channels)
-        The image; with a network, from 0 to 1.
+        Image; with a network, from 0 to 1.
     ndarray of float64, shape (t, s)
         Slope of every pixel.
     list of (float, float)
-        Slope of every region, and how far to trust it: of dense views the part of the region's
-        pixels whose slope is certain, else its MS-SSIM to the middle view.
+        Slope of every region, and its confidence: with all views the fraction of the region's
+        pixels with a certain slope, else the MS-SSIM with the central view.
 
     Raises
     ------
     InputError
-        If a region does not lie in the image, or is too small, the range is empty, or views are
-        missing; with a network also if the image is smaller than it can take.
+        If a region is not inside the image, or is too small, the range is empty, or views are
+        missing; with a network also if the image is too small for it.
 
     Examples
     --------
@@ -197,7 +199,7 @@ def refocus_regions(
 
 
 def _region_slopes(views: Views, regions: list, slopes: tuple[float, float], dense: bool):
-    """Find the slope of every region, and how far to trust it."""
+    """Find the slope of every region, and its confidence."""
     if not dense:
         return [search_region_slope(views, region, slopes) for region in regions]
     steps = np.linspace(*slopes, max(round((slopes[1] - slopes[0]) / STEP), 2) + 1)
@@ -206,7 +208,7 @@ def _region_slopes(views: Views, regions: list, slopes: tuple[float, float], den
 
 
 def _without_ghosts(image: np.ndarray, unet: "SparseUNet") -> np.ndarray:
-    """Correct an image (t, s) or (t, s, channels) by the network, a channel at a time."""
+    """Correct an image (t, s) or (t, s, channels) with the network, one channel at a time."""
     channels = np.moveaxis(np.atleast_3d(image), 2, 0)[..., None]
     corrected = np.moveaxis(unet.predict(channels)[..., 0], 0, 2)
     return np.clip(corrected, 0, 1).reshape(image.shape)

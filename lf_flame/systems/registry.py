@@ -1,4 +1,4 @@
-"""The networks that can be trained: how each is built, and what it is trained to make small."""
+"""Registry of the networks that can be trained: how each is built, and its loss."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,13 +18,15 @@ class Network:
     Attributes
     ----------
     system : type of NetworkSystem
+        Class of the system.
     model : callable
-        Takes a seed, builds the Keras model.
+        Function of a seed that builds the Keras model.
     loss : str or callable
+        Loss of the training.
     truth : str
-        What it learns to draw: a key of `lf_flame.systems.formulas.REFERENCES`.
+        Reference image that it learns: a key of `lf_flame.systems.formulas.REFERENCES`.
     note : str
-        What sets it apart from others of its kind.
+        Words that distinguish it from others of its kind.
     """
 
     system: type[NetworkSystem]
@@ -35,7 +37,7 @@ class Network:
 
     @property
     def title(self) -> str:
-        """What tables call it."""
+        """Name in tables."""
         return f"{self.system.name}, {self.note}" if self.note else self.system.name
 
     def build(self, seed: int) -> NetworkSystem:

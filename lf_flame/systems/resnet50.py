@@ -1,4 +1,4 @@
-"""The paper's ResNet-50, as a system: all views in one picture, four images at slopes of its own.
+"""The paper's ResNet-50 as a system: all views in one image, refocused images at fixed slopes.
 
 A network of this kind is for one camera and for the depths that it was trained on.
 """
@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     import keras
 
 NEAR = 0.02
-"""How far a slope that is asked for may be from the network's own, in lenslets per view step."""
+"""Largest distance of a requested slope from one of the network's, in lenslets per view step."""
 
 
 class ResNet50(NetworkSystem):
-    """A trained run of the paper's network, whatever it is shown.
+    """A trained run of the paper's network, with any input encoding.
 
     Parameters
     ----------
     model : keras.Model
+        Trained network.
     config : DatasetConfig
-        Of the data set that it was trained on.
+        Configuration of the data set that it was trained on.
     slopes : sequence of float
-        Its own, in lenslets per view step.
+        Slopes of its outputs, in lenslets per view step.
     """
 
     name = "ResNet-50"
@@ -47,7 +48,7 @@ class ResNet50(NetworkSystem):
         return cls(run.load_network(), run.config, run.slopes)
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose all views of its own camera, or those that its encoding shows."""
+        """Choose the views that its encoding uses, of its own camera's views."""
         own = self.config.camera.views
         if (rows, columns) != (own, own):
             raise InputError(

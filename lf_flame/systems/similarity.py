@@ -1,8 +1,8 @@
-"""Structural similarity that a network can be trained on, and at several scales.
+"""Structural similarity, also at several scales, as a loss for training networks.
 
-In Keras's operations, so that it has a gradient on every backend; tables are scored with
-scikit-image. Constants as Wang et al. have them: a Gaussian window of
-11 x 11 pixels and standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
+It uses Keras's operations, so that it has a gradient on every backend; tables are scored with
+scikit-image. The constants are those of Wang et al.: a Gaussian window of 11 x 11 pixels and
+standard deviation 1.5, K1 = 0.01, K2 = 0.03, images from 0 to 1.
 """
 
 from typing import Any
@@ -16,8 +16,8 @@ WINDOW, DEVIATION = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
 
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-"""Of the scales, the finest first: Z. Wang, E. P. Simoncelli, A. C. Bovik, "Multiscale structural
-similarity for image quality assessment", Asilomar 2003."""
+"""Weights of the scales, the finest first: Z. Wang, E. P. Simoncelli, A. C. Bovik, "Multiscale
+structural similarity for image quality assessment", Asilomar 2003."""
 
 
 def ssim(truth: Any, image: Any) -> Any:
@@ -26,11 +26,12 @@ def ssim(truth: Any, image: Any) -> Any:
     Parameters
     ----------
     truth, image : tensor, shape (n, h, w, channels)
-        From 0 to 1, of 11 x 11 pixels or more; windows lie wholly inside.
+        Images from 0 to 1, of 11 x 11 pixels or more; windows are completely inside.
 
     Returns
     -------
     tensor, shape (n,)
+        Similarity of each pair of images, 1 for equal ones.
 
     Examples
     --------
@@ -45,20 +46,20 @@ def ssim(truth: Any, image: Any) -> Any:
 
 
 def ms_ssim(truth: Any, image: Any) -> Any:
-    """Structural similarity at several scales, each half the one before.
+    """Structural similarity at several scales (MS-SSIM), each half the previous one.
 
-    Five scales need images of 176 pixels; smaller ones have as many scales as leave a window, and
-    their weights are scaled to the same sum.
+    Five scales need images of 176 pixels; smaller images have as many scales as contain a window,
+    with weights scaled to the same sum.
 
     Parameters
     ----------
     truth, image : tensor, shape (n, h, w, channels)
-        From 0 to 1.
+        Images from 0 to 1.
 
     Returns
     -------
     tensor, shape (n,)
-        From 0 to 1: below 0 a scale counts as 0.
+        Similarity from 0 to 1; a scale with a negative value counts as 0.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def _terms(truth: Any, image: Any) -> tuple[Any, Any]:
 
 
 def _blur(x: Any) -> Any:
-    """Average each channel over the window, where it lies inside."""
+    """Average each channel over the windows that are inside the image."""
     places = np.arange(WINDOW) - WINDOW // 2
     shares = np.exp(-(places**2) / (2 * DEVIATION**2))
     shares = np.tile((shares / shares.sum()).astype(np.float32)[:, None, None, None],

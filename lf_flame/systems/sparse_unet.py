@@ -1,9 +1,9 @@
 """The volumetric system: an image from few views, and a U-Net that removes its ghosts.
 
 T. Samarakoon, K. Abeywardena, C. U. S. Edussooriya, "Arbitrary Volumetric Refocusing of Dense and
-Sparse Light Fields", arXiv 2502.19238. A cross of 17 views replaces all 81, and a U-Net turns what
-the cross gives into what all views would have given. The U-Net's depth and channels are not
-published; ours are our choice. Refocusing region by region is in `lf_flame.systems.region_refocus`.
+Sparse Light Fields", arXiv 2502.19238. A cross of 17 views replaces all 81, and a U-Net turns the
+image from the cross into that from all views. The U-Net's depth and channels are not published;
+they are our choice. Refocusing region by region is in `lf_flame.systems.region_refocus`.
 """
 
 import keras
@@ -18,7 +18,8 @@ from lf_flame.systems.view_selection import ARM, cross_of_views
 FILTERS = (16, 32, 64)
 
 SSIM_WEIGHT, PSNR_WEIGHT = 0.65, 500.0
-"""Of the loss, as published: 1 - MS-SSIM, with the rest of 1 for the absolute error; 1 / PSNR."""
+"""Weights in the loss, as published: of 1 - MS-SSIM (the absolute error has the rest of 1), and of
+1 / PSNR."""
 
 
 def build_unet(seed: int = 0) -> keras.Model:
@@ -27,13 +28,13 @@ def build_unet(seed: int = 0) -> keras.Model:
     Parameters
     ----------
     seed : int, optional
-        Of the initial weights, Glorot-uniform ("Xavier").
+        Seed of the initial weights, Glorot-uniform ("Xavier").
 
     Returns
     -------
     keras.Model
-        Input and output (h, w, 1), sides multiples of 4; the input is added to what the last
-        convolution makes.
+        Model with input and output (h, w, 1), sides multiples of 4; the input is added to the
+        result of the last convolution.
 
     Examples
     --------
@@ -67,10 +68,10 @@ def build_unet(seed: int = 0) -> keras.Model:
 
 
 def unet_loss(truth, image):
-    """MSE + 0.65 (1 - MS-SSIM) + 0.35 L1 + 500 / PSNR, the last in dB, for each sample.
+    """Loss MSE + 0.65 (1 - MS-SSIM) + 0.35 L1 + 500 / PSNR, PSNR in dB, for each sample.
 
-    500 / PSNR outweighs the rest, as published. It is bounded at 1 dB, below which it would change
-    its sign.
+    500 / PSNR dominates, as published. PSNR is bounded at 1 dB, because the term would change sign
+    below 0 dB.
     """
     squared = ops.mean(ops.square(truth - image), axis=(1, 2, 3))
     absolute = ops.mean(ops.abs(truth - image), axis=(1, 2, 3))
@@ -85,7 +86,7 @@ def unet_loss(truth, image):
 
 
 class SparseUNet(NetworkSystem):
-    """Shift-and-sum of a cross of 17 views, and the U-Net behind it."""
+    """Shift-and-sum of a cross of 17 views, corrected by the U-Net."""
 
     name = "Volumetric: cross of 17 views, U-Net"
     smallest = 49

@@ -1,7 +1,7 @@
-"""Training refocusing networks: every one from the same training samples, by the same program.
+"""Training refocusing networks: all of them from the same training samples, with one program.
 
-Batches are patches cut out at random, sooner where there is something to see; the run folder is
-that of `lf_flame.learning.training_run`.
+Batches are patches cut out at random positions, preferably with contrast; the run folder is that of
+`lf_flame.learning.training_run`.
 """
 
 import time
@@ -26,35 +26,38 @@ from lf_flame.systems.registry import NETWORKS
 from lf_flame.systems.training_scenes import TrainingSamples, draw_arrays
 
 FIRST_HELD_OUT = 1_000_000
-"""Index of the first sample to validate with."""
+"""Index of the first validation sample."""
 
 EVALUATION_BATCH = 16
 
 SMALLEST_PATCH = 12
-"""Side of a patch that holds a window of the structural similarity, and halves twice."""
+"""Smallest side of a patch: it contains a window of the structural similarity, and halves twice."""
 
 
 @strict
 @dataclass(frozen=True)
 class SystemRecipe:
-    """How to train a system.
+    """Options for training a system.
 
     Parameters
     ----------
     epochs : int
+        Number of epochs.
     steps_per_epoch : int
-        Of the optimiser. They do not depend on what a system sees, so that as many epochs are as
-        many steps for every system.
+        Number of the optimiser's steps in an epoch. It does not depend on a system's input, so that
+        equal numbers of epochs are equal numbers of steps for all systems.
     batch_size : int
-        Patches in a step.
+        Number of patches in a step.
     patch : int
         Side of a patch in pixels.
     learning_rate : float
-        Of the optimiser; with "cosine" its first value, falling to zero.
+        Learning rate of the optimiser; with "cosine" its initial value, falling to zero.
     schedule : {"constant", "cosine"}
+        Course of the learning rate.
     optimizer : {"adam", "rmsprop"}
+        Optimiser.
     low_light : float
-        Share of the training samples that are seen in low light, with shot noise.
+        Fraction of the training samples in low light, with shot noise.
     """
 
     epochs: int
@@ -82,14 +85,14 @@ class SystemRecipe:
 @strict
 @dataclass(frozen=True)
 class SystemsPreset:
-    """How many training samples there are, and how long every system trains.
+    """Number of training samples, and duration of the training of every system.
 
     Parameters
     ----------
     training_samples, held_out : int
-        Light fields to train on, and to validate with.
+        Number of light fields for training, and for validation.
     epochs, steps_per_epoch : int, optional
-        Instead of a system's own.
+        Numbers that replace those of each system.
     """
 
     training_samples: int
@@ -110,17 +113,20 @@ class SystemsPreset:
 @strict
 @dataclass(frozen=True)
 class SystemsConfig:
-    """Refocusing systems that are trained alike; `read_systems_config` reads it from a TOML file.
+    """Refocusing systems with a common training; `read_systems_config` reads it from a TOML file.
 
     Parameters
     ----------
     seed : int
-        Of training samples, initial weights and patches.
+        Seed of training samples, initial weights and patches.
     training_samples : TrainingSamples
+        Source of the training samples.
     presets : dict of SystemsPreset
+        Named sizes of the training.
     systems : dict of SystemRecipe
+        Training options of each system.
     checkpoint_s : float, optional
-        Seconds between checkpoints; 0 writes one after every epoch.
+        Time between checkpoints in seconds; 0 writes one after every epoch.
     """
 
     seed: int
@@ -138,7 +144,7 @@ class SystemsConfig:
             )
 
     def recipe(self, name: str, preset: str) -> SystemRecipe:
-        """Recipe of a system in a preset."""
+        """Training options of a system in a preset."""
         for kind, key, known in (
             ("system", name, self.systems),
             ("preset", preset, self.presets),
@@ -154,7 +160,7 @@ class SystemsConfig:
 
 
 def read_systems_config(path: str | Path) -> SystemsConfig:
-    """Read a configuration of systems from a TOML file; paths in it start from its folder."""
+    """Read a configuration of systems from a TOML file; paths in it are relative to its folder."""
     config = build(SystemsConfig, read_toml(path), path)
     samples = config.training_samples
     beside = [str(Path(path).parent / file) for file in samples.data]
@@ -164,11 +170,12 @@ def read_systems_config(path: str | Path) -> SystemsConfig:
 def train_system(
     config: SystemsConfig, name: str, preset: str, out: str | Path, show: bool = True
 ) -> Path:
-    """Train a system, or go on with a run that was cut off.
+    """Train a system, or continue a run that was interrupted.
 
     Parameters
     ----------
     config : SystemsConfig
+        Configuration.
     name : str
         Key of its `systems`.
     preset : str
@@ -176,18 +183,18 @@ def train_system(
     out : str or Path
         Run folder.
     show : bool, optional
-        Show progress.
+        Whether to show progress.
 
     Returns
     -------
     Path
-        ``model.keras`` in the run folder.
+        Network ``model.keras`` in the run folder.
 
     Raises
     ------
     InputError
-        If there is no such system or preset, the run folder holds another run, or the loss stops
-        being a number.
+        If there is no such system or preset, the run folder contains another run, or the loss
+        becomes NaN or infinite.
     """
     started, recipe = time.perf_counter(), config.recipe(name, preset)
     counts = config.presets[preset]
@@ -213,7 +220,7 @@ def train_system(
         )
 
     def finish(best: list[np.ndarray]) -> keras.Model:
-        model = network.model(config.seed)  # anew: without the optimiser
+        model = network.model(config.seed)  # a new one, without the optimiser
         assign(_variables(model), best)
         return model
 
@@ -246,17 +253,19 @@ def _values(variables: list[keras.Variable]) -> list[np.ndarray]:
 
 
 class PatchTrainer:
-    """Trains a network on patches of images, through Keras's own `train_on_batch`.
+    """Trains a network on patches of images, with Keras's own `train_on_batch`.
 
     Parameters
     ----------
     system : NetworkSystem
-        Training starts from its network's weights.
+        System whose network is trained, starting from its weights.
     loss : str or callable
-        Keras's name of a loss, or a function of truth and image that gives one number a sample.
+        Keras's name of a loss, or a function of truth and image that gives one number per sample.
     recipe : SystemRecipe
+        Training options.
     arrays : dict
-        ``name: (shown, truth)``, "train" and "validation"; float32, shape (n, h, w, channels).
+        Pairs ``name: (shown, truth)`` for "train" and "validation"; float32, shape (n, h, w,
+        channels).
     """
 
     def __init__(self, system: NetworkSystem, loss, recipe: SystemRecipe, arrays: dict):
@@ -274,7 +283,7 @@ class PatchTrainer:
         self.model.compile(self.optimizer, loss)
 
     def train_epoch(self, rng: np.random.Generator) -> float:
-        """Take the steps of an epoch; mean loss while doing so."""
+        """Take the steps of an epoch; returns the mean loss meanwhile."""
         losses = []
         for _ in range(self.recipe.steps_per_epoch):
             losses.append(self.model.train_on_batch(*self._cut(rng, self.recipe.batch_size)))
@@ -282,10 +291,10 @@ class PatchTrainer:
         return float(np.mean(losses))
 
     def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Cut patches out of images drawn at random, never turned or mirrored: views have sides.
+        """Cut patches out of random images, never rotated or mirrored: views have directions.
 
-        Of two places the one with more contrast is taken: where all is black or even, nothing can
-        be learnt.
+        Of two positions the one with more contrast is used: nothing can be learnt from uniform
+        patches.
         """
         shown, truth = self.arrays["train"]
         cuts = []
@@ -299,9 +308,9 @@ class PatchTrainer:
         return np.stack([shown[cut] for cut in cuts]), np.stack([truth[cut] for cut in cuts])
 
     def evaluate(self, part: str) -> float:
-        """Mean squared error over whole images, whatever the loss."""
+        """Mean squared error over whole images, for any loss."""
         shown, truth = self.arrays[part]
-        if part == "train":  # a sample of them will do
+        if part == "train":  # some of them suffice
             shown, truth = shown[: 2 * EVALUATION_BATCH], truth[: 2 * EVALUATION_BATCH]
         total = 0.0
         for k in range(0, len(shown), EVALUATION_BATCH):
@@ -316,7 +325,7 @@ class PatchTrainer:
 
     @property
     def state(self) -> list[np.ndarray]:
-        """Everything that the next epoch depends on; set it to go on from there."""
+        """Everything that the next epoch depends on; set it to continue from there."""
         return _values([*_variables(self.model), *self.optimizer.variables])
 
     @state.setter
@@ -330,7 +339,7 @@ def load_system(path: str | Path) -> NetworkSystem:
     Raises
     ------
     InputError
-        If there is no finished run of a system, it is damaged, or the file does not hold the
+        If there is no finished run of a system, it is damaged, or the file does not contain the
         weights.
     """
     folder = Path(path)

@@ -1,10 +1,9 @@
-"""Training samples: light fields to learn refocusing from, each seen at several slopes.
+"""Training samples: light fields to learn refocusing from, each at several slopes.
 
-Most of them show the paper's scenes with every object at a depth drawn anew, so that
-nothing can be memorised; the rest are dead leaves, which look like photographs. What a system
-should draw is what all views give, by shift-and-sum or by the Fourier slice. Where the effect plan
-allows, that comes straight from the scene (`lf_flame.projection`), and so do the views that a
-system looks at; no light field is formed.
+Most of them are the paper's scenes with every object at a random depth, so that nothing can be
+memorised; the rest are dead leaves, which resemble photographs. The true image is that from all
+views, by shift-and-sum or by the Fourier slice. Where the effect plan allows, it comes directly from
+the scene (`lf_flame.projection`), like the views that a system uses; no light field is formed.
 """
 
 from collections.abc import Callable, Collection
@@ -27,34 +26,34 @@ from lf_flame.systems.base import NetworkSystem, ViewIndices
 from lf_flame.systems.formulas import REFERENCES, average
 
 BEYOND_MM = 3.0
-"""How far beyond the depths of a template its objects may stand."""
+"""Largest distance in mm of an object beyond the depths of its template."""
 
 PROJECTED = "shift-and-sum"
-"""The one of the `REFERENCES` that needs no light field."""
+"""Name of the one of the `REFERENCES` that needs no light field."""
 
 SEED_OF_SCENES = 7
-"""Keeps these scenes apart from those of data sets, which are drawn from (seed, index)."""
+"""Number in the seeds of these scenes, which separates them from data sets' (seed, index)."""
 
 Looks = Callable[[int, int], ViewIndices]
-"""From the numbers of rows and columns of views to the indices of those that are looked at."""
+"""Function from the number of rows and columns of views to the indices of the views used."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingSample:
-    """A light field, or its scene, and slopes at which to look at it.
+    """A light field, or its scene, with slopes at which to refocus it.
 
     Attributes
     ----------
     views : ndarray of float32, shape (v, u, t, s)
-        All, or without a light field those that are looked at; the others are 0.
+        All views, or without a light field only those used; the others are 0.
     slopes : ndarray of float64, shape (n,)
-        In lenslets per view step.
+        Slopes in lenslets per view step.
     block : (int, int)
-        Lenslets in a pixel of the images.
+        Number of lenslets in a pixel of the images, along (t, s).
     seen : ndarray of float32, shape (v, u, t, s)
-        The views with noise; without any they are `views`.
+        Views with noise; equal to `views` if there is none.
     projector : Projector, optional
-        Of the scene, where there is no light field.
+        Projector of the scene, if there is no light field.
     """
 
     views: np.ndarray
@@ -69,7 +68,7 @@ class TrainingSample:
         Raises
         ------
         InputError
-            If there is no light field and the reference needs one.
+            If the reference needs a light field, and there is none.
         """
         if self.projector is not None:
             if reference != PROJECTED:
@@ -83,22 +82,24 @@ class TrainingSample:
 @strict
 @dataclass(frozen=True)
 class TrainingSamples:
-    """Where training samples come from.
+    """Source of training samples.
 
     Parameters
     ----------
     data : list of str
-        Files of data-set configurations whose scenes are shown in turn.
+        Files of data-set configurations whose scenes are used, chosen at random.
     leaves : float
-        Share of the light fields that are dead leaves.
+        Fraction of the light fields that are dead leaves.
     leaf_views : int
-        Views of these along each axis.
+        Number of views of these along each axis.
     slopes : int
-        At which each light field is seen: half of them where something is sharp, the rest anywhere
-        between.
+        Number of slopes for each light field: at half of them an object is in focus, the rest are
+        random in between.
     look : DeadLeaves
+        Appearance of the dead leaves.
     electrons : (float, float)
-        That a pixel at full scale holds in low light; drawn evenly in its logarithm.
+        Range of the number of electrons in a pixel at full scale in low light; uniform in its
+        logarithm.
     """
 
     data: list[str]
@@ -120,7 +121,7 @@ class TrainingSamples:
 
     @cached_property
     def configs(self) -> list[DatasetConfig]:
-        """The data sets' configurations; their images must be of one size."""
+        """Configurations of the data sets; their images must have one size."""
         configs = [read_config(Path(path)) for path in self.data]
         sizes = {config.image for config in configs}
         if len(sizes) > 1:
@@ -132,15 +133,17 @@ class TrainingSamples:
     def draw(
         self, seed: int, index: int, low_light: float = 0.0, looks: Looks | None = None
     ) -> TrainingSample:
-        """Draw a sample that depends on these numbers alone; a share of them is in low light.
+        """Draw a sample that depends on these numbers alone; a fraction is in low light.
 
         Parameters
         ----------
         seed, index : int
+            Seed, and index of the sample.
         low_light : float, optional
+            Fraction of the samples in low light.
         looks : callable, optional
-            Which views are looked at: no more are made, where the effect plan and the light allow,
-            and no light field is formed. Default: all.
+            Function that selects the views to use: only these are computed, where the effect plan
+            and the light allow, and no light field is formed. Default: all views.
         """
         rng = np.random.default_rng([seed, index, SEED_OF_SCENES])
         if rng.uniform() < self.leaves:
@@ -166,7 +169,7 @@ class TrainingSamples:
     def _draw_scene(
         self, config: DatasetConfig, rng: np.random.Generator
     ) -> tuple[Scene, np.ndarray, int]:
-        """Draw a scene, the slopes at which it is seen, and the seed of its sensor's noise."""
+        """Draw a scene, the slopes for it, and the seed of its sensor's noise."""
         scene, _ = config.template.draw(rng)
         own = np.array(config.depths_mm)
         depths = rng.permutation(own)
@@ -184,7 +187,7 @@ class TrainingSamples:
 def _simulate(
     config: DatasetConfig, scene: Scene, slopes: np.ndarray, noise: int, looks: Looks | None
 ) -> TrainingSample:
-    """Make the views that are looked at, straight from the scene if the plan allows; or all."""
+    """Compute the views to use, directly from the scene if the plan allows; or all views."""
     camera, plan = config.camera, config.plan_of(scene)
     if looks is None or plan.not_separable:
         views = render_plan(scene, camera, plan, seed=noise).views
@@ -203,24 +206,29 @@ def draw_arrays(
     reference: str = "shift-and-sum",
     low_light: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make what a network is shown, and what it should draw.
+    """Make the inputs of a network, and its true outputs.
 
     Parameters
     ----------
     training_samples : TrainingSamples
+        Source of the samples.
     system : lf_flame.systems.base.NetworkSystem
+        System of the network.
     seed : int
+        Seed of the samples.
     indices : collection of int
-        Of the training samples.
+        Indices of the samples.
     reference : str, optional
-        What all views give: a key of `lf_flame.systems.formulas.REFERENCES`.
+        Reference of the truth: a key of `lf_flame.systems.formulas.REFERENCES`.
     low_light : float, optional
-        Share of the light fields that are seen in low light, with shot noise.
+        Fraction of the light fields in low light, with shot noise.
 
     Returns
     -------
     ndarray of float32, shape (n, h, w, channels)
+        Inputs.
     ndarray of float32, shape (n, h, w, channels)
+        True outputs.
     """
     arrays: list[np.ndarray] = []
     looks = system.view_indices if reference == PROJECTED else None
@@ -231,7 +239,7 @@ def draw_arrays(
             system.show(sample.seen, slopes, sample.block),
             system.truth(sample.truth(slopes, reference)),
         )
-        if not arrays:  # at once for all: these are gigabytes
+        if not arrays:  # allocated once for all: these are gigabytes
             arrays = [np.empty((len(indices), *x.shape), np.float32) for x in images]
         for array, some in zip(arrays, images, strict=True):
             array[k] = some

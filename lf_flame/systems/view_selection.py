@@ -1,4 +1,4 @@
-"""Which views of a light field a system looks at."""
+"""Selections of the views of a light field that a system uses."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from lf_flame.errors import InputError
 from lf_flame.systems.base import ViewIndices
 
 ARM = 4
-"""Views of the cross beside its middle, each way."""
+"""Number of views of the cross on each side of its centre."""
 
 
 def every_view(rows: int, columns: int) -> ViewIndices:
@@ -16,7 +16,7 @@ def every_view(rows: int, columns: int) -> ViewIndices:
 
 
 def square_of_views(rows: int, columns: int, side: int = 3) -> ViewIndices:
-    """Choose the views in the middles of side x side equal parts of the aperture."""
+    """Choose the views at the centres of side x side equal parts of the aperture."""
     _need_square(rows, columns, side)
     return [(v, u) for v in middles(rows, side) for u in middles(columns, side)]
 
@@ -33,7 +33,7 @@ def _need_square(rows: int, columns: int, side: int) -> None:
 
 
 def cross_of_views(rows: int, columns: int, arm: int = ARM) -> ViewIndices:
-    """Choose the middle row and the middle column, 2 arm + 1 views of each, spread out.
+    """Choose the central row and the central column, 2 arm + 1 views of each, spread evenly.
 
     With arm 4 these are 17 of 81 views (Samarakoon et al., arXiv 2502.19238).
     """
@@ -46,12 +46,11 @@ def cross_of_views(rows: int, columns: int, arm: int = ARM) -> ViewIndices:
 
 
 def lattice_of_views(rows: int, columns: int) -> ViewIndices:
-    """Choose nine views of which no two share a row or a column, evenly over the aperture.
+    """Choose nine views spread evenly over the aperture, no two in the same row or column.
 
     They are the nodes of a rank-1 lattice, (k, 2k modulo 9) (I. H. Sloan, S. Joe, "Lattice Methods
-    for Multiple Integration", Oxford 1994): seen along a row or along a column, they sample the
-    aperture at nine positions, where 3 x 3 views do at but three. The ghosts of an edge stand three
-    times as close.
+    for Multiple Integration", Oxford 1994). Along a row or a column they sample the aperture at
+    nine positions, unlike 3 x 3 views at three. The ghosts of an edge are three times as close.
     """
     if min(rows, columns) < LATTICE:
         raise InputError(
@@ -66,5 +65,5 @@ LATTICE = 9
 
 
 def middles(count: int, parts: int) -> list[int]:
-    """Find the views nearest to the middles of equal parts of the aperture."""
+    """Find the views nearest to the centres of equal parts of the aperture."""
     return np.floor((np.arange(parts) + 0.5) * count / parts).astype(int).tolist()

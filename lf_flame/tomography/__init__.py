@@ -1,8 +1,8 @@
-"""From one light field to the light of each depth: resolution, operator, inversion, temperature.
+"""Tomography: from one light field to the emission at each depth, with errors and temperature.
 
-What no light field of one camera can give is said by `lf_flame.tomography.resolution`.
+`lf_flame.tomography.resolution` shows what a light field of one camera cannot resolve.
 
-Names load on first use: operator and fit need the extra ``lf_flame[tomography]``, not the rest.
+Names load on first use: operator and fit need the extra ``lf_flame[tomography]``.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ def __getattr__(name: str) -> Any:
     if name in (
         "find_flicker",
         "measure_flame",
-    ):  # names as they were before `lf_flame.flame_video`
+    ):  # former names, from before `lf_flame.flame_video`
         from lf_flame import flame_video
 
         return getattr(flame_video, name)

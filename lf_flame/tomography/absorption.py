@@ -1,11 +1,11 @@
-"""Light that is absorbed on its way: planes dim themselves and what lies behind them.
+"""Absorption: depth planes attenuate their own light and light from behind them.
 
-The optical thickness is given, for a light field alone does not tell emission from absorption. The
-convention is that of scenes (`lf_flame.scenes.Layer`): emission is what would leave a plane if
-nothing were absorbed. Of that a plane's own matter lets ``(1 - exp(-tau)) / tau`` out, emission and
-absorption being evenly mixed within it (Modest, Radiative Heat Transfer, chapter on the equation of
-transfer; for thin planes that is ``exp(-tau / 2)``, half of its thickness), and each plane nearer
-to the camera, which is at a smaller depth, lets ``exp(-tau)`` of the rest through.
+The optical thickness must be given, because a light field alone cannot separate emission from
+absorption. The convention is that of scenes (`lf_flame.scenes.Layer`): emission is the light that
+would leave a depth plane without absorption. A plane's own matter transmits ``(1 - exp(-tau)) /
+tau`` of it, with emission and absorption evenly mixed (Modest, Radiative Heat Transfer, chapter on
+the equation of transfer; for thin planes this is ``exp(-tau / 2)``, half the thickness). Each plane
+nearer to the camera, at a smaller depth, transmits ``exp(-tau)`` of the rest.
 """
 
 from collections.abc import Callable
@@ -23,45 +23,47 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.projection_operator import ProjectionOperator, plane_bands
 
 MOST_THICKNESS = 2.0
-"""Total along a ray of the central view. Of light from behind it a seventh is left; an error of the
-thickness by a twentieth is then one of that light by a tenth."""
+"""Largest total optical thickness along a ray of the central view. A seventh of the light from
+behind remains; an error of 5 % in the thickness then changes that light by 10 %."""
 
 SETTLED = 1e-4
-"""Change of the correction, relative to the light field, below which it stands: emission then
-changes by some 1e-3. Each fit leaves about a tenth of the change at a thickness of 0.5."""
+"""Relative change of the correction, in light fields, at which the iteration ends: emission then
+changes by about 1e-3. At a thickness of 0.5, each fit leaves about a tenth of the change."""
 
 MOST_FITS = 12
-"""Fits after which a correction that still changes is given up, with a warning."""
+"""Largest number of fits; if the correction still changes, there is a warning."""
 
 SEARCHES = 2
-"""Fits that choose the strength of their penalty. The first one's noise still holds what
-absorption does to single views; from the third on, a strength that changed would keep the rest from
-settling."""
+"""Number of fits that choose the strength of the regularisation. The noise of the first fit still
+contains the effect of absorption on single views; from the third on, a change of strength would
+keep the rest from converging."""
 
 Bands = tuple[sparse.csr_array, sparse.csr_array]
-"""Of a plane, along y and along x: see `plane_bands`."""
+"""Bands of a depth plane, along y and along x: see `plane_bands`."""
 
 
 class AbsorbingOperator(LinearOperator):
-    """From the emission of cells, flattened (plane, row, column), to views (v, u, t, s), dimmed.
+    """Linear operator from the emission of cells to attenuated views.
 
-    A pixel's light from a plane is that of `ProjectionOperator`, times the mean transmission of
-    each nearer plane over the pixel's ray bundle. That is exact where what glows or what absorbs is
-    even across a bundle.
+    It maps emission, flattened (plane, row, column), to views (v, u, t, s). A pixel's light from a
+    depth plane is that of `ProjectionOperator`, times the mean transmission of each nearer plane
+    over the pixel's ray bundle. This is exact if emission or absorption is constant across a
+    bundle.
 
     Parameters
     ----------
     grid : FrustumGrid
+        Cells at the depth planes.
     thickness : ndarray of float64, shape (planes, rows, columns)
         Optical thickness of the grid's cells, 0 or above: see `spread_thickness`.
     dtype : {"float32", "float64"}, optional
-        In which all is stored and summed; transmissions are multiplied in float64.
+        Type for storage and sums; transmissions are multiplied in float64.
 
     Raises
     ------
     InputError
-        If the type is another, the shape is not the grid's, or the transmissions would take more
-        memory than is allowed.
+        If the type or the shape is another one, or the transmissions would exceed the memory
+        limit.
 
     Examples
     --------
@@ -117,12 +119,12 @@ class AbsorbingOperator(LinearOperator):
         return (self._own * np.stack(cells)).ravel()
 
     def mean_transmission(self) -> np.ndarray:
-        """Share of each cell's light that leaves towards the camera, the mean over the views.
+        """Fraction of each cell's light that leaves towards the camera, averaged over the views.
 
         Returns
         -------
         ndarray of float64, shape (planes, rows, columns)
-            Above 0, at most 1; the plane's own share where no view sees a cell.
+            Mean transmission, above 0, at most 1; the plane's own factor where no view sees a cell.
         """
         means = []
         for back, seen in zip(self._back, self._seen, strict=True):
@@ -141,12 +143,12 @@ def _apply(bands: Bands, plane: np.ndarray) -> np.ndarray:
 def _seen_through(
     grid: FrustumGrid, bands: list[Bands], thickness: np.ndarray, dtype: np.dtype
 ) -> list[np.ndarray]:
-    """Transmission of all that is nearer than each plane, for each pixel of each view.
+    """Transmission of everything nearer than each depth plane, for each pixel of each view.
 
     Returns
     -------
     list of ndarray, shape (views * rows, views * columns)
-        By plane, in the grid's order.
+        Transmission for each plane, in the grid's order.
     """
     seen: dict[int, np.ndarray] = {}
     through = np.ones([pair.shape[0] for pair in bands[0]])
@@ -157,26 +159,26 @@ def _seen_through(
 
 
 def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
-    """Lay a given optical thickness on the cells of a grid.
+    """Spread a given optical thickness over the cells of a grid.
 
     Parameters
     ----------
     grid : FrustumGrid
     thickness : float, or array_like of shape (planes,) or (planes, rows, columns)
-        A number is the total, spread evenly over the planes; else that of each plane, even across
-        it, or by the central view's pixels. What the central view does not see is taken to be as
-        the nearest pixel that it does.
+        Optical thickness: a number is the total, spread evenly over the depth planes; an array has
+        a value for each plane, or for each plane and pixel of the central view. Cells outside the
+        central view get the value of its nearest pixel.
 
     Returns
     -------
     ndarray of float64, shape (planes, rows, columns)
-        On all of the grid's cells.
+        Optical thickness of all cells of the grid.
 
     Raises
     ------
     InputError
-        If the shape is another, or a value is not finite, below 0, or above `MOST_THICKNESS` in
-        total.
+        If the shape is another one, or a value is not finite, below 0, or above `MOST_THICKNESS`
+        in total.
     """
     given = np.asarray(thickness)
     planes, (rows, columns) = grid.shape[0], grid.pixels
@@ -207,11 +209,11 @@ def spread_thickness(grid: FrustumGrid, thickness: ArrayLike) -> np.ndarray:
 
 
 class Explained(Protocol):
-    """What a fit found."""
+    """Result of a fit."""
 
     @property
     def cells(self) -> np.ndarray:
-        """Of shape (planes, rows, columns)."""
+        """Cells, shape (planes, rows, columns)."""
         ...
 
 
@@ -219,25 +221,26 @@ Found = TypeVar("Found", bound=Explained)
 
 
 class Absorption:
-    """What absorption makes of a light field, as a correction to one without.
+    """Effect of absorption on a light field, as a correction to a fit without absorption.
 
-    Emission as it leaves towards the camera, dimmed by the mean over the views, explains the light
-    field as if light only added up; views differ from it by what each sees absorbed more or less
-    than their mean. That difference is small, and is taken off the light field before a fit; the
-    fit tells it better, and so on (a deferred correction; Stetter, Numer. Math. 29, 425, 1978).
+    If every view saw the mean transmission over the views, a fit in which light only adds up would
+    explain the light field by emission times that mean. Single views differ from this by their
+    more or less absorption. The difference is small; it is subtracted from the light field before a
+    fit, estimated again from that fit, and so on (deferred correction; Stetter, Numer. Math. 29,
+    425, 1978).
 
     Parameters
     ----------
     operator : ProjectionOperator
-        Without absorption, of float32.
+        Operator without absorption, float32.
     grid : FrustumGrid
     thickness : ndarray of float64, shape (planes, rows, columns)
-        Of the grid's cells.
+        Optical thickness of the grid's cells.
 
     Attributes
     ----------
     transmission : ndarray of float32, shape (planes, rows, columns)
-        Share of each cell's emission that leaves towards the camera, the mean over the views.
+        Fraction of each cell's emission that leaves towards the camera, averaged over the views.
     """
 
     def __init__(self, operator: ProjectionOperator, grid: FrustumGrid, thickness: np.ndarray):
@@ -246,32 +249,33 @@ class Absorption:
         self.transmission = self._absorbing.mean_transmission().astype(np.float32)
 
     def seen(self, leaving: np.ndarray) -> np.ndarray:
-        """Give the light field of what leaves each cell, shape (v, u, t, s)."""
+        """Light field for the light that leaves each cell, shape (v, u, t, s)."""
         emission = leaving / self.transmission
         return self._absorbing.matvec(emission.ravel()).reshape(self._absorbing.dimsd)
 
     def excess(self, leaving: np.ndarray) -> np.ndarray:
-        """Give what the views hold beyond what they would if all saw the mean; (v, u, t, s)."""
+        """Difference of the views from those with the mean transmission, shape (v, u, t, s)."""
         even = self._even.matvec(leaving.ravel())
         return self.seen(leaving) - even.reshape(self._absorbing.dimsd)
 
     def settle(
         self, views: np.ndarray, fit: Callable[[np.ndarray, Found | None], Found]
     ) -> tuple[Found, bool]:
-        """Fit, correct the light field, and fit again until the correction stands.
+        """Fit, correct the light field, and fit again until the correction converges.
 
         Parameters
         ----------
         views : ndarray of float32, shape (v, u, t, s)
         fit : callable
-            From a light field without absorption to what leaves each cell. Its second argument is
-            None, or the last fit, whose strength is to be kept.
+            Function from a light field without absorption to the light that leaves each cell. Its
+            second argument is None, or the last fit, to keep its strength.
 
         Returns
         -------
         found : object
-            Of the last fit.
+            Result of the last fit.
         settled : bool
+            Whether the correction converged.
         """
         correction = np.zeros_like(views)
         found, fits = fit(views, None), 1

@@ -1,21 +1,21 @@
-"""Light on the field's edges, where nothing should glow: a background, or blacks cut off at 0."""
+"""Light at the edges of the field, where nothing should emit: a background, or clipped blacks."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 LEAST_SIGNIFICANT = 5.0
-"""Standard errors of the edge's level from which a background is no accident."""
+"""Number of standard errors above which the edge's level is a background."""
 
 LEAST_LIGHT = 0.01
-"""Share of all light that a background must add to be worth a word."""
+"""Smallest fraction of all light that a background must add for a warning."""
 
 HALF_NORMAL = 1.35
-"""Ratio of mean square to squared mean of what is above 0, from which zeros are noise that was cut
-off: 1.57 for a normal distribution cut in its middle; below 1.3 for counted photons."""
+"""Smallest ratio of mean square to squared mean of values above 0 that shows clipped noise: it is
+1.57 for a normal distribution clipped at its centre, and below 1.3 for photon noise."""
 
 SOME_ZEROS, MOST_ZEROS = 0.2, 0.9
-"""Shares of exact zeros between which blacks are taken to be cut off: all, where nothing is lit."""
+"""Range of the fraction of exact zeros with which blacks count as clipped; 1 if nothing is lit."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Edge:
     level : float
         Median over the pixels of their mean over the views.
     error : float
-        Standard error of the level, by the scatter of those means.
+        Standard error of the level, from the scatter of those means.
     adds : float
         Light that this level adds to the field, relative to the rest of its light.
     brightest : float
         Largest of those means.
     clipped : bool
-        Whether noise below 0 was cut off.
+        Whether noise below 0 was clipped.
     """
 
     level: float
@@ -44,14 +44,14 @@ class Edge:
 
     @property
     def is_background(self) -> bool:
-        """Whether the level is no accident, and worth a word."""
+        """Whether the level is significant, and large enough for a warning."""
         return abs(self.level) > LEAST_SIGNIFICANT * self.error and abs(self.adds) > LEAST_LIGHT
 
 
 def measure_edge(views: np.ndarray) -> Edge:
-    """Measure the level of the field's edge, by all of its pixels together.
+    """Measure the level at the edge of the field, from all of its pixels together.
 
-    Medians keep out light that reaches a part of the edge.
+    Medians exclude light that reaches only a part of the edge.
 
     Parameters
     ----------
@@ -83,19 +83,19 @@ class Level:
 
 
 def fit_background(residual: np.ndarray, dark: np.ndarray) -> Level:
-    """Fit a constant to what a light field holds where no emission reaches.
+    """Fit a constant to the part of a light field that no emission reaches.
 
     Parameters
     ----------
     residual : ndarray, shape (v, u, t, s)
-        Light field less the emission's.
+        Light field minus that of the emission.
     dark : ndarray of bool, same shape
-        Pixels that no cell lights which may glow.
+        Pixels that receive no light from cells with emission.
 
     Returns
     -------
     Level
-        The mean, without the tails beyond three standard deviations.
+        Mean, without the tails beyond three standard deviations.
     """
     values = residual[dark].astype(np.float64)
     for _ in range(3):

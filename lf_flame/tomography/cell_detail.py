@@ -1,9 +1,9 @@
-"""What cells cannot hold: light that varies within them.
+"""Detail within cells: the error of a grid with constant emission over each cell.
 
-A grid's cells glow evenly, a flame does not. Its light field therefore differs a little from that
-of any cells, and a fit answers with an error of its own: at depths of fractional slope a quarter of
-a per cent of the peak. The difference is nearly that between cells and a smooth course through
-them, which can be computed.
+A flame's emission varies within cells. Its light field therefore differs slightly from that of any
+cells, and a fit responds with an error: at depths of fractional slope, a quarter of a per cent of
+the peak. The difference is nearly that between the cells and a smooth function with the same light
+in each cell, which can be computed.
 """
 
 from functools import lru_cache
@@ -16,25 +16,25 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.projection_operator import layer_bands
 
 FINER = 3
-"""Parts of a cell along each axis, in which a smooth course is laid out."""
+"""Number of parts of a cell along each axis, for the smooth function."""
 
 
 def smooth_course(plane: np.ndarray) -> np.ndarray:
-    """Draw a smooth course of light through the cells of a plane, which keeps the light of each.
+    """Smooth function through the cells of a depth plane that keeps the light of each cell.
 
-    A cubic spline along each axis whose means over the cells are theirs (a histospline; Boneva,
-    Kendall and Stefanov, J. R. Stat. Soc. B 33, 1, 1971). Where it falls below 0 it is cut off, and
-    the cell's light brought back to what it was.
+    It is a cubic spline along each axis with the means of the cells (a histospline; Boneva, Kendall
+    and Stefanov, J. R. Stat. Soc. B 33, 1, 1971). Negative values are set to 0, and the light of
+    the cell is then restored.
 
     Parameters
     ----------
     plane : ndarray, shape (rows, columns)
-        0 or above.
+        Emission of the cells, 0 or above.
 
     Returns
     -------
     ndarray of float64, shape (FINER * rows, FINER * columns)
-        0 or above.
+        Smooth emission, 0 or above.
     """
     down, across = (_histospline(count) for count in plane.shape)
     course = np.clip(down @ plane.astype(np.float64) @ across.T, 0, None)
@@ -45,7 +45,7 @@ def smooth_course(plane: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _histospline(count: int) -> np.ndarray:
-    """Give the matrix from means of cells to means of their parts, shape (FINER * count, count)."""
+    """Matrix from means of cells to means of their parts, shape (FINER * count, count)."""
     spline = ndimage.zoom(np.eye(count), (FINER, 1), order=3, mode="nearest", grid_mode=True)
     means = spline.reshape(count, FINER, count).mean(axis=1)
     return spline @ np.linalg.inv(means)
@@ -58,9 +58,10 @@ def cell_means(course: np.ndarray) -> np.ndarray:
 
 
 class SmoothStack:
-    """The filtered focal stack A'y of the light field y of smooth courses through cells.
+    """Filtered focal stack A'y of the light field y of smooth functions through cells.
 
-    No light field is formed: per axis and pair of planes, views and pixels are summed beforehand.
+    No light field is formed: for each axis and pair of depth planes, views and pixels are summed
+    beforehand.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ class SmoothStack:
         self._pairs = [_pair_sums(grid, axis) for axis in (0, 1)]
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
-        """Give the stack of some cells, float32, their shape (planes, rows, columns)."""
+        """Give the filtered focal stack of cells, float32, shape (planes, rows, columns)."""
         courses = [smooth_course(plane) for plane in cells]
         down, across = self._pairs
         stack = [
@@ -85,12 +86,12 @@ class SmoothStack:
 
 
 def _pair_sums(grid: FrustumGrid, axis: int) -> list[list[sparse.csr_array]]:
-    """Sum over views and pixels what a line of cells of one plane shares with fine ones of another.
+    """Sum over views and pixels the overlap of a line of cells in one plane with parts in another.
 
     Returns
     -------
     list of list of csr_array, shape (cells, FINER * cells)
-        By the plane of the cells, then by that of the light.
+        Sums by the depth plane of the cells, then by that of the parts.
     """
     planes = range(len(grid.depths_mm))
     coarse, fine = [], []

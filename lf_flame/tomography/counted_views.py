@@ -1,4 +1,4 @@
-"""The views of a light field that a fit looks at: an inner square in which all count."""
+"""Views of a light field that a fit uses: an inner square of views with equal weights."""
 
 from dataclasses import replace
 
@@ -9,29 +9,30 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 
 FEWEST = 3
-"""Views along each axis from which depth can be told."""
+"""Smallest number of views along each axis with which depth can be found."""
 
 
 def counted_views(
     light_field: LightField, camera: PlenopticCamera
 ) -> tuple[LightField, PlenopticCamera, tuple[str, ...]]:
-    """Cut a light field to the largest inner square of views of which none has weight 0.
+    """Cut a light field to the largest inner square of views without weight 0.
 
-    Fits take all views alike, as a square pupil gives them; views that do not count, such as those
-    beside a round aperture, are left out with the part of the pupil that they see.
+    Fits give all views equal weights, as for a square pupil. Views of weight 0, such as those at
+    the corners of a round aperture, are left out, with the part of the pupil that they see.
 
     Returns
     -------
     LightField
+        Views of the inner square.
     PlenopticCamera
-        With as many views, of the same pixels.
+        Camera with this number of views, and the same pixels.
     tuple of str
-        A sentence that says so, where views were left out.
+        A sentence that says so if views were left out.
 
     Raises
     ------
     InputError
-        If too few views are left, or those that are do not count alike.
+        If too few views remain, or their weights differ.
     """
     if light_field.weights is None or light_field.views.shape[:2] != (camera.views,) * 2:
         return light_field, camera, ()

@@ -1,4 +1,4 @@
-"""Where a light field disagrees with what the inversion takes for granted, in words."""
+"""Warnings where a light field disagrees with the assumptions of the inversion."""
 
 import numpy as np
 
@@ -8,41 +8,41 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.resolution import depth_blur, finest_period
 
 VIEW_EXCESS = 1.3
-"""Chi-squared of a view, relative to the median view, that is no accident; and of the median
+"""Smallest significant chi-squared of a view, relative to the median view; also that of the median
 view."""
 
 ALONE = 2.0
-"""How many times farther above the median view the worst view stands than the third worst, where
-it is that view which is wrong, and not the model."""
+"""Distance of the worst view from the median view, relative to that of the third worst, above which
+the view is wrong and not the model."""
 
 MODEL_ERROR = 2e-3
-"""Residual relative to the peak that comes of taking the glow of a cell as even."""
+"""Residual relative to the peak that is due to constant emission over each cell."""
 
 STRUCTURE = 0.1
-"""Correlation of neighbouring pixels' residuals above which they are no noise, whose is about 0."""
+"""Correlation of residuals of neighbouring pixels above which they are not noise (about 0)."""
 
 SATURATED = 4
-"""Pixels at exactly the brightest value from which it is a ceiling."""
+"""Smallest number of pixels at exactly the brightest value that suggests saturation."""
 
 LARGEST = 1e15
 """Largest value of a light field: the fit sums squares of squares of pixels in float64."""
 
 BRIGHT = 5.0
-"""Standard errors by which the brightest pixel, averaged over the views, exceeds darkness."""
+"""Number of standard errors by which the brightest pixel, averaged over views, exceeds darkness."""
 
 NEGATIVE = 6.0
-"""Standard deviations of noise below 0 beyond which light is negative."""
+"""Number of standard deviations of noise below 0 beyond which light is negative."""
 
 ALIKE = 0.3
-"""Likeness of two planes' light (the cosine) from which it stands behind each other: side by side
-flames have up to 0.15, those behind each other 0.6 and more."""
+"""Smallest cosine between the light of two depth planes with flames behind each other: flames side
+by side reach 0.15, flames behind each other 0.6 and more."""
 
 DARK_CORNERS = 0.9
-"""Light of the corner views, relative to the median view's, below which a stop darkens them."""
+"""Light of the corner views, relative to the median view, below which a stop darkens them."""
 
 
 def check_range(views: np.ndarray, noise: float | None) -> None:
-    """Refuse values whose squares overflow, and a noise above all that was seen.
+    """Refuse values with squares that overflow, and a noise above all values.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ def check_data(
     chi_squared : ndarray, shape (v, u)
         Mean squared residual of each view, in units of the noise's variance.
     noise, measured : float
-        Standard deviation of a pixel's noise that was used, and of what no emission on the grid
+        Standard deviation of a pixel's noise as used, and of the part that no emission on the grid
         explains.
     stated : bool
         Whether the user gave the noise.
     residual : ndarray, shape of `views`, optional
-        What the emission does not explain. Default: unknown, and not judged.
+        Part that the emission does not explain. Default: unknown, and not checked.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def check_data(
 
 
 def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
-    """Say where planes are nearer to each other than anything is resolved in depth."""
+    """Warn if depth planes are closer to each other than the resolution in depth."""
     steps = np.abs(np.diff(grid.depths_mm))
     period = finest_period(grid.camera, grid.block)
     blur, smooth = depth_blur(grid.camera, period), depth_blur(grid.camera, 10 * period)
@@ -140,12 +140,13 @@ def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
 
 
 def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
-    """Say where light stands behind other light, nearer than the blur: bars are too narrow there.
+    """Warn of light behind other light within the depth blur: error bars are too narrow there.
 
     Parameters
     ----------
     grid : FrustumGrid
     emission : ndarray, shape (planes, rows, columns)
+        Emission of the cells.
     """
     flat = emission.reshape(len(emission), -1).astype(np.float64)
     products = flat @ flat.T
@@ -176,7 +177,7 @@ def _has_light(views: np.ndarray, noise: float) -> bool:
 
 
 def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[str]:
-    """Name the worst view where it, or it and one other, is wrong, and the rest is not."""
+    """Name the worst view if it, or it and one other, is wrong, and the rest is not."""
     worst = np.unravel_index(np.argmax(chi_squared), chi_squared.shape)
     middle, highest = float(np.median(chi_squared)), float(chi_squared[worst])
     third = float(np.sort(chi_squared, axis=None)[-3:][0])
@@ -196,7 +197,7 @@ def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[
 def _unexplained(
     views: np.ndarray, chi_squared: np.ndarray, noise: float, residual: np.ndarray | None
 ) -> list[str]:
-    """Say that the emission does not explain the views, and what that can come of."""
+    """Warn if the emission does not explain the views, with the possible causes."""
     if residual is None:
         return []
     peak, size = float(views.max()), float(np.sqrt(np.mean(np.square(residual, dtype=np.float64))))
@@ -214,7 +215,7 @@ def _unexplained(
 
 
 def _likeness(residual: np.ndarray) -> float:
-    """Correlation of the residuals of neighbouring pixels, the mean along rows and columns."""
+    """Correlation of residuals of neighbouring pixels, averaged over rows and columns."""
     power = float(np.mean(np.square(residual, dtype=np.float64)))
     if not power:
         return 0.0
@@ -226,7 +227,7 @@ def _likeness(residual: np.ndarray) -> float:
 
 
 def _causes(views: np.ndarray, noise: float) -> list[str]:
-    """List what makes views that no emission explains, most likely first."""
+    """List the causes of views that no emission explains, most likely first."""
     found = [
         "depths that are wrong or do not hold all of the scene",
         "another camera than the one stated, or views that are not aligned",
@@ -245,7 +246,7 @@ def _causes(views: np.ndarray, noise: float) -> list[str]:
 
 
 def _check_edges(views: np.ndarray, noise: float) -> list[str]:
-    """Light on the field's edges: a background, or emission that is cut."""
+    """Warn of light at the edges of the field: a background, or emission that is cut off."""
     edge = measure_edge(views)
     if edge.is_background and edge.clipped:
         return [

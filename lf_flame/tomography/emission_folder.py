@@ -1,4 +1,4 @@
-"""Folders of `lf-flame reconstruct`, read back: only what their record vouches for."""
+"""Reading folders of `lf-flame reconstruct`; files must match the hashes in the record."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +16,14 @@ EMISSION, SIGMA, DRAWS, CORRECTION = "emission.tif", "sigma.tif", "draws.tif", "
 
 @dataclass(frozen=True)
 class EmissionRecord:
-    """What the record of a reconstruction says of its planes.
+    """Content of the record of a reconstruction on its depth planes.
 
     Attributes
     ----------
     depths_mm, cell_mm : list of float
-        Depth of each plane, and side of its cells, above 0; as many of one as of the other.
+        Depth of each plane, and side of its cells, above 0; lists of equal length.
     files : dict of str, or list of str, optional
-        SHA-256 of each file by its name. Older versions knew only names, or none.
+        SHA-256 of each file by its name. Older versions stored only names, or nothing.
     """
 
     depths_mm: list[float]
@@ -41,7 +41,7 @@ class EmissionRecord:
 
 
 class EmissionFolder:
-    """A folder of `lf-flame reconstruct`, whose files are checked against its record.
+    """A folder of `lf-flame reconstruct`; its files are checked against its record.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class EmissionFolder:
     Attributes
     ----------
     depths_mm, cell_mm : list of float
-        Depth of each plane, and side of its cells.
+        Depth of each plane, and side of its cells, in mm.
 
     Raises
     ------
     InputError
-        If the folder has no such record, or one without hashes.
+        If the folder has no such record, or a record without hashes.
     """
 
     def __init__(self, folder: str | Path):
@@ -73,7 +73,7 @@ class EmissionFolder:
         return name in self._hashes
 
     def read(self, name: str) -> np.ndarray:
-        """Read planes of floats.
+        """Read a stack of depth planes, float32.
 
         Returns
         -------
@@ -82,8 +82,8 @@ class EmissionFolder:
         Raises
         ------
         InputError
-            If the file is missing or is not the one that was written, would need too much memory,
-            or holds anything but finite planes.
+            If the file is missing or differs from the one that was written, would need too much
+            memory, or is anything but finite planes.
         """
         path = self.folder / name
         if not self.holds(name):
@@ -104,15 +104,15 @@ class EmissionFolder:
         return stack.reshape(-1, planes, *shape[-2:])
 
     def read_like(self, name: str, planes: np.ndarray, most: int | None = 1) -> np.ndarray:
-        """Read a file that holds what goes with the emission, cell by cell.
+        """Read a stack with the shape of the emission, such as its standard deviation.
 
         Parameters
         ----------
         name : str
         planes : ndarray, shape (planes, rows, columns)
-            The emission.
+            Emission.
         most : int, optional
-            Number of such stacks at most; None for any.
+            Largest number of stacks in the file; None for any number.
 
         Returns
         -------
@@ -121,7 +121,7 @@ class EmissionFolder:
         Raises
         ------
         InputError
-            As `read`, and if the shape is not that of the emission.
+            As for `read`, and if the shape is not that of the emission.
         """
         stack = self.read(name)
         if stack.shape[1:] != planes.shape or (most is not None and len(stack) > most):
@@ -146,17 +146,19 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
-    """Read two folders of one camera and the same planes.
+    """Read two folders of one camera with the same depth planes.
 
     Returns
     -------
     emissions, sigmas : (ndarray, ndarray), each of shape (planes, rows, columns)
+        Emission and standard deviation of both folders.
     depths_mm : list of float
+        Depths of the planes.
 
     Raises
     ------
     InputError
-        If a folder is no such, has no error bars, or their planes differ.
+        If a folder is not one of `lf-flame reconstruct` or has no error bars, or the planes differ.
     """
     one, other = folders = EmissionFolder(first), EmissionFolder(second)
     if (one.depths_mm, one.cell_mm) != (other.depths_mm, other.cell_mm):

@@ -1,4 +1,4 @@
-"""How far noise and penalty move a reconstruction: fits drawn anew, and the covariance."""
+"""Effect of noise and penalty on a reconstruction: bootstrap redraws, and the covariance."""
 
 from collections.abc import Iterator
 
@@ -11,21 +11,22 @@ from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.projection_operator import ProjectionOperator
 
 NOISE_BLOCK = 9
-"""Pixels along each axis over which noise beyond what the light explains is averaged."""
+"""Number of pixels along each axis over which noise is averaged beyond the photon noise."""
 
 LEVEL = 0.95
-"""Confidence level of a bar."""
+"""Confidence level of an error bar."""
 
 MOST_DRAWS = 10_000
-"""Draws beyond which a number is a mistake: error bars are then known to 0.7 %."""
+"""Largest number of draws; error bars are then known to 0.7 %, and more is a mistake."""
 
 
 def check_bootstrap(bootstrap: int) -> None:
-    """Refuse a number of draws that tells no scatter, or that nobody means.
+    """Refuse a number of bootstrap draws that gives no scatter, or is unreasonably large.
 
     Raises
     ------
     InputError
+        If it is not 0, or 2 to `MOST_DRAWS`.
     """
     if not 0 <= bootstrap <= MOST_DRAWS or bootstrap == 1:
         raise InputError(f"bootstrap must be 0, or 2 to {MOST_DRAWS}, got {bootstrap}.")
@@ -34,7 +35,7 @@ def check_bootstrap(bootstrap: int) -> None:
 def draw_noise(
     operator: ProjectionOperator, sd: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Draw a light field of noise alone, and filter it.
+    """Draw a light field of noise alone, and backproject it.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def draw_noise(
     Returns
     -------
     ndarray of float32, shape (planes, rows, columns)
-        The filtered focal stack A'y.
+        Filtered focal stack A'y of the noise.
     """
     noise = sd.astype(np.float32) * rng.standard_normal(operator.dimsd, dtype=np.float32)
     return operator.rmatvec(noise.ravel()).reshape(operator.dims)
@@ -62,11 +63,11 @@ def redraw(
     count: int,
     rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
-    """Draw light fields of one emission with noise anew, and the prior of its penalty anew.
+    """Redraw the noise of a light field, and the prior that its penalty means (bootstrap).
 
-    The penalty is a prior on differences of neighbouring cells. So noise of its scale is added to
-    what they are to be: the fits' scatter then holds what the penalty may have done to a flame
-    (Bardsley and others, SIAM J. Sci. Comput. 36, A1895, 2014).
+    The penalty is a prior on differences of neighbouring cells. Noise of its scale is therefore
+    added to the desired values of these differences. The scatter of the fits then includes the
+    effect of the penalty on a flame (Bardsley and others, SIAM J. Sci. Comput. 36, A1895, 2014).
 
     Parameters
     ----------
@@ -74,13 +75,14 @@ def redraw(
     stack : ndarray, shape (planes, rows, columns)
         Filtered focal stack of the emission.
     sd, rng
-        As `draw_noise` takes them.
+        As for `draw_noise`.
     level_error : float
-        Standard deviation of an even background that was taken off; 0 without.
+        Standard deviation of a uniform background that was subtracted; 0 without.
     prior : (strength, order, noise)
-        Penalty, and standard deviation of the noise where light is, in whose units the penalty is;
-        a strength or a noise of 0 draws no prior.
+        Strength and order of the penalty, and standard deviation of the noise inside the flame, in
+        whose units the penalty is; a strength or a noise of 0 draws no prior.
     count : int
+        Number of redraws.
 
     Yields
     ------
@@ -100,30 +102,30 @@ def redraw(
 
 
 def scatter(draws: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Root-mean-square distance of draws from what was found: their bias is in it; by axis 0."""
+    """Root-mean-square distance of draws from the result along axis 0; it includes their bias."""
     return np.sqrt(np.mean(np.square(draws - found), axis=0))
 
 
 def bar_times(count: int) -> float:
-    """Tell how many standard errors, known by so many draws, a bar of `LEVEL` reaches (Student)."""
+    """Half-width of a bar of `LEVEL` in standard errors estimated from `count` draws (Student)."""
     return float(special.stdtrit(count, (1 + LEVEL) / 2))
 
 
 def noise_by_pixel(
     operator: ProjectionOperator, views: np.ndarray, cells: np.ndarray
 ) -> np.ndarray:
-    """Measure the noise of each pixel: by its light, for photons are counted, and by its place.
+    """Variance of each pixel's noise: from its light (photon noise), and from its position.
 
     The variance of a sensor's pixel rises in proportion to its light (the photon transfer curve;
-    EMVA standard 1288). What is left, such as a division by a white image, varies slowly over
-    the field.
+    EMVA standard 1288). Other effects, such as a division by a white image, vary slowly over the
+    field.
 
     Parameters
     ----------
     operator : ProjectionOperator
     views : ndarray, shape (v, u, t, s)
     cells : ndarray, shape (planes, rows, columns)
-        That explain all of the light field which any can.
+        Unpenalised fit, which explains as much of the light field as any cells.
 
     Returns
     -------
@@ -140,14 +142,14 @@ def noise_by_pixel(
         ndimage.uniform_filter(one.mean(axis=(0, 1), dtype=np.float64), NOISE_BLOCK, mode="nearest")
         for one in (power, by_light)
     )
-    # A running sum may end just below 0 where there is no noise.
+    # A running sum may end slightly below 0 where there is no noise.
     least = 1e-6 * float(wanted.max())
     by_light *= (np.clip(place, 0, None) / np.maximum(wanted, least)).astype(np.float32)
     return by_light / by_light.mean(dtype=np.float64)
 
 
 def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Fit squared noise by a constant and a share of the light, neither below 0; float32."""
+    """Fit squared noise with a constant plus a multiple of the light, both 0 or above; float32."""
     mean_power, mean_light = (float(one.mean(dtype=np.float64)) for one in (power, light))
     bright = light - np.float32(mean_light)
     spread = float(np.mean(np.square(bright, dtype=np.float64)))
@@ -159,7 +161,7 @@ def _photon_transfer(power: np.ndarray, light: np.ndarray) -> np.ndarray:
 
 
 def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: int) -> np.ndarray:
-    """Estimate the standard deviation of each plane's cells in the linear fit, by its covariance.
+    """Find the standard deviation of the unconstrained linear fit, one number per depth plane.
 
     With H the inverse of the penalised matrix, the covariance is ``noise^2 H G H`` at each
     frequency; a cell's variance is its mean over the frequencies.
@@ -176,5 +178,5 @@ def standard_errors(gram: FrequencyGram, noise: float, strength: float, order: i
 
 
 def noise_variance(sd: float) -> float:
-    """Variance of the noise, above 0 so that it may divide."""
+    """Variance of the noise, bounded above 0 so that one can divide by it."""
     return max(sd**2, float(np.finfo(np.float32).tiny))

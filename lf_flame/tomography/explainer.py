@@ -1,4 +1,4 @@
-"""What explains a light field: emission, light that is absorbed, and an even background."""
+"""Model of a light field: emission, absorption, and a uniform background."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.plane_fit import Explanation, PlaneFit
 
 BACKGROUND_FITS = 4
-"""Fits at most, of a background and of emission in turn; two are usual."""
+"""Largest number of fits, of background and emission in turn; two are usual."""
 
 FAINT = 0.0, 0.001, 0.01
-"""Shares of the brightest cell up to which a cell is taken for dark where a background is fitted,
-tried one after the other until some pixels are dark."""
+"""Emission relative to the brightest cell up to which a cell counts as dark in a background fit;
+the values are tried in turn until enough pixels are dark."""
 
 LEAST_DARK = 0.02
-"""Share of the pixels that must be dark for a background to be fitted."""
+"""Smallest fraction of dark pixels with which a background is fitted."""
 
 
 class Explainer:
-    """Explains light fields by the planes of a grid, with or without absorption.
+    """Explains light fields by emission on a grid's depth planes, with or without absorption.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Explainer:
     Attributes
     ----------
     leaves : ndarray of float32, shape (planes, 1, 1) or (planes, rows, columns)
-        Share of each pixel's light that leaves towards the camera.
+        Fraction of each pixel's emission that leaves towards the camera.
     """
 
     def __init__(self, fit: PlaneFit, grid: FrustumGrid, thickness: np.ndarray | None):
@@ -44,19 +44,19 @@ class Explainer:
             self.leaves = grid.crop(self._absorption.transmission)
 
     def __call__(self, views: np.ndarray) -> tuple[Explanation, bool]:
-        """Fit; also whether the correction for absorption has settled."""
+        """Fit; also returns whether the correction for absorption converged."""
         if self._absorption is None:
             return self._fit.explain(views), True
         return self._absorption.settle(views, self._fit.explain)
 
     def seen(self, cells: np.ndarray) -> np.ndarray:
-        """Give the light field of what leaves each cell, shape (v, u, t, s)."""
+        """Light field for the light that leaves each cell, shape (v, u, t, s)."""
         if self._absorption is not None:
             return self._absorption.seen(cells)
         return self._fit.operator.matvec(cells.ravel()).reshape(self._fit.operator.dimsd)
 
     def level(self, views: np.ndarray) -> Level:
-        """Find an even background: first by the field's edge, then where no emission reaches.
+        """Find a uniform background: first at the field's edge, then where no emission reaches.
 
         Raises
         ------
@@ -74,7 +74,7 @@ class Explainer:
         return level
 
     def _dark(self, cells: np.ndarray) -> np.ndarray:
-        """Find the pixels that no emission reaches, or else none that is not faint."""
+        """Find the pixels that no emission reaches, or none but faint emission."""
         for share in FAINT:
             lit = self.seen((cells > share * cells.max()).astype(np.float32)) > 0
             if lit.mean() <= 1 - LEAST_DARK:

@@ -1,4 +1,4 @@
-"""Pictures of emission by depth, and of how far to trust it."""
+"""Figures of emission by depth, and of its errors."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from lf_flame.tomography.reconstruction import Reconstruction
 
 MOST_SHOWN = 8
-"""Planes that a picture shows side by side."""
+"""Largest number of depth planes that a figure shows side by side."""
 
 MOST_NUMBERED = 9
-"""Views along an axis up to which each one's chi-squared is printed."""
+"""Largest number of views along an axis with which each view's chi-squared is printed."""
 
 
 def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: Sequence[float]):
-    """Depth blur against lateral period, and how fast singular values fall.
+    """Depth blur against lateral period, and the decay of singular values.
 
     Parameters
     ----------
     camera : PlenopticCamera
     thickness_mm : float
-        Extent along depth within which light is sought, about the focal plane.
+        Extent in depth of the emission, centred on the focal plane.
     periods_mm : sequence of float
-        Whose singular values are drawn.
+        Lateral periods for which singular values are drawn.
 
     Returns
     -------
@@ -74,12 +74,13 @@ def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: 
 
 
 def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
-    """Planes of the emission above the refocused images at the same depths, on scales of their own.
+    """Depth planes of the emission above refocused images at the same depths, on separate scales.
 
     Parameters
     ----------
     found : Reconstruction
     focal_stack : ndarray, shape (planes, rows, columns)
+        Refocused images at the depths of the planes.
 
     Returns
     -------
@@ -110,13 +111,13 @@ def slices_figure(found: "Reconstruction", focal_stack: np.ndarray):
 
 
 def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray | None):
-    """Light against depth, its error bars, and the blur that detail of three sizes has there.
+    """Light against depth with error bars, and the depth blur of detail of three sizes.
 
     Parameters
     ----------
     found : Reconstruction
     light, error : ndarray, shape (planes,)
-        `error` may be None.
+        Light of each depth plane and its standard error; `error` may be None.
 
     Returns
     -------
@@ -127,16 +128,16 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     )
     depths = np.array(found.grid.depths_mm)
     bars = None if error is None else 1.96 * error
-    line = "o-" if len(depths) > FEW_PLANES else "o"  # sheets are no curve
+    line = "o-" if len(depths) > FEW_PLANES else "o"  # separate sheets form no curve
     top.errorbar(depths, light, bars, fmt=line, capsize=3, markersize=4)
     top.set_ylabel("light of the plane\n(radiance x mm$^2$)")
-    top.set_ylim(0, 1.05 * top.get_ylim()[1])  # a marker at the top is whole
+    top.set_ylim(0, 1.05 * top.get_ylim()[1])  # leaves room for a marker at the top
     top.grid(alpha=0.3)
     middle = (depths.min() + depths.max()) / 2
     periods = (10.0, 3.0, 1.0)
     blurs = [depth_blur(found.grid.camera, period) for period in periods]
     bottom.barh(range(len(blurs)), blurs, left=middle - np.divide(blurs, 2), color="C7", height=0.5)
-    # As ticks, for which the layout makes room: a bar's end may be anywhere.
+    # As ticks, for which the layout makes room: a bar may end anywhere.
     words = [f"{period:g} mm: {blur:.1f} mm" for period, blur in zip(periods, blurs, strict=True)]
     bottom.set_yticks(range(len(words)), words, fontsize=8)
     bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
@@ -147,7 +148,7 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
 
 
 def trust_figure(found: "Reconstruction"):
-    """Residual of each view beside the L-curve, the strength that was taken marked.
+    """Residual of each view beside the misfit by strength, with the chosen strength marked.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ def trust_figure(found: "Reconstruction"):
 
 
 def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0) -> None:
-    """Draw chi-squared by view on a scale of factors about 1, white where noise alone is left."""
+    """Draw chi-squared by view on a logarithmic scale about 1; white if only noise remains."""
     shown = np.clip(chi_squared, 1e-3, 1e6)
     most = max(2.0, float(np.exp(np.abs(np.log(shown)).max())))
     picture = axis.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
@@ -201,7 +202,7 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
     Parameters
     ----------
     found : Temperatures
-        With errors, of shape (planes, rows, columns).
+        Temperatures with errors, of shape (planes, rows, columns).
     depths_mm : sequence of float
 
     Returns
@@ -224,7 +225,7 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
         spread = np.zeros_like(spread)
     for line, (planes, word, unit, scale) in zip(axes, lines, strict=True):
         values = scale * np.asarray(planes)[shown]
-        # The range of what is well known: at a flame's rim temperatures are nearly noise.
+        # The range of well-known values: at a flame's rim temperatures are nearly noise.
         known = values[np.isfinite(values) & (spread <= np.nanmedian(spread))]
         low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
         for axis, plane, number in zip(line, values, shown, strict=True):
@@ -238,12 +239,12 @@ def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
 
 
 def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float]):
-    """Draw profiles up and across each plane, with their bands, or else what noise does to them.
+    """Draw profiles up and across each depth plane with their bands, or one standard deviation.
 
     Parameters
     ----------
     found : dict
-        Lists "axial" and "radial", a profile for each plane.
+        Lists "axial" and "radial", with a profile for each depth plane.
     depths_mm : sequence of float
 
     Returns

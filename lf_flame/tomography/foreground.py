@@ -1,9 +1,9 @@
-"""Which cells glow at all.
+"""Foreground: the cells that emit light.
 
-A fit without negative light turns noise into faint light in cells that are dark, and takes that
-light from bright cells at other depths of the same place: with four planes at 5 % of noise, one per
-cent of the peak. So light that is hardly more than what noise alone makes is taken for none, and
-the rest is fitted again, unless the light field speaks against it.
+A fit without negative light turns noise into faint light in dark cells, and takes that light from
+bright cells at other depths of the same place: with four depth planes at 5 % of noise, one per cent
+of the peak. Light that is hardly brighter than noise alone would make it is therefore set to 0, and
+the rest is fitted again, unless the light field contradicts this.
 """
 
 from dataclasses import dataclass
@@ -14,30 +14,30 @@ from scipy import ndimage
 from lf_flame.tomography.penalised_fit import RangeFit
 
 FACTORS = (3.0, 1.5, 0.75)
-"""Of the brightest that noise alone makes anywhere, up to which light is taken for none; tried one
-after the other. Larger ones lose dim light of phantoms; smaller ones gain little."""
+"""Thresholds, as multiples of the largest value that noise alone produces; a cell below is dark.
+They are tried in turn. Larger ones lose dim light of phantoms; smaller ones gain little."""
 
 NEIGHBOURS = np.ones((1, 3, 3))
-"""Cells that are judged together, and that may glow around a bright one."""
+"""Neighbourhood over which cells are averaged, and by which the foreground is widened."""
 
 TRIAL = 40
-"""Iterations of a trial; it starts from a fit."""
+"""Number of iterations of a trial; it starts from a fit."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How a fit is made and judged.
+    """Options of a fit, and the noise that judges it.
 
     Attributes
     ----------
     strength : float
-        Of the penalty.
+        Strength of the penalty.
     order : int
-        Of the differences that are penalised.
+        Order of the differences that are penalised.
     variance : float
-        Of a pixel's noise, above 0.
+        Variance of a pixel's noise, above 0.
     noise_share : ndarray, shape (rows, columns)
-        Share of the noise that each cell of a plane sees; their sum is 1.
+        Fraction of the noise in each cell of a plane; the sum is 1.
     """
 
     strength: float
@@ -49,28 +49,29 @@ class Fitting:
 def find_foreground(
     problem: RangeFit, noise_alone: RangeFit, cells: np.ndarray, fitting: Fitting
 ) -> tuple[np.ndarray | None, np.ndarray]:
-    """Find the cells that may glow.
+    """Find the cells that may emit light.
 
-    A trial is kept if the expected error of what a light field without noise would show is less
-    than before (Mallows, Technometrics 15, 661, 1973): the misfit grows by less than twice the
-    degrees of freedom that are given up.
+    A trial is kept if it lowers the expected error of the noise-free light field (Mallows,
+    Technometrics 15, 661, 1973): the misfit must grow by less than twice the number of degrees of
+    freedom that are given up.
 
     Parameters
     ----------
     problem : RangeFit
-        The light field.
+        Problem of the light field.
     noise_alone : RangeFit
-        A draw of its noise, without light.
+        Problem of a draw of its noise, without light.
     cells : ndarray of float32, shape (planes, rows, columns)
-        A fit to the light field in which all cells may glow.
+        Fit to the light field in which all cells may emit.
     fitting : Fitting
+        Options of the fit.
 
     Returns
     -------
     foreground : ndarray of bool, shape (planes, rows, columns), or None
-        None if all may glow.
+        Cells that may emit; None if all may.
     cells : ndarray of float32
-        To go on from: the trial that was kept, or those that were given.
+        Start of the next fit: the trial that was kept, or the given cells.
     """
     options = (fitting.strength, fitting.order, True, TRIAL)
     level = float(ndimage.uniform_filter(noise_alone.solve(*options).cells, (1, 3, 3)).max())
@@ -85,7 +86,7 @@ def find_foreground(
 
 
 def _risk(problem: RangeFit, cells: np.ndarray, fitting: Fitting) -> float:
-    """Misfit in units of the noise's variance, and twice the freedom that was taken up."""
+    """Misfit in units of the noise's variance, plus twice the degrees of freedom used."""
     glowing = float(np.sum((cells > 0).mean(axis=0) * fitting.noise_share))
     free = glowing * problem.count_modes(fitting.strength, fitting.order)
     return problem.misfit(cells) / fitting.variance + 2 * free

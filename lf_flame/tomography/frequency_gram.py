@@ -1,9 +1,9 @@
-"""The operator's Gram matrix, A'A, frequency by frequency.
+"""Gram matrix A'A of the operator, frequency by frequency.
 
-On a frustum grid every view is a sum of shifted and blurred planes, so that A'A does not mix
-lateral frequencies: it is one small matrix for each, planes by planes. What Gaussian noise leaves
-to know of the light field is the filtered focal stack A'y; an iteration on it costs a few Fourier
-transforms, whatever the number of views.
+On a frustum grid every view is a sum of shifted and blurred depth planes. Lateral frequencies
+therefore do not mix: A'A is one small matrix (planes by planes) for each frequency. With Gaussian
+noise, the filtered focal stack A'y contains all information in the light field on the emission; an
+iteration on it costs a few Fourier transforms, whatever the number of views.
 """
 
 from dataclasses import replace
@@ -19,28 +19,28 @@ from lf_flame.tomography.projection_operator import plane_bands
 from lf_flame.tomography.resolution import depth_blur, finest_period
 
 ROUGHNESS_ORDER = 3
-"""The penalty is on third differences: quadratic in the third derivatives of the emission. It
-leaves flames of millimetres nearly untouched, where one on first or second ones shifts light from
-plane to plane long before it is of use against noise."""
+"""Order of the differences that are penalised: third, quadratic in the third derivatives of the
+emission. It hardly changes flames of millimetres; first or second differences shift light from
+plane to plane at strengths too low to help against noise."""
 
 
 DEPTH_WEIGHT, DEPTH_LENGTH = 1e-4, 0.5
 """Weight of a penalty on third differences along depth, relative to the square of the number of
-views, of planes that are as far apart as this share of the finest depth blur. The light field
-hardly tells the light of many planes apart, and without a penalty one has too much and the next too
+views, for planes at a distance of this fraction of the finest depth blur. The light field hardly
+distinguishes the light of many planes; without this penalty one plane has too much and the next too
 little."""
 
 COPIES = 15
-"""Arrays of the matrices' size that a reconstruction holds at once: fewer planes, or larger blocks,
-take less."""
+"""Number of arrays of the matrices' size that a reconstruction holds at once; fewer planes, or
+larger blocks, take less."""
 
 
 RIDGE = 1e-6
-"""Of `FrequencyGram.scale`: what is added where the unpenalised fit must be unique."""
+"""Ridge added where the unpenalised fit must be unique, relative to `FrequencyGram.scale`."""
 
 
 class FrequencyGram:
-    """A'A of a grid on a torus that is wide enough for nothing to meet its own image.
+    """Matrix A'A of a grid on a torus wide enough that no cell meets its own image.
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ class FrequencyGram:
     ----------
     grid : FrustumGrid
     size : (int, int)
-        Rows and columns of the torus.
+        Number of rows and columns of the torus.
     matrices : ndarray of float64, shape (fy, fx, planes, planes)
-        Symmetric, for the frequencies of `scipy.fft.rfft2`. Real, because each view has a
-        counterpart on the other side of the central one.
+        Symmetric matrices for the frequencies of `scipy.fft.rfft2`. They are real, because each
+        view has a counterpart on the other side of the central view.
 
     Raises
     ------
     InputError
-        If the matrices would take more memory than is allowed.
+        If the matrices would exceed the memory limit.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class FrequencyGram:
 
     @cached_property
     def squared_frequency(self) -> np.ndarray:
-        """What the negative second difference of a cell's neighbours makes of each frequency."""
+        """Factor by which the negative second difference multiplies each frequency."""
         rows, columns = self.size
         down = 4 * np.sin(np.pi * fft.fftfreq(rows)) ** 2
         across = 4 * np.sin(np.pi * fft.rfftfreq(columns)) ** 2
@@ -96,7 +96,7 @@ class FrequencyGram:
 
     @cached_property
     def multiplicity(self) -> np.ndarray:
-        """How often each frequency of `rfft2` stands for one of the full transform."""
+        """Number of frequencies of the full transform for each frequency of `rfft2`."""
         rows, columns = self.size
         times = np.full((rows, columns // 2 + 1), 2.0)
         times[:, 0] = 1
@@ -106,12 +106,12 @@ class FrequencyGram:
 
     @property
     def scale(self) -> float:
-        """Entry of a plane's diagonal at frequency 0: the number of views, squared by axis."""
+        """Diagonal element at frequency 0: the squared number of views along an axis."""
         return float(self.grid.camera.views**2)
 
     @cached_property
     def decomposition(self) -> tuple[np.ndarray, np.ndarray]:
-        """Decompose the matrices with the penalty along depth that always belongs to them.
+        """Decompose the matrices plus the penalty along depth, which is always included.
 
         Returns
         -------
@@ -126,29 +126,29 @@ class FrequencyGram:
 
     @cached_property
     def gains(self) -> np.ndarray:
-        """Square of what the light field sees of each eigenvector, shape (fy, fx, planes)."""
+        """Quadratic form of A'A for each eigenvector, shape (fy, fx, planes)."""
         _, vectors = self.decomposition
         return np.sum(vectors * np.matmul(self.matrices, vectors), axis=-2)
 
     @cached_property
     def plain_inverse(self) -> np.ndarray:
-        """Inverse of the matrices, with a ridge where they are singular; their shape."""
+        """Inverse of the matrices, with a ridge where they are singular; same shape."""
         return np.linalg.inv(self.matrices + RIDGE * self.scale * np.eye(self.matrices.shape[-1]))
 
     def compose(self, values: np.ndarray) -> np.ndarray:
-        """Make the matrices that have other eigenvalues, shape (fy, fx, planes)."""
+        """Matrices with the same eigenvectors and other eigenvalues, shape (fy, fx, planes)."""
         _, vectors = self.decomposition
         return np.matmul(vectors * values[..., None, :], np.swapaxes(vectors, -1, -2))
 
     def penalty(self, strength: float, order: int = ROUGHNESS_ORDER) -> np.ndarray:
-        """Give what a penalty on roughness adds to every eigenvalue of a frequency.
+        """Value that a penalty on roughness adds to every eigenvalue of a frequency.
 
         Parameters
         ----------
         strength : float
-            Relative to `scale`, 0 or above.
+            Strength relative to `scale`, 0 or above.
         order : int, optional
-            Of the differences whose squares are penalised.
+            Order of the differences whose squares are penalised.
 
         Returns
         -------
@@ -157,12 +157,12 @@ class FrequencyGram:
         return (strength * self.scale * self.squared_frequency**order)[..., None]
 
     def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw cells whose covariance is the penalty, that along depth with it.
+        """Draw random cells with the penalty, including that along depth, as covariance.
 
         Returns
         -------
         ndarray of float32, shape (planes, rows, columns)
-            On the grid.
+            Cells of the grid.
         """
         white = rng.standard_normal((2, self.grid.shape[0], *self.size), np.float32)
         across, along = (self.transform(one) for one in white)
@@ -174,7 +174,7 @@ class FrequencyGram:
         ).astype(np.float32)
 
     def spread(self, cells: np.ndarray) -> np.ndarray:
-        """Lay cells of the grid on the torus, the rest 0."""
+        """Place cells of the grid on the torus, with 0 elsewhere."""
         out = np.zeros((len(cells), *self.size), cells.dtype)
         out[:, : cells.shape[1], : cells.shape[2]] = cells
         return out
@@ -185,23 +185,23 @@ class FrequencyGram:
         return torus[..., :rows, :columns]
 
     def transform(self, torus: np.ndarray) -> np.ndarray:
-        """Fourier coefficients of planes, shape (fy, fx, planes)."""
+        """Fourier coefficients of depth planes, shape (fy, fx, planes)."""
         return np.moveaxis(fft.rfft2(torus, workers=get_num_threads()), 0, -1)
 
     def inner(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Inner product of two arrays of cells by their coefficients (Parseval)."""
+        """Inner product of two arrays of cells from their coefficients (Parseval)."""
         products = np.sum(a.real * b.real + a.imag * b.imag, axis=-1)
         return float(np.sum(self.multiplicity * products)) / np.prod(self.size)
 
 
 def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
-    """Multiply real matrices with complex vectors, which NumPy would do by complex matrices.
+    """Multiply real matrices by complex vectors, without NumPy's conversion to complex matrices.
 
     Parameters
     ----------
     matrices : ndarray of float, shape (..., planes, planes)
     spectrum : ndarray of complex, shape (..., planes)
-        Of the same precision.
+        Coefficients of the same precision.
 
     Returns
     -------
@@ -213,16 +213,16 @@ def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
 
 
 def depth_roughness(grid: FrustumGrid) -> np.ndarray:
-    """Penalty along depth, of many evenly spaced planes; else zeros.
+    """Penalty along depth for many evenly spaced planes; zeros otherwise.
 
     It is the integral of the squared third derivative of the emission per mm, so that it does not
-    depend on how finely planes sample a volume: with planes of light x at a distance d, that is
+    depend on the spacing of planes in a volume: for planes with light x at a distance d, it is
     ``sum (D3 x)^2 / d^7``.
 
     Returns
     -------
     ndarray of float64, shape (planes, planes)
-        Relative to `FrequencyGram.scale`.
+        Penalty relative to `FrequencyGram.scale`.
     """
     count, steps = len(grid.depths_mm), np.diff(grid.depths_mm)
     if count <= FEW_PLANES or np.ptp(steps) > 1e-6 * abs(steps[0]):
@@ -233,7 +233,7 @@ def depth_roughness(grid: FrustumGrid) -> np.ndarray:
 
 
 def _axis_gram(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
-    """Sum over the views along an axis of the products of transfer functions of two planes.
+    """Sum the products of transfer functions of two depth planes over the views along an axis.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Where emission is sought: slabs of cells whose lateral size grows with their distance."""
+"""Grid of cells for the emission: depth planes with cells that grow with their distance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Layer, Scene
 
 MOST_PLANES = 200
-"""Planes beyond which the matrices by frequency fill the memory."""
+"""Largest number of depth planes; with more, the matrices by frequency fill the memory."""
 
 FEW_PLANES = 8
-"""Planes up to which each is taken to stand for itself, as sheets do, and none for a volume."""
+"""Largest number of planes that count as separate sheets; more planes sample a volume."""
 
 NOT_MODELLED = (
     "rim_diameter_mm",
@@ -23,30 +23,30 @@ NOT_MODELLED = (
     "lenslet_rotation_rad",
     "lenslet_pitch_error",
 )
-"""Of the camera: what would make the views more than sums of shifted planes."""
+"""Properties of a camera with which views would be more than sums of shifted planes."""
 
 
 @dataclass(frozen=True)
 class FrustumGrid:
-    """Planes of cells before a camera; a cell is a pixel of the central view, at every depth.
+    """Depth planes of cells in front of a camera; a cell is a pixel of the central view.
 
-    So each view sees a plane as the central view does, shifted by the plane's slope for each view
-    step, and blurred: all of the inversion rests on that.
+    Every view therefore sees a plane as the central view does, shifted by the plane's slope for
+    each view step, and blurred. The inversion relies on this.
 
     Parameters
     ----------
     camera : PlenopticCamera
-        With the ideal aperture that matches the lenslets.
+        Camera with the ideal aperture that matches the lenslets.
     depths_mm : sequence of float
-        Depths of the planes from the focal plane, in mm; rising or falling, no two alike.
+        Depths of the planes from the focal plane, in mm; rising or falling, all different.
     block : int, optional
-        Lenslets along each axis that make one pixel, and one cell.
+        Number of lenslets along each axis that are averaged into one pixel, and into one cell.
 
     Raises
     ------
     InputError
-        If a depth cannot be used, the lenslets are no multiple of the block, or the camera is not
-        ideal.
+        If a depth cannot be used, the lenslets are not a multiple of the block, or the camera is
+        not ideal.
 
     Examples
     --------
@@ -89,25 +89,25 @@ class FrustumGrid:
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Rows and columns of a view, in blocks of lenslets."""
+        """Number of rows and columns of a view, in blocks of lenslets."""
         rows, columns = (count // self.block for count in self.camera.lenslets)
         return rows, columns
 
     @cached_property
     def reach(self) -> int:
-        """Cells from a pixel to the farthest cell that any view sees there."""
+        """Largest number of cells from a pixel to a cell that some view sees there."""
         steepest = float(np.abs(self.slopes).max())
         lenslets = steepest * (self.camera.views - 1) / 2 + (1 + steepest) / 2
         return int(np.ceil(lenslets / self.block)) + 1
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Planes, rows and columns of cells: all that any view sees."""
+        """Number of planes, rows and columns of cells: all that any view sees."""
         rows, columns = (count + 2 * self.reach for count in self.pixels)
         return len(self.depths_mm), rows, columns
 
     def crop(self, cells: np.ndarray) -> np.ndarray:
-        """Cut the last two axes of cells down to what the central view sees."""
+        """Cut the last two axes of cells to the field of the central view."""
         return cells[..., self.reach : -self.reach, self.reach : -self.reach]
 
     def cell_mm(self, depth_mm: float) -> float:
@@ -121,18 +121,18 @@ class FrustumGrid:
         return (np.arange(count + 1) - count / 2) * self.cell_mm(self.depths_mm[plane])
 
     def empty_layer(self, plane: int) -> Layer:
-        """Give a plane's cells, without light, as scenes have them."""
+        """Layer of a scene with a plane's cells, without light."""
         depth, cells = self.depths_mm[plane], np.zeros(self.shape[1:])
         side = self.cell_mm(depth)
         return Layer(cells, depth, (side * self.shape[1], side * self.shape[2]))
 
     def scene(self, cells: ArrayLike) -> Scene:
-        """Make a scene of cells, each an even glow.
+        """Scene with the emission of cells, constant over each.
 
         Parameters
         ----------
         cells : array_like, shape (planes, rows, columns)
-            0 or above.
+            Emission, 0 or above.
         """
         sides = (self.cell_mm(depth) for depth in self.depths_mm)
         return Scene(
@@ -143,7 +143,7 @@ class FrustumGrid:
         )
 
     def average(self, layer: Layer, plane: int) -> np.ndarray:
-        """Average a layer over the cells of a plane, as if it stood at that plane's depth.
+        """Average a layer over the cells of a plane, as if it were at that plane's depth.
 
         Returns
         -------
@@ -155,13 +155,13 @@ class FrustumGrid:
 
 
 def _round_aperture(camera: PlenopticCamera) -> str:
-    """Say why a round aperture is refused, and which views it leaves whole."""
+    """Say why a round aperture is refused, and which views are complete."""
     diameter, views = camera.aperture_diameter_mm, camera.views
     found = (
         f"Emission by depth needs views whose part of the lens is a whole square, and a round "
         f"aperture of {diameter:g} mm (aperture_diameter_mm) cuts or darkens the outer ones: "
     )
-    # The largest square of views about the middle that lies inside the circle.
+    # The largest central square of views inside the circle.
     inner = int(diameter / (np.sqrt(2) * camera.view_step_mm) + 1e-9)
     inner = min(inner, views)
     inner -= (views - inner) % 2
@@ -192,7 +192,7 @@ def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
 
 
 def _shares(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Share of each wanted cell that each given one covers, shape (wanted, given)."""
+    """Fraction of each wanted cell that each given cell covers, shape (wanted, given)."""
     low = np.maximum(edges[None, :-1], wanted[:-1, None])
     high = np.minimum(edges[None, 1:], wanted[1:, None])
     return np.clip(high - low, 0, None) / np.diff(wanted)[:, None]

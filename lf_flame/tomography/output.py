@@ -1,4 +1,4 @@
-"""Emission by depth as the files that a user looks at."""
+"""Output files of emission by depth."""
 
 import csv
 from pathlib import Path
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
-    """Tell what a camera can tell of depth, as a table for the terminal."""
+    """Describe the depth resolution of a camera, as a table for the terminal."""
     rows = [
         (
             f"{period:g}",
@@ -48,34 +48,35 @@ def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) 
     return (
         f"The views span {width:.4f} rad ({np.degrees(width):.1f} degrees), seen from the focal "
         f"plane.\nDetail is blurred in depth over its lateral period divided by that.\n\n"
-        f"{table}\n\nWhere the last column is near 1, a light field says where light is across, "
-        f"and not in depth;\nwhat a reconstruction shows of it in depth comes from its prior."
+        f"{table}\n\nWhere the last column is near 1, a light field shows where light is across, "
+        f"but not in depth;\nits distribution in depth in a reconstruction comes from the penalty."
     )
 
 
 def write_reconstruction(
     found: "Reconstruction", light_field: LightField, folder: OutputFolder | str | Path
 ) -> None:
-    """Write ``emission.tif`` and what tells how far to trust it.
+    """Write ``emission.tif``, and files that show its errors.
 
-    Also ``correction.tif`` (what was added to the fit); ``sigma.tif`` and ``draws.tif``, where
-    light fields were drawn anew; ``depth.csv`` and ``depth.png`` (light against depth),
-    ``slices.png`` (planes beside refocused images) and ``trust.png`` (residual of each view,
-    L-curve).
+    Other files are ``correction.tif`` (added to the fit); ``sigma.tif`` and ``draws.tif``, if there
+    are bootstrap draws; ``depth.csv`` and ``depth.png`` (light against depth); ``slices.png``
+    (depth planes beside refocused images) and ``trust.png`` (residual of each view, misfit by
+    strength).
 
     Parameters
     ----------
     found : Reconstruction
+        Reconstruction to write.
     light_field : LightField
-        The one that was reconstructed.
+        Light field that was reconstructed.
     folder : str, Path or OutputFolder
-        A folder to fill, as `lf-flame reconstruct` does, for `lf-flame temperature` and `lf-flame
+        Folder to fill, as `lf-flame reconstruct` does, for `lf-flame temperature` and `lf-flame
         profiles` to read.
 
     Raises
     ------
     InputError
-        If a file that is not from an earlier call is in the way, or another process writes there.
+        If a file that no earlier call wrote would be replaced, or another process writes there.
 
     Examples
     --------
@@ -123,14 +124,14 @@ def write_reconstruction(
 
 
 def light_by_depth(found: "Reconstruction") -> tuple[np.ndarray, np.ndarray | None]:
-    """Add up each plane's emission over its area, and the error of that.
+    """Sum each depth plane's emission over its area, with the error of the sum.
 
     Returns
     -------
     light : ndarray of float64, shape (planes,)
-        In radiance times mm^2.
+        Light in radiance times mm^2.
     error : ndarray, shape (planes,), or None
-        Standard deviation, where light fields were drawn anew.
+        Standard deviation, if there are bootstrap draws.
     """
     areas = np.array([found.grid.cell_mm(depth) ** 2 for depth in found.grid.depths_mm])
     light = found.emission.sum(axis=(1, 2), dtype=np.float64) * areas
@@ -154,7 +155,7 @@ def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray
 
 
 def read_thickness(given: str) -> float | np.ndarray:
-    """Read an optical thickness: a number, or a TIFF of a plane or more.
+    """Read an optical thickness: a number, or a TIFF file of one depth plane or more.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def read_thickness(given: str) -> float | np.ndarray:
     Raises
     ------
     InputError
-        If it is neither, or the file cannot be read or holds no floating-point numbers.
+        If it is neither, or the file cannot be read or has no floating-point numbers.
     """
     try:
         return float(given)
@@ -181,7 +182,7 @@ def read_thickness(given: str) -> float | np.ndarray:
 
 
 def thickness_facts(given: str | None, thickness: float | np.ndarray | None) -> dict:
-    """Say for the record which optical thickness was given, and how much it comes to at most."""
+    """Entries of the record on the optical thickness: as given, and its largest total."""
     if thickness is None:
         return {"optical_thickness": None}
     greatest = float(np.max(np.sum(thickness, axis=0))) if np.ndim(thickness) else thickness

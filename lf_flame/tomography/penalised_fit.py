@@ -1,4 +1,4 @@
-"""Least squares with a penalty on roughness and no negative light, frequency by frequency."""
+"""Least squares with regularisation (roughness) and no negative light, by frequency."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,24 +14,24 @@ from lf_flame._common.threads import pieces, shared
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
 STEP = 60.0
-"""Step of the splitting, in units of 1 / `FrequencyGram.scale`. With it the four flames stand after
-some 50 iterations, where steps 10 times shorter or longer take some 300."""
+"""Step of the splitting, in units of 1 / `FrequencyGram.scale`. With it the fit of the four flames
+converges in about 50 iterations; steps 10 times shorter or longer take about 300."""
 
 RELAXATION = 1.8
-"""Of the splitting, between 1 and 2 (Eckstein and Bertsekas, Math. Program. 55, 293, 1992): with it
-flames behind each other take half the iterations."""
+"""Relaxation of the splitting, between 1 and 2 (Eckstein and Bertsekas, Math. Program. 55, 293,
+1992); with it, flames behind each other take half the iterations."""
 
 
 class FrequencyFit(ProxOperator):
-    """The quadratic ``x'Gx / 2 - b'x`` with G known by frequency, and its proximal operator.
+    """Quadratic form ``x'Gx / 2 - b'x`` with G known by frequency, and its proximal operator.
 
     Parameters
     ----------
     gram : FrequencyGram
     focal_stack : ndarray, shape (planes, rows, columns)
-        b, on the torus.
+        Linear term b, on the torus.
     penalty : ndarray of float64, shape (fy, fx, 1)
-        Added to the eigenvalues of G.
+        Values added to the eigenvalues of G.
     """
 
     def __init__(self, gram: FrequencyGram, focal_stack: np.ndarray, penalty: np.ndarray):
@@ -41,12 +41,12 @@ class FrequencyFit(ProxOperator):
         self._gram = gram
         self._step = STEP / gram.scale
         self._values = gram.decomposition[0] + penalty
-        # In float64: G alone is singular where depths cannot be told apart.
+        # In float64: G alone is singular where depths cannot be distinguished.
         inverse = gram.compose(1 / (1 + self._step * self._values))
         self._inverse = np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
 
     def __call__(self, x: np.ndarray) -> float:
-        """Value of the quadratic."""
+        """Value of the quadratic form."""
         torus = x.reshape(self._shape).astype(np.float64)
         spectrum = self._gram.transform(torus)
         seen = multiply(self._gram.compose(self._values), spectrum)
@@ -54,7 +54,7 @@ class FrequencyFit(ProxOperator):
         return self._gram.inner(spectrum, seen) / 2 - linear
 
     def prox(self, x: np.ndarray, tau: float) -> np.ndarray:
-        """Minimise the quadratic plus ``|z - x|^2 / (2 tau)`` over z."""
+        """Minimise the quadratic form plus ``|z - x|^2 / (2 tau)`` over z."""
         if abs(tau / self._step - 1) > 1e-6:  # solvers of float32 round it
             raise ValueError(f"The matrices are inverted for the step {self._step}, not {tau}.")
         torus = x.reshape(self._shape).astype(np.float32, copy=False)
@@ -67,14 +67,14 @@ class FrequencyFit(ProxOperator):
 
 @dataclass(frozen=True)
 class Fit:
-    """A solution on the torus.
+    """Result of a fit.
 
     Attributes
     ----------
     cells : ndarray of float32, shape (planes, rows, columns)
-        On the grid.
+        Cells of the grid.
     misfit : float
-        Squared residual of the light field without what lies outside the operator's range.
+        Squared residual of the light field, without the part outside the operator's range.
     """
 
     cells: np.ndarray
@@ -82,13 +82,13 @@ class Fit:
 
 
 class RangeFit:
-    """Fits to one light field, seen only through its filtered focal stack.
+    """Fits to one light field, which enters only through its filtered focal stack.
 
     Parameters
     ----------
     gram : FrequencyGram
     focal_stack : ndarray, shape (planes, rows, columns)
-        A'y on the grid.
+        Filtered focal stack A'y on the grid.
     squared : float
         Sum of the squares of y.
     pixels : int
@@ -98,7 +98,7 @@ class RangeFit:
     ----------
     gram : FrequencyGram
     stack : ndarray
-        A'y on the torus.
+        Filtered focal stack on the torus.
     """
 
     def __init__(self, gram: FrequencyGram, focal_stack: np.ndarray, squared: float, pixels: int):
@@ -116,12 +116,12 @@ class RangeFit:
 
     @cached_property
     def _explained(self) -> float:
-        """How much of the squares of the light field the best of all fits explains."""
+        """Part of the light field's sum of squares that the unpenalised fit explains."""
         return self._explain(self._fitted)
 
     @property
     def outside(self) -> float:
-        """Sum of the squares of what no cells explain."""
+        """Sum of the squares of the part that no cells explain."""
         return max(self._squared - self._explained, 0.0)
 
     @cached_property
@@ -131,19 +131,19 @@ class RangeFit:
         return self._count(np.einsum("yxpq,yxqp->yx", gram.plain_inverse, gram.matrices))
 
     def measure_noise(self) -> float:
-        """Measure the standard deviation of what no emission on the grid explains, per pixel."""
+        """Measure the standard deviation per pixel of the part that no emission explains."""
         return float(np.sqrt(self.outside / (self._pixels - self.modes)))
 
     def unpenalised(self) -> np.ndarray:
-        """Cells that explain as much of the light field as any can, float32."""
+        """Cells of the unpenalised fit, which explain as much light as any, float32."""
         spectrum = np.moveaxis(self._fitted, -1, 0)
         torus = fft.irfft2(spectrum, s=self.gram.size, workers=get_num_threads())
         return self.gram.gather(torus).astype(np.float32)
 
     def count_modes(self, strength: float, order: int) -> float:
-        """Degrees of freedom of a linear fit: the trace of the operator from data to fitted data.
+        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
 
-        Of the pixels that are recorded, a part of the torus.
+        Only the recorded pixels count, a part of the torus.
         """
         gram = self.gram
         values, _ = gram.decomposition
@@ -151,12 +151,12 @@ class RangeFit:
         return self._count(kept.sum(axis=-1))
 
     def _count(self, traces: np.ndarray) -> float:
-        """Add traces over the frequencies; of the torus, the recorded part counts."""
+        """Add traces over the frequencies; only the recorded part of the torus counts."""
         share = np.prod(self.gram.grid.pixels) / np.prod(self.gram.size)
         return float(np.sum(self.gram.multiplicity * traces) * share)
 
     def _solve_linear(self, inverse: np.ndarray) -> np.ndarray:
-        """Coefficients of the cells, by the eigenvalues of the inverse matrices."""
+        """Coefficients of the cells, from the eigenvalues of the inverse matrices."""
         return multiply(self.gram.compose(inverse), self._spectrum)
 
     def solve(
@@ -168,20 +168,22 @@ class RangeFit:
         start: np.ndarray | None = None,
         foreground: np.ndarray | None = None,
     ) -> Fit:
-        """Fit with one strength of the penalty.
+        """Fit with one strength of the regularisation.
 
         Parameters
         ----------
         strength : float
-            As `FrequencyGram.penalised` takes it.
+            Strength, as for `FrequencyGram.penalty`.
         order : int
+            Order of the differences that are penalised.
         nonnegative : bool
-            Without, the fit is linear, and one step.
+            Whether cells are kept at 0 or above; if not, the fit is linear, and takes one step.
         iterations : int
+            Number of iterations of the splitting.
         start : ndarray, shape (planes, rows, columns), optional
             Cells from which to start.
         foreground : ndarray of bool, shape (planes, rows, columns), optional
-            Cells that may glow, where light must not be negative. Default: all.
+            Cells that may emit; others are 0. Default: all.
         """
         gram = self.gram
         penalty = gram.penalty(strength, order)
@@ -204,7 +206,7 @@ class RangeFit:
         gram = self.gram
         fit = FrequencyFit(gram, self.stack, penalty)
         may_glow = np.ones(gram.grid.shape, bool) if foreground is None else foreground
-        # Nothing glows beyond the grid.
+        # There is no emission beyond the grid.
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0))).ravel()
         box = Box(np.zeros_like(roof), roof)
         first = np.zeros(gram.grid.shape, np.float32) if start is None else start
@@ -221,19 +223,19 @@ class RangeFit:
         return glow.reshape(self.stack.shape)
 
     def misfit(self, cells: np.ndarray) -> float:
-        """Squared residual of some cells, without what lies outside the operator's range."""
+        """Squared residual of cells, without the part outside the operator's range."""
         spectrum = self.gram.transform(self.gram.spread(cells).astype(np.float64))
         return self._explained - self._explain(spectrum)
 
     def _explain(self, spectrum: np.ndarray) -> float:
-        """Tell how much of the squares of the light field some cells explain."""
+        """Find the part of the light field's sum of squares that cells explain."""
         seen = multiply(self.gram.matrices, spectrum)
         return 2 * self.gram.inner(self._spectrum, spectrum) - self.gram.inner(spectrum, seen)
 
 
 @shared
 def _multiply_frequencies(queue, matrices, spectrum, product):
-    """Multiply matrices[y, p, q, x] with spectrum[q, y, 2 x], real and imaginary parts in turn."""
+    """Multiply matrices[y, p, q, x] by spectrum[q, y, 2 x]; real and imaginary parts alternate."""
     rows, planes, _, columns = matrices.shape
     for y in pieces(queue, rows):
         for p in range(planes):

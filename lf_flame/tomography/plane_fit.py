@@ -1,4 +1,4 @@
-"""A fit of planes to a light field: its noise, strength, foreground, and what cells cannot hold."""
+"""Fit of depth planes to a light field: noise, strength, foreground, and detail within cells."""
 
 from dataclasses import dataclass, replace
 
@@ -20,13 +20,13 @@ from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
 
 ROUGHNESS, VARIATION = "roughness", "variation"
 PENALTIES = ROUGHNESS, VARIATION
-"""On differences between cells, squared, for smooth emission; on the length of gradients, for
-emission with sharp edges."""
+"""Names of the penalties: on squared differences between cells, for smooth emission; on the length
+of gradients (total variation), for emission with sharp edges."""
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of `lf_flame.tomography.reconstruct` that each of its fits takes."""
+    """Options of `lf_flame.tomography.reconstruct` that all of its fits share."""
 
     noise: float | None
     strength: float | None
@@ -45,14 +45,17 @@ class Explanation:
     Attributes
     ----------
     cells : ndarray of float32, shape (planes, rows, columns)
+        Light that leaves each cell.
     foreground : ndarray of bool, same shape, or None
-        Those that may glow; None if all may.
+        Cells that may emit; None if all may.
     noise, measured : float
-        Standard deviation of a pixel that was taken, and that was measured.
+        Standard deviation of a pixel's noise: as used, and as measured.
     uneven : ndarray of float32, shape (v, u, t, s)
         Variance of each pixel's noise relative to its mean.
     strength : float
+        Strength of the regularisation.
     tried : tuple of TriedStrength
+        Strengths that were tried.
     """
 
     cells: np.ndarray
@@ -69,14 +72,14 @@ class Explanation:
         return np.float32(self.noise) * np.sqrt(self.uneven)
 
     def lit_noise(self, seen: np.ndarray) -> float:
-        """Tell the standard deviation of a pixel's noise where light is, that of `seen`."""
+        """Find the standard deviation of a pixel's noise, weighted by the light of `seen`."""
         light = max(float(np.sum(seen, dtype=np.float64)), 1e-30)
         lit = float(np.sum(self.uneven * seen, dtype=np.float64)) / light
         return self.noise * float(np.sqrt(max(lit, 0.0)))
 
 
 class PlaneFit:
-    """Fits the planes of a grid to light fields in which light only adds.
+    """Fits the depth planes of a grid to light fields in which light only adds.
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ class PlaneFit:
         self.operator, self.gram, self.options = operator, gram, options
 
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
-        """Fit a light field; with the strength and the foreground of a known fit, from there.
+        """Fit a light field; if a fit is given, with its strength and foreground, starting from it.
 
         Parameters
         ----------
@@ -116,7 +119,7 @@ class PlaneFit:
         return self._fit_smooth(problem, draft)
 
     def _fit_smooth(self, problem: RangeFit, draft: Explanation) -> Explanation:
-        """Choose the strength, fit, find out which cells are dark, and fit again."""
+        """Choose the strength, fit, find the dark cells, and fit again."""
         options = self.options
         by_place = draft.uneven.mean(axis=(0, 1), dtype=np.float64)
         around = np.pad(by_place, self.gram.grid.reach, mode="edge")
@@ -140,9 +143,9 @@ class PlaneFit:
         return replace(draft, cells=self.again(problem, draft, rest)) if half else draft
 
     def again(self, problem: RangeFit, known: Explanation, iterations: int) -> np.ndarray:
-        """Solve another problem as a known one was, from its cells on."""
+        """Solve another problem with the options of a fit, starting from its cells."""
         if self.options.penalty == VARIATION:
-            # The filtered noise of a cell is the sum of its views'.
+            # The filtered noise of a cell is the sum of the noise of its views.
             weight = known.strength * known.noise * self.gram.grid.camera.views
             return fit_total_variation(problem, weight, iterations, known.cells)
         order, nonnegative = self.options.order, self.options.nonnegative
@@ -151,16 +154,16 @@ class PlaneFit:
         ).cells
 
     def correct(self, known: Explanation, smooth: SmoothStack, iterations: int) -> np.ndarray:
-        """Tell what a fit has done to a flame that it found, as a correction to be added.
+        """Estimate the error that a fit makes for a flame like the one it found, as a correction.
 
-        The light field of a smooth course through the cells, without noise, is fitted as theirs
-        was; what then differs from them is what penalty and even cells have done (Tukey's twicing,
-        Exploratory Data Analysis, 1977, here with a finer model).
+        The light field of a smooth function through the cells, without noise, is fitted in the same
+        way. The difference between cells and second fit is the effect of penalty and constant cells
+        (Tukey's twicing, Exploratory Data Analysis, 1977, here with a finer model).
 
         Returns
         -------
         ndarray of float32, shape (planes, rows, columns)
-            Which leaves no cell below 0.
+            Correction to add; it makes no cell negative.
         """
         seen = RangeFit(self.gram, smooth(known.cells), 0.0, 0)
         again = self.again(seen, known, iterations)
@@ -174,7 +177,7 @@ class PlaneFit:
     def _with_foreground(
         self, problem: RangeFit, draft: Explanation, share: np.ndarray
     ) -> Explanation:
-        """Find which cells may glow; the draw of the noise is always the same one."""
+        """Find the cells that may emit; the draw of the noise always has the same seed."""
         rng = np.random.default_rng(0)
         stack = draw_noise(self.operator, draft.pixel_noise, rng)
         noise_alone = RangeFit(self.gram, stack, 0.0, 0)
@@ -204,7 +207,7 @@ def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int)
         )
     if block == 1:
         return views
-    # Aligned at slope 0: shift-and-sum's engine averages blocks at the speed of reading.
+    # Alignment at slope 0 is the identity; it averages blocks at the speed of reading.
     indices = [(v, u) for v in range(camera.views) for u in range(camera.views)]
     aligned = align_views(views, 0.0, indices, block=(block, block))
     return aligned.reshape(*views.shape[:2], *aligned.shape[1:])

@@ -1,4 +1,4 @@
-"""Profiles of emission as the files that a user looks at."""
+"""Output files of emission profiles."""
 
 import csv
 from dataclasses import dataclass
@@ -18,14 +18,16 @@ RECORD = "profiles.json"
 
 @dataclass(frozen=True, eq=False)
 class Emission:
-    """What a folder of `lf-flame reconstruct` holds.
+    """Content of a folder of `lf-flame reconstruct`.
 
     Attributes
     ----------
     planes : ndarray of float32, shape (planes, rows, columns)
+        Emission.
     draws : ndarray of float32, shape (draws, planes, rows, columns)
+        Bootstrap draws of the emission, perhaps none.
     depths_mm, cell_mm : list of float
-        Of each plane.
+        Depth and cell size of each plane.
     """
 
     planes: np.ndarray
@@ -35,12 +37,12 @@ class Emission:
 
 
 def read_emission(folder: Path) -> Emission:
-    """Read a folder of `lf-flame reconstruct`, with its draws where it has some.
+    """Read a folder of `lf-flame reconstruct`, with its bootstrap draws if it has some.
 
     Raises
     ------
     InputError
-        If the folder is no such, or a file of it is damaged.
+        If the folder is not such a folder, or a file in it is damaged.
     """
     found = EmissionFolder(folder)
     planes = found.emission()
@@ -52,7 +54,7 @@ def read_emission(folder: Path) -> Emission:
 
 @dataclass(frozen=True)
 class Strips:
-    """Where profiles are taken; None: where the light's middle is."""
+    """Positions and widths of the strips of profiles in mm; None: at the centre of the light."""
 
     across: float | None = None
     width: float = 0.0
@@ -61,7 +63,7 @@ class Strips:
 
 
 def take_profiles(emission: Emission, strips: Strips) -> dict[str, list[Profile]]:
-    """Take profiles up and across every plane: lists "axial" and "radial"."""
+    """Take profiles up and across every depth plane: lists "axial" and "radial"."""
     found: dict[str, list[Profile]] = {"axial": [], "radial": []}
     for k, plane in enumerate(emission.planes):
         one = plane, emission.draws[:, k], emission.cell_mm[k]

@@ -1,7 +1,7 @@
-"""Profiles of emission, up a flame and across it, with bands of 95 %.
+"""Profiles of emission, up a flame and across it, with 95 % confidence bands.
 
-A band holds the scatter about a profile of emission that was drawn anew, by noise and penalty. What
-a light field cannot tell in depth is not all in it: of a flame that is thick in depth bands are too
+A band is the scatter of a profile over bootstrap draws of the noise and of the penalty's prior. It
+does not include all of the uncertainty in depth: for a flame that is thick in depth, bands are too
 narrow.
 """
 
@@ -21,13 +21,13 @@ class Profile:
     Attributes
     ----------
     places_mm : ndarray of float64, shape (n,)
-        Heights upwards, or places across, from the optical axis.
+        Heights upwards, or positions across, from the optical axis.
     values : ndarray of float64, shape (n,)
-        In the emission's unit.
+        Emission, in the unit of the input.
     sigma : ndarray of float64, shape (n,), or None
-        Standard error by noise and penalty; None without draws.
+        Standard error due to noise and penalty; None without draws.
     band : ndarray of float64, shape (n,), or None
-        Half of the width of a band of 95 %; None without draws.
+        Half-width of the 95 % confidence band; None without draws.
     """
 
     places_mm: np.ndarray
@@ -43,30 +43,30 @@ def axial(
     across_mm: float | None = None,
     width_mm: float = 0.0,
 ) -> Profile:
-    """Take a profile up a plane of emission.
+    """Take a profile up a depth plane of emission.
 
     Parameters
     ----------
     plane : array_like, shape (rows, columns)
-        Emission, row 0 on top, the optical axis in the middle.
+        Emission, with row 0 at the top and the optical axis at the centre.
     draws : array_like, shape (n, rows, columns)
-        The same drawn anew; n may be 0.
+        Bootstrap draws of the emission; n may be 0.
     cell_mm : float
         Side of a cell.
     across_mm : float, optional
-        Where the strip's middle is, from the optical axis. Default: where the light's middle is.
+        Position of the strip's centre, from the optical axis. Default: the centre of the light.
     width_mm : float, optional
-        Of the strip; one column of cells at least.
+        Width of the strip; at least one column of cells is used.
 
     Returns
     -------
     Profile
-        Along heights, the lowest first.
+        Profile along heights, the lowest first.
 
     Raises
     ------
     InputError
-        If a value cannot be used, or the strip lies outside the plane.
+        If a value cannot be used, or the strip is outside the plane.
     """
     image, again = _checked(plane, draws, cell_mm)
     places = _places(image.shape[1], cell_mm)
@@ -85,26 +85,26 @@ def radial(
     height_mm: float | None = None,
     thickness_mm: float = 0.0,
 ) -> Profile:
-    """Take a profile across a plane of emission.
+    """Take a profile across a depth plane of emission.
 
     Parameters
     ----------
     plane, draws, cell_mm
-        As `axial` takes them.
+        As for `axial`.
     height_mm : float, optional
-        Of the strip's middle, upwards from the optical axis. Default: where the light's middle is.
+        Height of the strip's centre above the optical axis. Default: the centre of the light.
     thickness_mm : float, optional
-        Of the strip; one row of cells at least.
+        Height of the strip; at least one row of cells is used.
 
     Returns
     -------
     Profile
-        Along places across, the first column first.
+        Profile along positions across, the first column first.
 
     Raises
     ------
     InputError
-        If a value cannot be used, or the strip lies outside the plane.
+        If a value cannot be used, or the strip is outside the plane.
     """
     image, again = _checked(plane, draws, cell_mm)
     heights = -_places(image.shape[0], cell_mm)
@@ -145,7 +145,7 @@ def _middle(light: np.ndarray, places: np.ndarray) -> float:
 
 
 def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: str) -> np.ndarray:
-    """Choose the cells whose middles lie within a strip, at least the one nearest to its middle."""
+    """Choose the cells with centres inside a strip, at least the one nearest to its centre."""
     if not (np.isfinite(width) and width >= 0):
         raise InputError(f"A strip's width must be a finite number, 0 or above, got {width} mm.")
     low, high = np.sort(places[[0, -1]]) + np.array([-cell, cell]) / 2
@@ -154,5 +154,5 @@ def _strip(places: np.ndarray, middle: float, width: float, cell: float, name: s
             f"{name} must lie within the plane, {low:.3g} to {high:.3g} mm, got {middle}."
         )
     away = np.abs(places - middle)
-    # Half a thousandth of a cell, so that an edge on a middle does not hang on rounding.
+    # Half a thousandth of a cell, so that rounding does not decide for an edge at a cell's centre.
     return np.flatnonzero(away <= max(width / 2 + 5e-4 * cell, away.min()))

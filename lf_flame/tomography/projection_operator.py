@@ -1,9 +1,9 @@
-"""The light field of cells in space as a linear operator, with its exact adjoint.
+"""Light field of cells in space as a linear operator, with its exact adjoint.
 
-A pixel's share of each cell is the closed-form integral by which scenes are rendered
-(`lf_flame.simulation.exact`), so that operator and simulation are one. Along each axis those
-shares are a banded matrix for each plane, K; the light field is the sum of ``Ky X Kx'`` over the
-planes, and the adjoint is made of the transposed bands.
+A pixel's weights of the cells are the closed-form integral with which scenes are rendered
+(`lf_flame.simulation.exact`), so that operator and simulation agree. Along each axis the weights
+are a banded matrix K for each depth plane. The light field is the sum of ``Ky X Kx'`` over the
+planes; the adjoint uses the transposed bands.
 """
 
 import numpy as np
@@ -20,18 +20,21 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 
 
 class ProjectionOperator(LinearOperator):
-    """From the emission of cells, flattened (plane, row, column), to views (v, u, t, s).
+    """Linear operator from emission of cells, (plane, row, column), to views (v, u, t, s).
+
+    Both are flattened for products.
 
     Parameters
     ----------
     grid : FrustumGrid
+        Cells at the depth planes.
     dtype : {"float32", "float64"}, optional
-        In which all is stored and summed.
+        Type for storage and sums.
 
     Raises
     ------
     InputError
-        If the type is another.
+        If the type is another one.
 
     Examples
     --------
@@ -80,17 +83,17 @@ class ProjectionOperator(LinearOperator):
 
 
 def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:
-    """Share of a pixel's ray bundles that meets each line of a grid's cells: `layer_bands`."""
+    """Weight of each line of a grid's cells in a pixel's ray bundles: `layer_bands`."""
     return layer_bands(grid.empty_layer(plane), grid.camera, grid.block, axis)
 
 
 def layer_bands(layer: Layer, camera: PlenopticCamera, block: int, axis: int) -> sparse.csr_array:
-    """Share of each pixel's ray bundles that meets each line of a layer's cells, along one axis.
+    """Weight of each line of a layer's cells in each pixel's ray bundles, along one axis.
 
     Returns
     -------
     scipy.sparse.csr_array of float64, shape (views * pixels, cells)
-        Row ``view * pixels + pixel``; the mean over a pixel's lenslets.
+        Weights in row ``view * pixels + pixel``; the mean over a pixel's lenslets.
     """
     plane = Plane(layer.texture, None, layer.depth_mm, layer)
     start, weight = bundle_bands(plane, OpticalPass(camera), axis)

@@ -1,16 +1,16 @@
 """Temperature of soot from its emission in two colours.
 
-Where soot glows thinly, a volume's emission is its absorption coefficient times the radiance of a
+For optically thin soot, a volume's emission is its absorption coefficient times the radiance of a
 black body (Planck; Modest, Radiative Heat Transfer, chapters on the equation of transfer and on
-particulate media). The coefficient falls as a power of the wavelength; in the ratio of two colours
-all else of it drops out:
+particulate media). The coefficient falls as a power of the wavelength; its other factors cancel in
+the ratio of two colours:
 
     e1 / e2 = (l2 / l1)^(5 + a) (exp(c2 / (l2 T)) - 1) / (exp(c2 / (l1 T)) - 1)
 
-That is the temperature of the soot, not of the gas. A temperature hides errors of emission: at
-1,800 K one of 17 % is 137 K between 550 and 650 nm, and by one calibrated colour alone only 25 K.
-So never show a temperature without the error of its emission. Emissions must be linear in light,
-and of single wavelengths.
+The result is the temperature of the soot, not of the gas. A temperature hides errors of emission:
+at 1,800 K an error of 17 % is 137 K between 550 and 650 nm, and only 25 K for one calibrated
+colour. Never show a temperature without the error of its emission. Emissions must be linear in
+light, and of single wavelengths.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from numpy.typing import ArrayLike
 from lf_flame.errors import InputError
 
 SECOND_RADIATION_MM_K = 14.387768775
-"""c2 = h c / k in mm K (CODATA 2018, exact)."""
+"""Second radiation constant c2 = h c / k in mm K (CODATA 2018, exact)."""
 
 LEAST_K, MOST_K = 500.0, 5000.0
-"""Temperatures between which soot glows and is; others are taken for undetermined."""
+"""Range of temperatures in K of glowing soot; temperatures outside count as undetermined."""
 
 LEAST_NM, MOST_NM = 100.0, 1e5
-"""Wavelengths in nm that are taken for such; 0.55 is one in micrometres."""
+"""Range of wavelengths in nm; a value such as 0.55 would be in micrometres, and is refused."""
 
 LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
-"""Exponents a of soot's absorption; measured ones lie between 0.7 and 3."""
+"""Range of the exponent a of soot's absorption; measured ones are between 0.7 and 3."""
 
 SINGLE_WAVELENGTHS = (
     "Each colour is taken for light of a single wavelength. Through broad filters, as of a colour "
@@ -38,10 +38,11 @@ SINGLE_WAVELENGTHS = (
 )
 
 NEWTON_STEPS = 8
-"""From Wien's approximation; three suffice below 5,000 K and 10 micrometres."""
+"""Number of Newton steps from Wien's approximation; three suffice below 5,000 K and 10
+micrometres."""
 
 LEAST_SIGNAL = 3.0
-"""Standard deviations of its noise by which an emission must exceed 0 to have a ratio."""
+"""Smallest emission with a ratio, in standard deviations of its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +52,11 @@ class Temperatures:
     Attributes
     ----------
     kelvin : ndarray of float64
+        Temperatures in K.
     sigma : ndarray of float64, or None
-        Standard deviation by the emissions' noise, linearly propagated, in K.
+        Standard deviation in K due to the emissions' noise, linearly propagated.
     relative_error : ndarray of float64, or None
-        That of the ratio of the emissions, relative to it: what a temperature hides.
+        Relative standard deviation of the ratio of the emissions, which a temperature hides.
     """
 
     kelvin: np.ndarray
@@ -65,17 +67,17 @@ class Temperatures:
 def emission_ratio(
     kelvin: ArrayLike, wavelengths_nm: tuple[float, float], soot_exponent: float = 1.0
 ) -> np.ndarray:
-    """Tell the ratio of soot's emission at the first wavelength to that at the second.
+    """Ratio of soot's emission at the first wavelength to that at the second.
 
     Parameters
     ----------
     kelvin : array_like
-        Above 0.
+        Temperature of the soot in K, above 0.
     wavelengths_nm : (float, float)
-        In nm, two different ones from 100 to 100,000.
+        Two different wavelengths in nm, from 100 to 100,000.
     soot_exponent : float, optional
-        a in the absorption coefficient's fall as ``wavelength^-a``, from -1 to 5. 1 is that of
-        particles much smaller than the wavelength, of one refractive index.
+        Exponent a in the absorption coefficient's ``wavelength^-a``, from -1 to 5. 1 holds for
+        particles much smaller than the wavelength, with a constant refractive index.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def emission_ratio(
     Raises
     ------
     InputError
-        If wavelengths or exponent are none of these.
+        If a wavelength or the exponent is out of range.
     """
     first, second = _checked_wavelengths(wavelengths_nm)
     _check_exponent(soot_exponent)
@@ -101,25 +103,27 @@ def two_colour_temperature(
     soot_exponent: float = 1.0,
     calibration: float = 1.0,
 ) -> Temperatures:
-    """Find the temperature at which soot has the ratio of two emissions.
+    """Find the temperature of soot from its emissions at two wavelengths.
 
     Parameters
     ----------
     first, second : array_like of one shape
-        Emissions at the two wavelengths, by volume or by plane alike.
+        Emissions at the two wavelengths, either both by volume or both by depth plane.
     wavelengths_nm : (float, float)
-        In nm, two different ones from 100 to 100,000.
+        Two different wavelengths in nm, from 100 to 100,000.
     sigmas : (array_like, array_like), optional
-        Standard deviations of the emissions. Where one does not exceed 0 by three of its own the
-        temperature is undetermined. Default: unknown; only what is not above 0 is undetermined.
+        Standard deviations of the emissions. Where an emission is not above three of its own
+        standard deviations, the temperature is undetermined. Default: unknown; only emissions that
+        are not above 0 are undetermined.
     soot_exponent : float, optional
-        As `emission_ratio` takes it.
+        Exponent a in the absorption coefficient's ``wavelength^-a``, from -1 to 5.
     calibration : float, optional
-        What the camera's ratio of the two colours is of an equal radiance in both, above 0.
+        Camera's ratio of the first colour to the second for equal radiance in both, above 0.
 
     Returns
     -------
     Temperatures
+        Temperatures in K with their errors; NaN where undetermined.
 
     Raises
     ------
@@ -148,7 +152,7 @@ def two_colour_temperature(
         raise InputError(f"calibration must be a finite number above 0, got {calibration}.")
     least = [0.0, 0.0] if errors is None else [LEAST_SIGNAL * error for error in errors]
     known = (emissions[0] > least[0]) & (emissions[1] > least[1])
-    with np.errstate(all="ignore"):  # of 0 / 0 there is no temperature, and no warning
+    with np.errstate(all="ignore"):  # 0 / 0 gives no temperature, and no warning
         ratio = np.where(known, emissions[0] / emissions[1] / calibration, np.nan)
         inverse = _invert(np.log(ratio), short, long, soot_exponent)
         kelvin = 1 / inverse
@@ -162,14 +166,14 @@ def two_colour_temperature(
 
 
 def _log_ratio(inverse: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
-    """Take the logarithm of the ratio of emissions at 1 / T; wavelengths in mm."""
+    """Logarithm of the ratio of emissions at 1 / T; wavelengths in mm."""
     x1, x2 = (SECOND_RADIATION_MM_K / length * inverse for length in (first, second))
     constant = (5 + exponent) * np.log(second / first)
     return constant + x2 - x1 + np.log1p(-np.exp(-x2)) - np.log1p(-np.exp(-x1))
 
 
 def _slope(inverse: np.ndarray, first: float, second: float) -> np.ndarray:
-    """Derive the logarithm of the ratio by 1 / T, in K."""
+    """Derive the logarithm of the ratio with respect to 1 / T, in K."""
     steps = []
     for length in (first, second):
         c = SECOND_RADIATION_MM_K / length
@@ -178,7 +182,7 @@ def _slope(inverse: np.ndarray, first: float, second: float) -> np.ndarray:
 
 
 def _invert(log_ratio: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
-    """Solve for 1 / T by Newton's steps from Wien's approximation."""
+    """Solve for 1 / T with Newton's method, starting from Wien's approximation."""
     constant = (5 + exponent) * np.log(second / first)
     inverse = (constant - log_ratio) / (SECOND_RADIATION_MM_K * (1 / first - 1 / second))
     inverse = np.clip(inverse, 1 / (4 * MOST_K), 4 / LEAST_K)
@@ -212,7 +216,7 @@ def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, fl
 
 
 def _other_unit(lengths: np.ndarray) -> str:
-    """Guess in which unit wavelengths were given."""
+    """Guess the unit in which wavelengths were given."""
     for unit, scale in (("micrometres", 1e3), ("mm", 1e6), ("m", 1e9)):
         meant = lengths * scale
         if lengths.shape == (2,) and np.all((meant >= LEAST_NM) & (meant <= MOST_NM)):

@@ -1,4 +1,4 @@
-"""Emission by depth from one light field: what is found, its error bars, and warnings."""
+"""Emission by depth from one light field, with error bars and warnings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,52 +36,53 @@ from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import TriedStrength
 
 ITERATIONS = 160
-"""Number of steps of the splitting, for the solution. For each strength that is tried an eighth of
-them, from the last one's; for each draw a quarter, from the solution: its scatter is that of half
-of them within 5 %."""
+"""Number of iterations of the splitting for the solution. Each strength that is tried takes an
+eighth of them, starting from the previous one; each draw takes a quarter, starting from the
+solution, with a scatter that is within 5 % of that of half the iterations."""
 
 FIT = "fit"
-"""Value of `background` by which it is fitted."""
+"""Value of `background` with which a background is fitted."""
 
 UNSETTLED = (
-    "The correction for absorption has not settled: emission and optical thickness do not go "
-    "together, or the thickness is too large."
+    "The correction for absorption has not converged: emission and optical thickness are "
+    "inconsistent, or the thickness is too large."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """Emission by depth, and how far to trust it.
+    """Emission by depth, with its error bars and warnings.
 
     Attributes
     ----------
     grid : FrustumGrid
+        Depth planes and cells.
     emission : ndarray of float32, shape (planes, rows, columns)
-        Radiance that each plane adds along the line of sight, in the unit of the light field;
+        Radiance that each depth plane adds along the line of sight, in the unit of the light field;
         rows and columns are the pixels of the central view. `per_mm` is emission by volume. With
-        an optical thickness, the radiance that each would add if nothing were absorbed.
+        an optical thickness, it is the radiance that each plane would add without absorption.
     correction : ndarray of float32, shape of `emission`
-        What was added to the fit, for what penalty and even cells do to a flame; zeros where
-        nothing was.
+        Part of the emission that was added to the fit to correct the effect of penalty and constant
+        cells; zeros without correction.
     draws : ndarray of float32, shape (draws, planes, rows, columns)
-        Emission of light fields that were drawn anew from what was found, with noise, and with the
-        penalty's prior drawn anew; of the correction each takes between none and twice. What the
-        aperture cannot tell in depth is not all in their scatter.
+        Bootstrap draws of the emission: refits with redrawn noise and redrawn prior of the penalty,
+        each with a random multiple, between 0 and 2, of the correction. Their scatter does not
+        include all of the uncertainty in depth.
     sigma_linear : ndarray of float64, shape (planes,)
-        That of each plane's cells by the covariance, were light allowed to be negative: how much
-        the bound at zero adds to what the light field itself tells.
+        Standard deviation of the unconstrained linear fit, one number for each plane. Compared with
+        `sigma`, it shows how much the constraint of no negative light contributes.
     noise : float
-        Standard deviation of the noise of a pixel, stated or measured, in the same unit.
+        Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
     strength : float
-        Of the penalty that was taken.
+        Strength of the regularisation that was used.
     tried : tuple of TriedStrength
-        The L-curve: what was tried to find it, weakest first.
+        Strengths that were tried (the L-curve), weakest first.
     chi_squared : ndarray of float64, shape (v, u)
         Mean squared residual of each view, in units of the noise's variance.
     warnings : tuple of str
-        Where data and model disagree.
+        Sentences on disagreements of data and model.
     background, background_sigma : float
-        Even background that was fitted and taken off, and its standard deviation; 0 without.
+        Uniform background that was fitted and subtracted, and its standard deviation; 0 without.
     """
 
     grid: FrustumGrid
@@ -99,16 +100,16 @@ class Reconstruction:
 
     @cached_property
     def sigma(self) -> np.ndarray | None:
-        """Standard error of each cell by noise, penalty and cells; None where nothing was drawn.
+        """Standard error of each cell due to noise, penalty and cells; None without draws.
 
-        float32, shape of `emission`. What the aperture cannot tell in depth is not all in it: of a
-        flame that is thick in depth the truth lies outside many bars.
+        float32, shape of `emission`. It does not include all of the uncertainty in depth: for a
+        flame that is thick in depth, the truth is outside many error bars.
         """
         return scatter(self.draws, self.emission) if len(self.draws) else None
 
     @property
     def light_sigma(self) -> np.ndarray | None:
-        """Give the same of the sum over each plane's cells, float64, shape (planes,)."""
+        """Standard error of the sum over each plane's cells, float64, shape (planes,), or None."""
         if not len(self.draws):
             return None
         sums = (one.sum(axis=(-2, -1), dtype=np.float64) for one in (self.draws, self.emission))
@@ -116,16 +117,16 @@ class Reconstruction:
 
     @property
     def spacing_mm(self) -> float | None:
-        """Distance between neighbouring planes, where all are as far apart."""
+        """Distance between neighbouring planes in mm, if it is the same for all; else None."""
         steps = np.abs(np.diff(self.grid.depths_mm))
         return float(steps[0]) if steps.size and np.ptp(steps) <= 1e-6 * steps[0] else None
 
     @property
     def per_mm(self) -> np.ndarray:
-        """Emission by length of the line of sight: each plane's over the planes' distance.
+        """Emission per length of the line of sight: a plane's emission over the planes' distance.
 
-        Radiance per mm, shape of `emission`; times 4 pi, power per volume where the light field
-        is in radiance.
+        It is in radiance per mm, shape of `emission`; times 4 pi it is power per volume, if the
+        light field is in radiance.
 
         Raises
         ------
@@ -158,65 +159,70 @@ def reconstruct(
     penalty: str = ROUGHNESS,
     background: str | None = None,
 ) -> Reconstruction:
-    """Find the emission of the planes of a grid that explains a light field.
+    """Find the emission on a grid's depth planes that explains a light field.
 
-    Least squares with a penalty on roughness and no negative light. The strength of the penalty
-    follows the discrepancy principle (Morozov 1966): the residual is to be what noise leaves, less
-    the degrees of freedom that the fit itself takes up (Wahba, SIAM J. Numer. Anal. 14, 651, 1977),
-    here the trace of the linear fit times the share of cells above zero. Where the model's own
-    error keeps the residual above that, the strength is taken at which it is least above it.
+    It is a least-squares fit with regularisation (a penalty on roughness) and no negative light.
+    The strength follows the discrepancy principle (Morozov 1966): the residual must equal the
+    noise, reduced by the degrees of freedom of the fit (Wahba, SIAM J. Numer. Anal. 14, 651, 1977),
+    here the trace of the linear fit times the fraction of cells above zero. If the model's own
+    error keeps the residual higher, the strength with the smallest excess is used.
 
     Parameters
     ----------
     light_field : LightField
-        Grey, of the grid's camera; black level subtracted, divided by a white image.
+        Grey light field of the grid's camera, black level subtracted, divided by a white image
+        (flat field).
     grid : FrustumGrid
+        Depth planes and cells.
     noise : float, optional
         Standard deviation of a pixel's noise, after averaging over blocks, in the unit of the
-        light field. Default: measured, as what no emission on the grid explains.
+        light field. Default: measured from the part that no emission on the grid explains.
     strength : float, optional
-        Of the penalty, instead of the principle's.
+        Strength of the regularisation. Default: by the discrepancy principle.
     order : int, optional
-        Of the differences that are penalised: 1 to 4.
+        Order of the differences that are penalised, 1 to 4.
     nonnegative : bool, optional
+        Whether emission is kept at 0 or above; if not, the fit is linear.
     iterations : int, optional
-        Of the splitting that keeps light from being negative.
+        Number of iterations of the splitting that keeps light from being negative.
     dark_cells : bool, optional
-        Whether light that is hardly more than what noise alone makes is taken for none, unless the
-        light field speaks against it: see `lf_flame.tomography.foreground`.
+        Whether light that is hardly brighter than noise alone would make it is set to 0, unless the
+        light field contradicts this: see `lf_flame.tomography.foreground`.
     corrected : bool, optional
-        Whether what penalty and even cells do to a flame is computed and taken off: see
+        Whether the effect of penalty and constant cells on a flame is computed and corrected: see
         `lf_flame.tomography.plane_fit.PlaneFit.correct`.
     whole_curve : bool, optional
         Whether all strengths are tried, for the L-curve, instead of the few that are needed.
     bootstrap : int, optional
-        Number of light fields of the found emission that are drawn with new noise, as uneven as
-        that found, and fitted again, for `Reconstruction.sigma`: 0, or 2 and more.
+        Number of bootstrap redraws of the light field of the found emission, with the measured
+        dependence of noise on brightness, each fitted again for `Reconstruction.sigma`: 0, or 2
+        and more.
     rng : int, numpy.random.Generator or None, optional
-        Seed or generator of the bootstrap; None draws differently each time.
+        Seed or generator of the bootstrap; with None every call draws differently.
     optical_thickness : float, or array_like of shape (planes,) or (planes, rows, columns), optional
-        Absorption along the line of sight, 0 or above, known from elsewhere: the total, spread
-        evenly over the planes, or each plane's, even across it or by the pixels of the central
-        view. A plane lets ``(1 - exp(-tau)) / tau`` of its own light out and ``exp(-tau)`` of what
-        is behind it through, at greater depth, as a `Layer` does. The penalty then is on the
-        emission as it leaves towards the camera. Default: light only adds.
+        Known absorption along the line of sight, 0 or above: the total, spread evenly over the
+        planes, or a value for each plane, or for each plane and pixel of the central view. Like a
+        `Layer`, a plane transmits ``(1 - exp(-tau)) / tau`` of its own light and ``exp(-tau)`` of
+        the light from behind it, at greater depth. The penalty then acts on the emission as it
+        leaves towards the camera. Default: no absorption.
     penalty : {"roughness", "variation"}, optional
-        "variation" is for emission with sharp edges: total variation, whose strength is in standard
-        deviations of a cell's filtered noise, 2 where none is said. There `order`, `nonnegative`,
-        `dark_cells`, `corrected` and `whole_curve` are not asked.
+        Kind of regularisation. "variation" (total variation) is for emission with sharp edges; its
+        strength is in standard deviations of a cell's filtered noise, 2 by default, and `order`,
+        `nonnegative`, `dark_cells`, `corrected` and `whole_curve` are not used.
     background : {"fit"}, optional
-        "fit" takes an even background of unknown level off: the mean of the pixels that no
+        "fit" subtracts a uniform background of unknown level: the mean of the pixels that no
         emission reaches, so some of the field must be dark. Its error is in the error bars.
-        Default: there is none.
+        Default: no background.
 
     Returns
     -------
     Reconstruction
+        Emission with error bars and warnings.
 
     Raises
     ------
     InputError
-        If light field and grid do not fit, or a value cannot be used.
+        If light field and grid do not match, or a value cannot be used.
 
     Examples
     --------
@@ -263,7 +269,7 @@ def reconstruct(
     residual = views - seen
     chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared /= noise_variance(found.noise)
-    # All as it leaves towards the camera: noise is no other for what single views see absorbed.
+    # All as the light that leaves towards the camera; noise is the same with absorption.
     smooth = SmoothStack(grid)
     twice = smooth_penalty and nonnegative and corrected
     half, few = max(1, iterations // 2), max(1, iterations // 4)
@@ -275,8 +281,8 @@ def reconstruct(
         drawn_anew = redraw(operator, gram, *drawn_from, bootstrap, rng)
         for one in progress.steps(drawn_anew, "error bars", bootstrap, "draw"):
             drawn = replace(found, cells=fit.again(one, found, few))
-            # The correction of each draw is its own, and any from none to twice is as likely (JCGM
-            # 100, 4.3.7): how much it leaves is not known.
+            # Each draw has its own correction, times any number from 0 to 2 with equal probability
+            # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
             own = rng.uniform(0, 2) * fit.correct(drawn, smooth, few) if twice else 0
             again.append(grid.crop(drawn.cells + own) / leaves)
     emission = np.ascontiguousarray(grid.crop(cells) / leaves)
@@ -311,7 +317,7 @@ def reconstruct(
 
 
 def _raised(leaves: np.ndarray) -> np.ndarray:
-    """By how much a plane's errors grow, root-mean-square, if this share of its light leaves it."""
+    """Root-mean-square factor by which a plane's errors grow if this fraction of light leaves."""
     return np.sqrt(np.mean(np.square(1 / leaves, dtype=np.float64), axis=(1, 2)))
 
 

@@ -1,10 +1,10 @@
-"""What one light field can tell of depth: less, the coarser the detail.
+"""Depth resolution of one light field; it is worse for coarser detail.
 
-A plenoptic camera sees the scene within the angle that its aperture spans. Of detail with the
-lateral frequency k it records depth frequencies within ``k theta / 2`` only; what lies beyond is
-the missing cone (for limited angles in general: Tuy, SIAM J. Appl. Math. 43, 546, 1983; Natterer,
-The Mathematics of Computerized Tomography, chapter 6). So depth is blurred over ``1 / (k theta)``,
-and an even glow has no depth at all.
+A plenoptic camera sees the scene within the angle that its aperture spans. For detail of lateral
+frequency k it records only depth frequencies within ``k theta / 2``; the rest is the missing cone
+(for limited angles in general: Tuy, SIAM J. Appl. Math. 43, 546, 1983; Natterer, The Mathematics of
+Computerized Tomography, chapter 6). Depth is therefore blurred over ``1 / (k theta)``, and a
+uniform glow has no depth at all.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ def angular_width(camera: PlenopticCamera) -> float:
 
 
 def finest_period(camera: PlenopticCamera, block: int = 1) -> float:
-    """Shortest period that the central view can hold, in mm in the focal plane: two pixels."""
+    """Shortest period that the central view resolves, in mm in the focal plane: two pixels."""
     rows_mm, _ = camera.field_mm(0.0)
     return 2 * block * rows_mm / camera.lenslets[0]
 
@@ -32,12 +32,12 @@ def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
     ----------
     camera : PlenopticCamera
     period_mm : float or ndarray
-        Lateral period of the detail in the focal plane, above 0.
+        Lateral period of the detail in the focal plane in mm, above 0.
 
     Returns
     -------
     float or ndarray
-        In mm.
+        Blur in depth in mm.
 
     Raises
     ------
@@ -55,15 +55,16 @@ def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
 
 
 def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float) -> Number:
-    """Count what can be told apart of detail along depth: ``1 + thickness / blur``.
+    """Count the values that can be distinguished along depth: ``1 + thickness / blur``.
 
     Parameters
     ----------
     camera : PlenopticCamera
     period_mm : float or ndarray
+        Lateral period of the detail in the focal plane in mm, above 0.
     thickness_mm : float
-        Extent along depth within which light is sought, half of it before the focal plane: from 0
-        to less than twice the focus distance.
+        Extent in depth of the emission, centred on the focal plane: from 0 to less than twice the
+        focus distance.
 
     Raises
     ------
@@ -89,22 +90,23 @@ def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float)
 def depth_singular_values(
     camera: PlenopticCamera, period_mm: float, depths_mm: np.ndarray
 ) -> np.ndarray:
-    """Singular values of the light field of some planes that glow with one lateral period.
+    """Singular values of the light field of depth planes that glow with one lateral period.
 
-    In closed form: view u sees a plane shifted by its slope times u, blurred over a lenslet and
-    over the slope.
+    They have a closed form: view u sees a plane shifted by its slope times u, blurred over a
+    lenslet and over the slope.
 
     Parameters
     ----------
     camera : PlenopticCamera
     period_mm : float
-        In the focal plane, across; the glow grows with distance as the grid's cells do.
+        Lateral period in the focal plane in mm; it grows with distance like the grid's cells.
     depths_mm : array_like, shape (planes,)
+        Depths of the planes from the focal plane in mm.
 
     Returns
     -------
     ndarray of float64, shape (planes,)
-        Relative to the largest, falling: noise of this share of the signal drowns what follows.
+        Values relative to the largest, falling: noise of that fraction hides smaller ones.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How strong the penalty is to be: as strong as noise allows, by the discrepancy principle."""
+"""Strength of the regularisation: as strong as the noise allows, by the discrepancy principle."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame.tomography.penalised_fit import Fit
 
 STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
-"""Strengths of the penalty that are tried: from none that is felt to a smear."""
+"""Strengths of the regularisation that are tried, from no visible effect to strong smoothing."""
 
 FIRST = 13
 """Index of the strength that is tried first: a strong one, as weaker fits need a start nearby."""
@@ -17,16 +17,17 @@ FIRST = 13
 
 @dataclass(frozen=True)
 class TriedStrength:
-    """A strength of the penalty and what came of it.
+    """A strength of the regularisation and its result.
 
     Attributes
     ----------
     strength : float
+        Strength of the regularisation.
     misfit : float
-        Squared residual in the operator's range, in units of the noise's share there: 1 is what
-        noise alone would leave of a perfect solution.
+        Squared residual in the operator's range, in units of the noise's part there: a perfect
+        solution has 1.
     expected : float
-        The misfit that noise leaves of a solution with so many degrees of freedom.
+        Misfit that noise leaves for a solution with as many degrees of freedom.
     roughness : float
         Root-mean-square third difference of the emission, relative to its peak.
     """
@@ -38,7 +39,7 @@ class TriedStrength:
 
 
 class Problem(Protocol):
-    """What is fitted: see `lf_flame.tomography.penalised_fit.RangeFit`."""
+    """Problem to fit, for example `lf_flame.tomography.penalised_fit.RangeFit`."""
 
     @property
     def modes(self) -> float:
@@ -52,27 +53,28 @@ class Problem(Protocol):
         iterations: int,
         start: np.ndarray | None = None,
     ) -> Fit:
-        """Fit with one strength of the penalty."""
+        """Fit with one strength of the regularisation."""
 
     def count_modes(self, strength: float, order: int) -> float:
         """Count the degrees of freedom of a linear fit."""
 
 
 class StrengthSearch:
-    """Tries strengths, and remembers what came of them.
+    """Tries strengths of the regularisation, and stores the results.
 
     Parameters
     ----------
     problem : Problem
     variance : float
-        Of the noise of a pixel, above 0.
+        Variance of a pixel's noise, above 0.
     noise_share : ndarray, shape (rows, columns)
-        Share of the noise that each cell of a plane sees; their sum is 1.
+        Fraction of the noise in each cell of a plane; the sum is 1.
     order : int
-        Of the differences that are penalised.
+        Order of the differences that are penalised.
     nonnegative : bool
+        Whether emission is kept at 0 or above.
     iterations : int
-        For each strength, from the nearest one's solution.
+        Number of iterations for each strength, starting from the nearest one's solution.
     """
 
     def __init__(
@@ -91,9 +93,9 @@ class StrengthSearch:
         self._options = (order, nonnegative, iterations)
 
     def find(self) -> float:
-        """Find the strongest whose residual is what noise leaves, or else stands least above it."""
+        """Find the strongest with a residual within the noise, or else the least excess."""
         here = FIRST
-        # By whole decades first.
+        # First in steps of a decade.
         while self._excess(here) <= 0 and self._excess(here + 2) <= 0:
             here += 2
         while self._excess(here) > 0 and self._excess(here - 2) < self._excess(here):
@@ -105,11 +107,11 @@ class StrengthSearch:
         return STRENGTHS[max(enough) if enough else min(near, key=self._excess)]
 
     def find_by_risk(self) -> float:
-        """Find the strength at which what noise alone would see is foretold best.
+        """Find the strength with the least expected error of the noise-free light field.
 
-        The expected error of the noise-free light field, from the misfit and the degrees of freedom
-        (Mallows, Technometrics 15, 661, 1973; Stein, Ann. Statist. 9, 1135, 1981). Where the model
-        itself cannot follow the data, as at an edge, it asks for no more than freedom can mend.
+        The error is estimated from the misfit and the degrees of freedom (Mallows, Technometrics
+        15, 661, 1973; Stein, Ann. Statist. 9, 1135, 1981). Where the model itself cannot follow the
+        data, as at an edge, this does not choose weaker strengths that would not help.
         """
         here = FIRST
         while self._risk(here - 1) < self._risk(here):
@@ -124,7 +126,7 @@ class StrengthSearch:
             self.attempt(strength)
 
     def nearest(self, strength: float) -> np.ndarray | None:
-        """Cells of the tried fit that is nearest, to start from."""
+        """Cells of the nearest fit that was tried, to start from."""
         if not self._cells:
             return None
         least = STRENGTHS[0]
@@ -132,7 +134,7 @@ class StrengthSearch:
         return self._cells[key]
 
     def attempt(self, strength: float) -> TriedStrength:
-        """Fit with a strength, unless that is done."""
+        """Fit with a strength, unless this was done before."""
         if strength not in self.tried:
             order, nonnegative, iterations = self._options
             start = self.nearest(strength)

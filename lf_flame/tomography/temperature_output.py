@@ -1,4 +1,4 @@
-"""Temperatures of soot as the files that a user looks at, and what to know of them."""
+"""Output files of soot temperatures, and notes on them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -27,19 +27,19 @@ RECORD = "temperature.json"
 
 @dataclass(frozen=True)
 class SourceRecord:
-    """What the record of an emission says of its light field.
+    """Content of the record of an emission on its light field.
 
     Attributes
     ----------
     notes : list of str, optional
-        Remarks on how it was read.
+        Notes on how it was read.
     """
 
     notes: list[str] = field(default_factory=list)
 
 
 def temperature_notes(found: Temperatures, folders: Iterable[Path]) -> list[str]:
-    """Tell what the temperatures rest on, in a sentence or two each."""
+    """List the assumptions behind the temperatures, one or two sentences each."""
     notes = [SINGLE_WAVELENGTHS]
     for folder in folders:
         kind = section_folder if section_folder.is_section(folder) else emission_folder
@@ -57,7 +57,7 @@ def temperature_notes(found: Temperatures, folders: Iterable[Path]) -> list[str]
 
 
 def write_temperature(found: Temperatures, depths: Sequence[float], folder: OutputFolder) -> None:
-    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a picture."""
+    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a figure."""
     for name, planes in (("temperature", found.kelvin), ("temperature_sigma", found.sigma)):
         _write_planes(folder, f"{name}.tif", np.asarray(planes, np.float32))
     figures.save(temperature_figure(found, depths), folder.path("temperature.png"))
@@ -65,7 +65,7 @@ def write_temperature(found: Temperatures, depths: Sequence[float], folder: Outp
 
 
 def _write_planes(folder: OutputFolder, name: str, planes: np.ndarray) -> None:
-    """Write a TIFF, and name it where the disk is full: NumPy says only how much was written."""
+    """Write a TIFF file; if the disk is full, the error names it, which NumPy's does not."""
     try:
         tifffile.imwrite(folder.path(name), planes)
     except OSError as error:

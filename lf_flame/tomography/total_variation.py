@@ -1,4 +1,4 @@
-"""A fit with a penalty on total variation, for emission with sharp edges."""
+"""Fit with regularisation by total variation, for emission with sharp edges."""
 
 import numpy as np
 from pylops import FirstDerivative, Identity, VStack
@@ -10,36 +10,37 @@ from lf_flame._common import progress
 from lf_flame.tomography.penalised_fit import STEP, FrequencyFit, RangeFit
 
 LENGTH = 9.0
-"""Square of the norm of gradient and identity together: at most 8 + 1."""
+"""Squared norm of gradient and identity together: at most 8 + 1."""
 
 STRENGTH = 2.0
-"""Of the penalty where none is said, in standard deviations of a cell's filtered noise. On discs
-and squares half and twice of it did no better at both 2 and 10 % of noise."""
+"""Default strength of the penalty, in standard deviations of a cell's filtered noise. For discs and
+squares, half and twice this value did no better at both 2 and 10 % of noise."""
 
 
 def fit_total_variation(
     problem: RangeFit, weight: float, iterations: int, start: np.ndarray
 ) -> np.ndarray:
-    """Fit cells with the least squares, little total variation and no negative light.
+    """Fit cells by least squares with a penalty on total variation and no negative light.
 
-    The penalty is the sum over cells of the length of the gradient across, of each plane by itself
-    (Rudin, Osher and Fatemi, Physica D 60, 259, 1992), by primal-dual splitting (Chambolle and
-    Pock, J. Math. Imaging Vis. 40, 120, 2011), whose step on the data is exact, frequency by
-    frequency.
+    The penalty is the sum over cells of the length of the lateral gradient, for each depth plane
+    separately (Rudin, Osher and Fatemi, Physica D 60, 259, 1992). The fit is a primal-dual
+    splitting (Chambolle and Pock, J. Math. Imaging Vis. 40, 120, 2011) with an exact step on the
+    data, frequency by frequency.
 
     Parameters
     ----------
     problem : RangeFit
     weight : float
-        Of the variation, beside half of the squares.
+        Weight of the variation, relative to half of the squares.
     iterations : int
+        Number of iterations.
     start : ndarray, shape (planes, rows, columns)
         Cells from which to start.
 
     Returns
     -------
     ndarray of float32, shape (planes, rows, columns)
-        0 or above: what the iterations have left below is cut off.
+        Cells, 0 or above: remaining negative values are set to 0.
     """
     gram = problem.gram
     torus = gram.spread(start.astype(np.float32))

@@ -1,4 +1,4 @@
-"""Looking at light fields: a local page, a single file, a notebook, by the same scripts."""
+"""Viewers for light fields with the same scripts: a local page, a single file, a notebook."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Views as whole numbers of 8 or 16 bits, as graphics processors take them."""
+"""Views as integers of 8 or 16 bits (codes), the form in which graphics processors read them."""
 
 from dataclasses import dataclass
 
@@ -11,10 +11,10 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_weights
 
 MOST_BYTES = 256 * 2**20
-"""Of the codes: what browsers and graphics processors hold without trouble."""
+"""Largest size of the codes in bytes that browsers and graphics processors hold without trouble."""
 
 DARKEST = 1e-30
-"""Radiance of white at least: of a black light field too, codes must stay finite in float32."""
+"""Smallest radiance shown as white, so that codes of a black light field are finite in float32."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,15 @@ class CodedViews:
     Attributes
     ----------
     codes : ndarray of uint8 or uint16, shape (v, u, t, s, channels)
+        Codes of the pixels.
     low, high : float
-        Radiance of code 0 and of the highest one.
+        Radiance of code 0 and of the highest code.
     white : float
         Radiance shown as white.
     positions : tuple of two ndarray
-        Of the rows and of the columns of views, in view steps from the middle.
+        Positions of the rows and of the columns of views, in view steps from the centre.
     weights : ndarray of float64, shape (v, u)
-        How much each view counts, whatever the aperture.
+        Weights of views; the aperture's weights multiply them.
     """
 
     codes: np.ndarray
@@ -43,16 +44,16 @@ class CodedViews:
 
     @property
     def levels(self) -> int:
-        """The highest code."""
+        """Highest code."""
         return int(np.iinfo(self.codes.dtype).max)
 
     def radiance(self) -> np.ndarray:
-        """Give what the codes stand for: float32, shape (v, u, t, s, channels)."""
+        """Radiance of the codes: float32, shape (v, u, t, s, channels)."""
         return np.float32(self.low) + self.codes / np.float32(self.levels / (self.high - self.low))
 
 
 def check_channels(light_field: LightField) -> None:
-    """Refuse what is neither grey nor of three colours."""
+    """Refuse a light field that is neither grey nor of three channels."""
     channels = light_field.views.shape[4] if light_field.views.ndim == 5 else 1
     if channels not in (1, 3):
         raise InputError(f"A picture has 1 or 3 channels, but this light field {channels}.")
@@ -64,24 +65,24 @@ def shown_white(light_field: LightField) -> float:
 
 
 def encode_views(light_field: LightField, most_bytes: int | None = None) -> CodedViews:
-    """Bring views to 8 bits where nothing is lost by it, to 16 bits elsewhere.
+    """Encode views with 8 bits if that is exact, else with 16 bits.
 
     Parameters
     ----------
     light_field : LightField
-        Grey or of three channels.
+        Grey light field, or one of three channels.
     most_bytes : int, optional
-        Of the codes. Default: `MOST_BYTES`.
+        Largest size of the codes in bytes. Default: `MOST_BYTES`.
 
     Returns
     -------
     CodedViews
-        Where 16 bits would be more bytes than that, always 8 bits.
+        Codes of 8 or 16 bits; always 8 bits if 16 would exceed `most_bytes`.
 
     Raises
     ------
     InputError
-        If the light field has another number of channels, or more pixels than bytes are allowed.
+        If the light field has another number of channels, or more pixels than `most_bytes`.
     """
     most = MOST_BYTES if most_bytes is None else most_bytes
     check_channels(light_field)

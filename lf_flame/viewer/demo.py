@@ -1,4 +1,4 @@
-"""A scene to look at where one has no light field yet: flames above a burner, before a wall."""
+"""A demonstration scene: flames above a burner, in front of a wall."""
 
 from dataclasses import replace
 
@@ -12,27 +12,27 @@ from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.rendering import render
 
 DEMO_CAMERA = replace(PAPER_CAMERA, views=9, lenslets=(180, 270))
-"""The paper's optics with fewer views and lenslets, so that it is rendered in seconds."""
+"""Camera with the paper's optics but fewer views and lenslets, to be rendered in seconds."""
 
 WALL_MM, BURNER_MM = 15.0, -10.0
-"""Depths of what has a pattern."""
+"""Depths of the wall and the burner, which have a pattern."""
 
 DEPTHS_MM = (-14.0, 20.0)
-"""Between which the focus is dragged."""
+"""Range of depths over which the focus can be moved."""
 
 CELL_MM = 0.1
 
 
 def demo_scene(seed: int = 1) -> Scene:
-    """Set the scene: three flames in the focal plane, behind it and before it.
+    """Scene of three flames: in the focal plane, behind it and in front of it.
 
-    Behind them is a wall at 15 mm, its lower part dark, where nearer, at -10 mm, the burner stands.
-    Nothing hides another thing, so no effect but defocus is called for.
+    Behind them is a wall at 15 mm; its lower part is dark, where the burner is, nearer, at -10 mm.
+    No object occludes another, so that defocus is the only effect.
 
     Parameters
     ----------
     seed : int, optional
-        Of the patterns and of the flames' wrinkles.
+        Seed of the patterns and of the flames' wrinkles.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def demo_scene(seed: int = 1) -> Scene:
 
 
 def _pattern(size_mm: tuple[float, float], brightness: float, rng: np.random.Generator):
-    """Draw overlapping leaves: texture at every place."""
+    """Draw overlapping leaves, with texture everywhere."""
     leaves = DeadLeaves(leaves=900, smallest=3.0, largest=30.0, slopes=(0.0, 0.0), contrast=0.2)
     height, width = (round(length / CELL_MM) for length in size_mm)
     return brightness * leaves.draw((1, 1), (height, width), rng).views[0, 0]
@@ -68,7 +68,12 @@ def _flame(height: float, radius: float, depth: float, right: float, rng) -> Lay
 
 
 def demo_light_field(camera: PlenopticCamera = DEMO_CAMERA) -> LightField:
-    """Render the scene.
+    """Render the demonstration scene.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera, optional
+        Camera in front of the scene.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a viewer shows: coded views in pieces, a slope map, and what the page must know."""
+"""Content of a viewer: coded views in pieces, a slope map, and the metadata of its page."""
 
 import zlib
 from collections.abc import Mapping, Sequence
@@ -31,37 +31,39 @@ from lf_flame.viewer.coded_views import (
 from lf_flame.viewer.planes import PlaneMaker
 
 PIECE_BYTES = 4 * 2**20
-"""Of one answer at most, so that a page shows how far it is."""
+"""Largest size of one answer in bytes, so that a page can show progress."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """A light field that is shown, and what is said of it.
+    """A light field to show, with the options of its viewer.
 
     Attributes
     ----------
     light_field : LightField
+        Light field to show.
     title : str
+        Title of the page.
     slopes : (float, float)
         Ends of the slider, the lower one first.
     slope : float
-        At which the page opens.
+        Initial slope.
     camera : PlenopticCamera, optional
-        Gives depths in mm and f-numbers.
+        Camera for depths in mm and f-numbers.
     source : str, optional
-        Path that a copied command names; without it none is offered.
+        Path in a copied command; without it no command is offered.
     reading : mapping, optional
-        Options by which the source is read: views, order, white, pitch, layout, dark.
+        Options for reading the source: views, order, white, pitch, layout, dark.
     with_map : bool, optional
         Whether there is a slope map.
     interpolation : {"linear", "nearest", "cubic", "sinc"}
-        Pages sum linearly; by another one the program makes their planes.
+        Interpolation. Pages sum views linearly; with another one the program refocuses for them.
     network : lf_flame.systems.base.RefocusingSystem, optional
-        Which makes the planes instead.
+        System that refocuses instead.
     network_source : str, optional
-        Path of the network that a copied command names.
+        Path of the network in a copied command.
     most_bytes : int
-        That a page takes; of a larger light field the program makes the planes.
+        Largest size of a page's views in bytes; for a larger light field the program refocuses.
 
     Raises
     ------
@@ -103,12 +105,12 @@ class Exhibit:
 
     @cached_property
     def coded(self) -> CodedViews:
-        """The views as codes."""
+        """Views as codes."""
         return encode_views(self.light_field, self.most_bytes)
 
     @property
     def why_planes(self) -> str:
-        """Why the program makes the planes that a page shows; empty where the page sums views."""
+        """Reason why the program refocuses instead of the page; empty if the page sums views."""
         if self.network is not None:
             return f"refocused by {self.network.name}"
         if self.interpolation != "linear":
@@ -119,7 +121,7 @@ class Exhibit:
 
     @cached_property
     def planes(self) -> PlaneMaker:
-        """What makes them."""
+        """Maker of refocused images, for pages that do not sum views."""
         return PlaneMaker(self.light_field, self.slopes, self.interpolation, self.network)
 
     @cached_property
@@ -129,14 +131,14 @@ class Exhibit:
 
     @cached_property
     def focus_map(self) -> FocusMap:
-        """Slope of each pixel, from the lower to the upper end of the slopes."""
+        """Slope of each pixel, searched over the slider's range."""
         return all_in_focus(self.light_field, np.linspace(*self.slopes, MAP_STEPS))
 
     def map_bytes(self) -> bytes:
-        """Give the slope map as pages read it.
+        """Slope map in the form that pages read.
 
-        Slopes in float32, whether they are certain in uint8, each of shape (t, s), and the image
-        with all in focus in uint8, of shape (t, s, channels), little-endian, one after the other.
+        It is slopes in float32, certainty in uint8, each of shape (t, s), and the image with
+        everything in focus in uint8, shape (t, s, channels), little-endian, one after the other.
         """
         found = self.focus_map
         certain = (found.confidence >= TRUSTED).astype(np.uint8)
@@ -144,15 +146,16 @@ class Exhibit:
         return b"".join(x.tobytes() for x in (found.slope.astype("<f4"), certain, image))
 
     def describe(self, coded: CodedViews, pieces: Sequence[tuple[int, int]], coding: str) -> dict:
-        """Tell what a page must know of the views that it gets.
+        """Metadata for a page that receives views.
 
         Parameters
         ----------
         coded : CodedViews
-            Those that it gets, perhaps fewer or coarser than the exhibit's own.
+            Views that the page receives, perhaps fewer or coarser than the exhibit's own.
         pieces : sequence of (int, int)
-            First view of each piece and how many it holds, in the order in which they are asked.
+            First view and number of views of each piece, in the order in which they are sent.
         coding : {"served", "deflate", "jpeg"}
+            Form in which the pieces are sent.
         """
         views, size = coded.codes.shape[:2], coded.codes.shape[2:4]
         return self._describe(views, size, coded.codes.shape[4]) | {
@@ -167,7 +170,7 @@ class Exhibit:
         }
 
     def describe_served(self) -> dict:
-        """Tell what a page must know that asks a program: for the views, or for planes."""
+        """Metadata for a page that a program serves, with views or with refocused images."""
         if not self.why_planes:
             return self.describe(self.coded, cut_into_pieces(self.coded), "served")
         shape = self.light_field.views.shape
@@ -183,7 +186,7 @@ class Exhibit:
         }
 
     def _describe(self, views: tuple, size: tuple, channels: int) -> dict:
-        """Tell what does not depend on how a page gets it."""
+        """Metadata that do not depend on how a page receives its data."""
         making = {"network": self.network_source, "interpolation": self.interpolation}
         return {
             "title": self.title,
@@ -204,9 +207,9 @@ class Exhibit:
 def choose_slopes(
     light_field: LightField, slopes: tuple[float, float] | None, network: Any = None
 ) -> SlopeRange:
-    """Choose the ends of the slider, and where it stands at first: as asked, or as found.
+    """Choose the ends of the slider and its initial position: as given, or from the light field.
 
-    What is found is cut to the slopes that a network can do.
+    A range from the light field is cut to the slopes that a network accepts.
     """
     if slopes is not None:
         return SlopeRange(*slopes, sum(slopes) / 2, certain=True)
@@ -219,10 +222,10 @@ def choose_slopes(
 
 
 def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, Any] | None:
-    """Depth by ``focus_distance shift / (1 - shift)``, as `PlenopticCamera.slope_to_depth` has it.
+    """Camera's numbers for ``depth = focus_distance shift / (1 - shift)``, and its f-number.
 
-    The f-number is that of a round aperture as wide as all views (`f_number_aperture`); fewer views
-    than the camera has are as wide.
+    The depth is that of `PlenopticCamera.slope_to_depth`. The f-number is that of a round aperture
+    as wide as all views (`f_number_aperture`), also for fewer views than the camera has.
     """
     if camera is None:
         return None
@@ -235,18 +238,18 @@ def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, 
 
 
 def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tuple[int, int]]:
-    """Cut views, counted row by row, into runs of bounded size, the middle view first.
+    """Cut views, counted row by row, into runs of bounded size, the central view first.
 
     Parameters
     ----------
     coded : CodedViews
     most_bytes : int, optional
-        Of a piece, unless one view alone is larger.
+        Largest size of a piece in bytes; a single view may exceed it.
 
     Returns
     -------
     list of (int, int)
-        First view and how many, nearer runs first.
+        First view and number of views of each run, nearer runs first.
     """
     rows, columns = coded.codes.shape[:2]
     middle = (rows - 1) // 2 * columns + (columns - 1) // 2
@@ -261,12 +264,12 @@ def cut_into_pieces(coded: CodedViews, most_bytes: int = PIECE_BYTES) -> list[tu
 
 
 def piece_bytes(coded: CodedViews, piece: tuple[int, int]) -> bytes:
-    """Give the codes of a run of views, little-endian, as pages read them."""
+    """Codes of a run of views, little-endian, in the form that pages read."""
     first, count = piece
     views = coded.codes.reshape(-1, *coded.codes.shape[2:])[first : first + count]
     return views.astype(views.dtype.newbyteorder("<"), copy=False).tobytes()
 
 
 def deflated(data: bytes) -> bytes:
-    """Compress for a page, which inflates by the browser's own means."""
+    """Compress data for a page, which inflates them with the browser's own functions."""
     return zlib.compress(data, 6)

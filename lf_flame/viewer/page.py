@@ -1,4 +1,4 @@
-"""Pages with one viewer: served by a local program, or whole in one file."""
+"""Pages with one viewer: served by a local program, or complete in one file."""
 
 import base64
 import html
@@ -14,17 +14,17 @@ SERVED_POLICY = (
     "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Content security policy of the local page: nothing but the program itself is asked."""
+"""Content security policy of the local page: requests only to the program itself."""
 
 FILE_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; "
     "img-src data: blob:; worker-src data:; base-uri 'none'; form-action 'none'"
 )
-"""That of a page in one file: nobody at all is asked."""
+"""Content security policy of a page in one file: no requests at all."""
 
 
 def served_page(exhibit: Exhibit) -> str:
-    """Make the page that asks the program which serves it for the views, or for planes."""
+    """Make the page that requests views, or refocused images, from the program that serves it."""
     metadata = exhibit.describe_served()
     return page_frame().substitute(
         title=html.escape(exhibit.title),
@@ -37,24 +37,25 @@ def served_page(exhibit: Exhibit) -> str:
 
 
 def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
-    """Make a page that carries all it shows, and asks nobody.
+    """Make a page that contains all its data, and sends no requests.
 
     Parameters
     ----------
     exhibit : Exhibit
     most_bytes : int
-        Of the page. Views that need more are carried less exactly, or fewer of them.
+        Largest size of the page in bytes. Views that need more are stored less exactly, or fewer.
 
     Returns
     -------
     page : str
+        HTML of the page.
     quality : str
-        How exactly the views are carried, as the page says too.
+        Accuracy of the stored views, as the page says too.
 
     Raises
     ------
     InputError
-        If even a few coarse views would be too large, or a program would have to make the planes.
+        If even a few coarse views would be too large, or a program would have to refocus.
     """
     refuse_planes_in_one_file(exhibit.network is not None, exhibit.interpolation)
     slope_map = deflated(exhibit.map_bytes()) if exhibit.with_map else b""
@@ -79,12 +80,12 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
 
 
 def refuse_planes_in_one_file(network: bool, interpolation: str) -> None:
-    """Refuse what only a program can do.
+    """Refuse options that need a program.
 
     Raises
     ------
     InputError
-        If there is a network, or another interpolation than that of pages.
+        If there is a network, or the interpolation is not linear.
     """
     if network or interpolation != "linear":
         what = "A network" if network else f"Interpolation {interpolation!r}"
@@ -95,7 +96,7 @@ def refuse_planes_in_one_file(network: bool, interpolation: str) -> None:
 
 
 def describe(metadata: dict, quality: str) -> str:
-    """Say in a line what is shown."""
+    """Describe the views in one line."""
     (v, u), (t, s) = metadata["views"], metadata["size"]
     kind = "grey" if metadata["channels"] == 1 else "colour"
     return f"{v} × {u} views of {t} × {s} pixels, {kind}" + (f"; {quality}" if quality else "")
@@ -106,7 +107,7 @@ def _base64_length(data: bytes) -> int:
 
 
 def _json_block(metadata: dict) -> str:
-    """JSON in which nothing can end the block it stands in."""
+    """Script block with JSON in which no text can end the block."""
     text = json.dumps(metadata).replace("<", "\\u003c")
     return f'<script type="application/json" id="lf-metadata">{text}</script>'
 

@@ -1,4 +1,4 @@
-"""What a page asks its program for by name: views or planes, slices, the slope map."""
+"""Data that a page requests from its program by name: views or planes, slices, the slope map."""
 
 from collections.abc import Callable
 from functools import partial
@@ -9,7 +9,7 @@ from lf_flame.viewer.planes import parse_place, parse_plane
 
 
 class PageData:
-    """Gives what pages of an exhibit ask for; all names are known before the first is asked for.
+    """Answers to the requests of an exhibit's pages; all names are known before the first request.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ class PageData:
     Attributes
     ----------
     questions : mapping of str to callable
-        Names that take a query: ``plane`` and ``slices``, where the program makes planes.
+        Functions of a query by name: ``plane`` and ``slices``, if the program refocuses.
     """
 
     def __init__(self, exhibit: Exhibit):
@@ -36,9 +36,9 @@ class PageData:
             self._names["map"] = self._slope_map
 
     def find(self, name: str, query: str = "") -> Callable[[], bytes] | None:
-        """Find what makes the answer to a name; nothing for an unknown one.
+        """Find the function that makes the answer to a name; None for an unknown name.
 
-        The answer raises InputError if it cannot be made, of a query if that cannot be used.
+        The function raises InputError if the answer cannot be made, or a query cannot be used.
         """
         if name in self.questions:
             return partial(self.questions[name], query)
@@ -57,5 +57,5 @@ class PageData:
         return b"".join(x.astype("<f4").tobytes() for x in slices)
 
     def _slope_map(self) -> bytes:
-        with self._map_lock:  # made once, however many pages ask
+        with self._map_lock:  # computed once, however many pages request it
             return self._exhibit.map_bytes()

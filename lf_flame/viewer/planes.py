@@ -1,4 +1,4 @@
-"""Refocused images that a page asks its program for: where it cannot, or should not, sum itself."""
+"""Refocused images (planes) for a page that cannot, or should not, sum views itself."""
 
 import re
 from dataclasses import dataclass, field
@@ -15,37 +15,37 @@ from lf_flame.refocus import aperture_weights, refocus
 from lf_flame.refocus._arguments import as_weights
 
 NAMES = ("slope", "shape", "width", "ring", "v", "u", "block")
-"""Of what a plane is asked for by, each once; v and u are where the aperture's centre is."""
+"""Names in a query, each once; v and u are the centre of the aperture."""
 
 NUMBER = re.compile(r"-?\d{1,9}(\.\d{1,30})?(e-\d{1,2})?", re.ASCII)
-"""As browsers write the numbers that may be asked for."""
+"""Pattern of numbers as browsers write them."""
 
 BLOCKS = (4, 3, 2)
-"""Sides of the blocks that are averaged while one drags, the best one first."""
+"""Sides of the blocks that are averaged while the user drags, best first."""
 
 SMALLEST = 32
-"""Side of an image that is still worth looking at while one drags."""
+"""Smallest side of an image that is useful while the user drags."""
 
 WIDEST = {"square": 1.0, "round": np.sqrt(2)}
-"""Aperture that holds all views, in widths of the full one; more would be the same."""
+"""Largest width of the aperture by shape, in widths of the full one; it contains all views."""
 
 
 @dataclass(frozen=True)
 class PlaneQuery:
-    """What plane is asked for.
+    """Request for one refocused image.
 
     Attributes
     ----------
     slope : float
-        In lenslets per view step.
+        Slope in lenslets per view step.
     shape : str
-        Of the aperture, "square" or "round".
+        Shape of the aperture, "square" or "round".
     width, ring : float
-        Of the aperture and of its covered middle, in widths of the full aperture.
+        Widths of the aperture and of its covered centre, in widths of the full aperture.
     v, u : float
-        Where its centre is, in views from the middle one.
+        Centre of the aperture, in views from the central view.
     block : int
-        Pixels along the sides of the blocks that are averaged into one.
+        Side of the blocks of pixels that are averaged into one.
     """
 
     slope: float
@@ -63,12 +63,12 @@ class PlaneQuery:
 
 
 def parse_plane(query: str) -> PlaneQuery:
-    """Read what stands behind the question mark of an address.
+    """Read the query of an address, after the question mark.
 
     Raises
     ------
     InputError
-        If a name is missing, unknown or there twice, or a value no plain number.
+        If a name is missing, unknown or repeated, or a value is not a plain number.
     """
     values = _values(query, NAMES)
     if values["shape"] not in WIDEST:
@@ -85,7 +85,7 @@ def parse_place(query: str) -> tuple[int, int]:
     Raises
     ------
     InputError
-        As `parse_plane`.
+        As for `parse_plane`.
     """
     values = _values(query, ("row", "column"))
     return _whole(values, "row"), _whole(values, "column")
@@ -94,7 +94,7 @@ def parse_place(query: str) -> tuple[int, int]:
 def _values(query: str, names: tuple[str, ...]) -> dict[str, str]:
     parts = [part.partition("=") for part in query.split("&")]
     if sorted(name for name, _, _ in parts) != sorted(names):
-        raise InputError(f"What is asked for is told by {', '.join(names)}, each once.")
+        raise InputError(f"The query must contain each of {', '.join(names)} exactly once.")
     return {name: value for name, _, value in parts}
 
 
@@ -113,16 +113,18 @@ def _whole(values: dict[str, str], name: str) -> int:
 
 @dataclass(frozen=True, eq=False)
 class PlaneMaker:
-    """Makes the planes of a light field, one at a time.
+    """Makes refocused images (planes) of a light field, one at a time.
 
     Attributes
     ----------
     light_field : LightField
+        Light field to refocus.
     slopes : (float, float)
-        Beyond which no plane is made.
+        Range of slopes; others are refused.
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
+        Interpolation between lenslets.
     network : lf_flame.systems.base.RefocusingSystem, optional
-        Refocuses instead of `lf_flame.refocus.refocus`, by its own aperture.
+        System that refocuses instead of `lf_flame.refocus.refocus`, with its own aperture.
     """
 
     light_field: LightField
@@ -133,12 +135,12 @@ class PlaneMaker:
 
     @property
     def channels(self) -> int:
-        """Colours of a plane."""
+        """Number of colour channels of an image."""
         return self.light_field.views.shape[4] if self.light_field.views.ndim == 5 else 1
 
     @cached_property
     def coarse(self) -> int:
-        """The one block beside 1 that may be asked for; 1 where a coarser image is of no use."""
+        """The one block beside 1 that may be requested; 1 if a coarser image is useless."""
         return next((block for block in BLOCKS if self._takes(block)), 1)
 
     def _takes(self, block: int) -> bool:
@@ -157,15 +159,15 @@ class PlaneMaker:
     def make(self, query: PlaneQuery) -> np.ndarray:
         """Refocus: radiance, float32, shape (t / block, s / block, channels).
 
-        What is left over at the ends, where the block does not divide the sides, is left out.
+        Incomplete blocks at the ends are left out.
 
         Raises
         ------
         InputError
-            If a number is out of range, or there is a network and another aperture than the full.
+            If a number is out of range, or a network would need another aperture than the full one.
         """
         self._check(query)
-        with self._lock:  # all cores work at one plane already, and memory is for one
+        with self._lock:  # one image already uses all cores, and the memory planned for one
             views = self._views if query.block == 1 else self._binned
             slope = query.slope / query.block
             if self.network is not None:
@@ -201,12 +203,12 @@ class PlaneMaker:
 
     @cached_property
     def _white(self) -> np.float32:
-        """What a network takes for 1."""
+        """Radiance that becomes 1 for a network."""
         return np.float32(white_level(self.light_field.views))
 
     @cached_property
     def _views(self) -> np.ndarray:
-        """Views as they are refocused: as they are, or from 0 to 1 for a network."""
+        """Views for refocusing: unchanged, or scaled to 0 to 1 for a network."""
         views = self.light_field.views
         return views if self.network is None or self._white == 1 else views / self._white
 
@@ -215,13 +217,13 @@ class PlaneMaker:
         return _bin_views(self._views, self.coarse)
 
     def middle(self) -> np.ndarray:
-        """Give the view next to the middle: radiance, float32, shape (t, s, channels)."""
+        """Central view: radiance, float32, shape (t, s, channels)."""
         v, u, t, s = self.light_field.views.shape[:4]
         view = self.light_field.views[(v - 1) // 2, (u - 1) // 2]
         return view.reshape(t, s, self.channels)
 
     def slices(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
-        """Give a row in the views beside each other, and a column in those above each other.
+        """Slices of a row over the views of the central row, and of a column over the central one.
 
         Returns
         -------
@@ -231,7 +233,7 @@ class PlaneMaker:
         Raises
         ------
         InputError
-            If the place is outside of the image.
+            If the position is outside the image.
         """
         v, u, t, s = self.light_field.views.shape[:4]
         if not (0 <= row < t and 0 <= column < s):
@@ -245,7 +247,7 @@ def _bin_views(views: np.ndarray, block: int) -> np.ndarray:
     v, u, t, s = views.shape[:4]
     height, width = t // block, s // block
     out = np.empty((v, u, height, width, *views.shape[4:]), np.float32)
-    for to, row in zip(out, views, strict=True):  # a row at a time: less memory than all
+    for to, row in zip(out, views, strict=True):  # one row at a time saves memory
         cut = row[:, : height * block, : width * block]
         cut = cut.reshape(u, height, block, width, block, *views.shape[4:])
         cut.mean(axis=(2, 4), out=to)

@@ -1,4 +1,4 @@
-"""Views for a page of bounded size: as they are where they fit, else with fewer bits or views."""
+"""Views for a page of bounded size: unchanged if they fit, else with fewer bits or views."""
 
 import io
 import math
@@ -13,24 +13,25 @@ from lf_flame.viewer.coded_views import CodedViews
 from lf_flame.viewer.exhibit import cut_into_pieces, deflated, piece_bytes
 
 JPEG_QUALITIES = (92, 85, 75)
-"""Tried in turn, colours at full resolution."""
+"""JPEG qualities that are tried in turn, with colours at full resolution."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShrunkViews:
-    """Views as a page carries them.
+    """Views as stored in a page.
 
     Attributes
     ----------
     coded : CodedViews
-        What the page gets when it has unpacked them, but for the errors of JPEG.
+        Views that the page unpacks, apart from JPEG errors.
     pieces : list of (int, int)
-        First view of each piece and how many it holds.
+        First view and number of views of each piece.
     data : list of bytes
-        The pieces, packed.
+        Packed pieces.
     coding : {"deflate", "jpeg"}
+        Form of the packed pieces.
     quality : str
-        How exactly they are carried, for people.
+        Accuracy of the views, in words.
     """
 
     coded: CodedViews
@@ -41,7 +42,7 @@ class ShrunkViews:
 
     @property
     def length(self) -> int:
-        """Letters that the pieces take in a page, with what stands about them."""
+        """Number of letters that the pieces take in a page, including their elements."""
         return sum(-(-len(piece) // 3) * 4 + 64 for piece in self.data)
 
 
@@ -52,9 +53,9 @@ def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
     ----------
     coded : CodedViews
     most_bytes : int
-        Size of the page at most.
+        Largest size of the page in bytes.
     carried : int
-        Bytes that the page has beside the pieces of the views.
+        Size of the page in bytes without the views.
 
     Returns
     -------
@@ -63,7 +64,7 @@ def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
     Raises
     ------
     InputError
-        If no way is small enough.
+        If no form is small enough.
     """
     for shrunk in _ways(coded):
         if shrunk.length <= most_bytes - carried:
@@ -120,7 +121,7 @@ def _psnr(view: np.ndarray, jpeg: bytes) -> float:
 
 
 def _thinned(coded: CodedViews) -> CodedViews:
-    """Every second row and column of views, counted from the middle outward."""
+    """Keep every second row and column of views, counted outward from the centre."""
     kept = [_every_second(len(at)) for at in coded.positions]
     positions = tuple(at[some] for at, some in zip(coded.positions, kept, strict=True))
     some = np.ix_(*kept)
@@ -128,7 +129,7 @@ def _thinned(coded: CodedViews) -> CodedViews:
 
 
 def _every_second(count: int) -> list[int]:
-    """Choose indices that lie evenly to both sides; a few views stay as they are."""
+    """Choose indices symmetric about the centre; up to three are all kept."""
     if count <= 3:
         return list(range(count))
     outward = range(0, count // 2 + count % 2, 2)

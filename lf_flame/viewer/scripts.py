@@ -9,7 +9,7 @@ from string import Template
 STATIC = files("lf_flame.viewer") / "static"
 
 IMPORTED = re.compile(r'"\./([a-z_]+\.js)"')
-"""A script's name in another script."""
+"""Pattern of a script's name in another script."""
 
 MEDIA_TYPES = {".js": "text/javascript", ".css": "text/css"}
 
@@ -27,9 +27,9 @@ def static_names() -> list[str]:
 
 @cache
 def linked_script(name: str) -> str:
-    """Give the text of a script in which each script it imports stands as a data: URL.
+    """Text of a script with each imported script replaced by its data: URL.
 
-    So a page in one file, or a notebook, runs the very modules that the local page is served.
+    A page in one file, or a notebook, therefore runs the same modules as the local page.
     """
     return IMPORTED.sub(lambda found: f'"{script_url(found[1])}"', read_static(name))
 
@@ -43,5 +43,5 @@ def script_url(name: str) -> str:
 
 @cache
 def page_frame() -> Template:
-    """Read the frame of a page, whose parts are to be filled in."""
+    """Read the template of a page."""
     return Template(read_static("page.html"))

@@ -1,4 +1,4 @@
-"""The program that serves one page, on this machine and to whoever knows its token."""
+"""Server of one page, on this machine, for requests with its token."""
 
 import secrets
 import sys
@@ -26,15 +26,15 @@ class _Answer:
 
 
 class ViewerServer(ThreadingHTTPServer):
-    """Serves an exhibit on 127.0.0.1, to requests whose path begins with a random token.
+    """Serves an exhibit on 127.0.0.1, for requests whose path begins with a random token.
 
-    Every name that it answers is known before it starts: no request becomes a path of a file.
+    All names that it answers are known before it starts: no request becomes the path of a file.
 
     Parameters
     ----------
     exhibit : Exhibit
     port : int, optional
-        Default: any that is free.
+        Port. Default: any free port.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class ViewerServer(ThreadingHTTPServer):
             self._answers[f"static/{name}"] = partial(_static, name)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Pass over pages that were closed before they had their answer; tell the rest."""
+        """Ignore pages that were closed before their answer; report other errors."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -72,7 +72,7 @@ class ViewerServer(ThreadingHTTPServer):
         return f"http://{self.address}/{self.token}/"
 
     def answer(self, path: str) -> _Answer | None:
-        """Give what a path asks for; nothing, without the token or for an unknown name."""
+        """Answer for a path; None without the token, or for an unknown name."""
         named, _, query = path.partition("?")
         start, _, name = named.removeprefix("/").partition("/")
         if not secrets.compare_digest(start.encode(), self.token.encode()):
@@ -100,11 +100,11 @@ def _static(name: str) -> _Answer:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers GET requests that this machine's browser makes for the page itself."""
+    """Answers GET requests of this machine's browser for the page itself."""
 
     server: ViewerServer
     protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True  # else an answer's body waits 40 ms for the browser's receipt
+    disable_nagle_algorithm = True  # else an answer's body waits 40 ms for an acknowledgement
 
     def do_GET(self) -> None:
         """Answer a request, or refuse it."""
@@ -137,4 +137,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(answer.body)
 
     def log_message(self, *_) -> None:
-        """Say nothing: the terminal belongs to the command."""
+        """Log nothing: the terminal belongs to the command."""

@@ -1,4 +1,4 @@
-"""The viewer in a notebook: Jupyter, JupyterLab, VS Code, Colab, marimo, by anywidget."""
+"""The viewer in a notebook: Jupyter, JupyterLab, VS Code, Colab, marimo, through anywidget."""
 
 from typing import Any
 
@@ -14,18 +14,20 @@ from lf_flame.viewer.scripts import linked_script, read_static
 
 
 class LightFieldWidget(anywidget.AnyWidget):
-    """A viewer, whose state Python and the page share.
+    """A viewer with a state that Python and the page share.
 
     Attributes
     ----------
     slope : float
+        Slope of the image, in lenslets per view step.
     aperture : float
-        Its width, in widths of the full one.
+        Width of the aperture, in widths of the full one.
     shape : {"square", "round"}
+        Shape of the aperture.
     viewpoint : (float, float)
-        Where the aperture's centre is, in views from the middle one.
+        Centre of the aperture, in views from the central view.
     region : (int, int, int, int) or None
-        First row and the one behind the last, first column and the one behind the last.
+        First row, last row + 1, first column, last column + 1 of the selected region.
     """
 
     _esm = linked_script("widget.js")
@@ -46,7 +48,7 @@ class LightFieldWidget(anywidget.AnyWidget):
         self.on_msg(self._answer)
 
     def _answer(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        """Send what the page asks for, which it knows by name alone."""
+        """Send the data that the page requests, which it can only name."""
         asked = str(content.get("ask")) if isinstance(content, dict) else ""
         name, _, query = asked.partition("?")
         make = self._data.find(name, query)
@@ -67,27 +69,30 @@ def show(
     interpolation: str = "linear",
     network: Any = None,
 ) -> LightFieldWidget:
-    """Show a light field in a notebook, to be refocused while one drags.
+    """Show a light field in a notebook, with interactive refocusing.
 
     Parameters
     ----------
     light_field : LightField
-        Grey or of three channels.
+        Grey light field, or one of three channels.
     slopes : (float, float), optional
-        Ends of the slider, the lower one first. Default: as far as the scene reaches.
+        Ends of the slider, the lower one first. Default: the range of the scene.
     camera : PlenopticCamera, optional
-        Gives depths in mm and f-numbers.
+        Camera for depths in mm and f-numbers.
     title : str, optional
+        Title of the viewer.
     with_map : bool, optional
         Whether there is a slope map, which takes some seconds.
     interpolation : {"linear", "nearest", "cubic", "sinc"}, optional
-        Of `lf_flame.refocus.refocus`. By another than "linear" Python makes each picture.
+        Interpolation, as for `lf_flame.refocus.refocus`. Unless it is "linear", Python makes each
+        image.
     network : lf_flame.systems.base.RefocusingSystem, optional
-        That makes each picture, in Python: of `lf_flame.systems.training.load_system`.
+        System that makes each image, in Python, from `lf_flame.systems.training.load_system`.
 
     Returns
     -------
     LightFieldWidget
+        Viewer; its attributes can be read and set.
 
     Raises
     ------

@@ -129,7 +129,7 @@ def test_python_makes_planes_by_messages(rng, monkeypatch):
     np.testing.assert_allclose(image, refocus(views, [0.5], interpolation="sinc")[0], atol=1e-6)
     assert refused["error"] == "slope must be a plain number."
     assert none == []
-    assert other["error"].startswith("What is asked for is told by slope, shape")
+    assert other["error"].startswith("The query must contain each of slope, shape")
 
 
 def test_a_cell_shows_planes_that_python_makes(filled, rng):
@@ -142,4 +142,4 @@ def test_a_cell_shows_planes_that_python_makes(filled, rng):
     )
     assert np.abs(cell.canvas() - np.rint(255 * image[0].clip(0, 1))[..., None]).max() <= 1
     words = cell.page.evaluate("() => lfViewer.source.plane('slope=1').catch((x) => x.message)")
-    assert words.startswith("What is asked for is told by")
+    assert words.startswith("The query must contain each of")

@@ -1,4 +1,4 @@
-"""The upright axis of a round flame: where it is across and in depth, and how straight."""
+"""The upright axis of an axisymmetric flame: its position, depth and straightness."""
 
 import math
 from dataclasses import dataclass
@@ -13,30 +13,30 @@ from lf_flame.refocus import shift_and_sum
 from lf_flame.tomography.counted_views import counted_views
 
 EDGE_SHARE = 0.01
-"""Share of the brightest column at which a flame is taken to end."""
+"""Light of a column, relative to the brightest, at which a flame is taken to end."""
 
 MARGIN = 1.2
-"""Factor by which a radius that is read off the light is enlarged."""
+"""Factor by which a radius estimated from the light is enlarged."""
 
 NOISES = 6.0
-"""Multiple of a column's noise that light must exceed besides."""
+"""Multiple of a column's noise that its light must exceed as well."""
 
 BRIGHT_ROWS = 0.2
-"""Share of the brightest row from which a row tells where the axis is."""
+"""Smallest light of a row, relative to the brightest, with which the row shows the axis."""
 
 BANDS = 12
-"""Largest number of bands of rows in which the axis is looked for."""
+"""Largest number of bands of rows in which the axis is located."""
 
 LEAST_PIXELS = 8
 """Smallest number of columns of a view in which an axis can be found."""
 
 LEAST_ERROR = 0.01
-"""Smallest standard error of a band's middle, in pixels; pixels have a size."""
+"""Smallest standard error of the centre of a band, in pixels; pixels have a finite size."""
 
 
 @dataclass(frozen=True)
 class FlameAxis:
-    """Where a flame's axis is.
+    """Position, direction and symmetry of a flame's axis.
 
     Attributes
     ----------
@@ -45,21 +45,21 @@ class FlameAxis:
     depth_mm : float
         Depth from the focal plane.
     radius_mm : float
-        Radius beyond which there is no light, with a margin.
+        Radius that contains all light, with a margin.
     lean_deg : float
-        Angle of the axis within the picture, from upright; above 0 if it runs towards larger
-        columns with height.
+        Angle of the axis within the image, from upright; above 0 if it runs towards larger columns
+        with height.
     lopsided : float
         Root-mean-square difference of the left and right halves of the image focused on the axis,
-        relative to that light, column by column: 0 for a flame that is round.
+        relative to that light, column by column: 0 for an axisymmetric flame.
     across_error_mm, depth_error_mm : float
-        Standard errors by noise; infinite for the depth if fewer than 3 view columns were seen.
+        Standard errors due to noise; infinite for the depth with fewer than 3 view columns.
     wander_mm, wander_error_mm : float
-        Largest distance of the axis, across, from the straight line that fits it best, and the
+        Largest distance across between the axis and the straight line that fits it best, and the
         standard error of that distance.
     depth_lean_deg, depth_lean_error_deg : float
         Angle of the axis from upright in depth, above 0 if its top is farther from the camera, and
-        its standard error: infinite if fewer than 3 view columns were seen.
+        its standard error, which is infinite with fewer than 3 view columns.
     """
 
     across_mm: float
@@ -78,25 +78,26 @@ class FlameAxis:
 def find_axis(
     light_field: LightField, camera: PlenopticCamera, depth_mm: float | None = None
 ) -> FlameAxis:
-    """Find the axis about which a flame is round, from where each view sees its middle.
+    """Find the upright axis of an axisymmetric flame from its centre in each view.
 
-    A view sees the middle where its columns fit their mirror image best (the peak of the columns'
-    convolution with themselves, which noise does not move). How the middle moves from view to view
-    is the axis' slope, and so its depth. The same in bands of rows tells whether it is straight.
+    The centre in a view is where its columns match their mirror image best: the peak of the
+    columns' convolution with themselves, which noise does not bias. The displacement of the centre
+    from view to view is the slope of the axis, and gives its depth. The same in bands of rows shows
+    whether the axis is straight.
 
     Parameters
     ----------
     light_field : LightField
-        Grey, of `camera`, black at 0.
+        Grey light field of `camera`, with black at 0.
     camera : PlenopticCamera
     depth_mm : float, optional
-        Depth of the axis, for a light field of fewer than 3 view columns, which does not tell it.
+        Depth of the axis, for a light field of fewer than 3 view columns, which cannot show it.
 
     Raises
     ------
     InputError
-        If there is no light, the views are too few to tell depth, hold too few pixels, or are not
-        the camera's.
+        If there is no light, the views are too few to find the depth, have too few pixels, or are
+        not the camera's.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def find_axis(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
             f"of fewer, its depth must be stated."
         )
-    if depth_mm is None:  # else a single view of any camera will do
+    if depth_mm is None:  # else a single view of any camera suffices
         camera.check_views(views.shape)
     if views.shape[3] < LEAST_PIXELS:
         raise InputError(
@@ -140,7 +141,7 @@ def find_axis(
     else:
         slope, middle, depth = float(camera.depth_to_slope(depth_mm)), middles.mean(), depth_mm
     side = camera.field_mm(depth)[1] / camera.lenslets[1]
-    # A picture for each view column, its view rows focused on the axis.
+    # An image for each view column, with its view rows focused on the axis.
     by_column = [LightField.trusted(views[:, u : u + 1]) for u in range(views.shape[1])]
     pictures = np.array([shift_and_sum(one, [slope])[0] for one in by_column], np.float64)
     picture = shift_and_sum(light_field, [slope])[0].astype(np.float64)
@@ -156,7 +157,7 @@ def find_axis(
 
 
 class _Bands:
-    """Middles of a flame in bands of rows, by view column, in pixels, and their errors.
+    """Centres of a flame in bands of rows, by view column, in pixels, and their errors.
 
     Parameters
     ----------
@@ -180,11 +181,11 @@ class _Bands:
         self.error = np.maximum(np.sqrt(np.mean(np.square(halves), axis=1)) / 2, LEAST_ERROR)
         self.at = np.arange(len(pictures)) - (len(pictures) - 1) / 2
         if len(self.at) > 2:
-            # Refocusing makes rows alike: their differences are too small by one factor.
+            # Refocusing correlates rows: their differences are too small by a common factor.
             self.error *= max(1.0, self._scatter() / float(np.sqrt(np.mean(self.error**2))))
 
     def _scatter(self) -> float:
-        """Scatter of middles about a line through the view columns, root-mean-square."""
+        """Root-mean-square scatter of the centres about a line through the view columns."""
         spread = np.sum(self.at**2)
         middle = self.middles.mean(axis=1, keepdims=True)
         slopes = self.middles @ self.at / spread
@@ -192,7 +193,7 @@ class _Bands:
         return float(np.sqrt(np.sum(rest**2) / len(rest) / (len(self.at) - 2)))
 
     def straightness(self, camera: PlenopticCamera, slope: float, side: float) -> dict[str, float]:
-        """Give the fields of `FlameAxis` that say how sure the axis is, and how straight."""
+        """Fields of `FlameAxis` on the errors of the axis and its straightness."""
         error = self.error / np.sqrt(len(self.at))
         line, covariance = _fit_line(self.heights, self.middles.mean(axis=1), error)
         rest = np.abs(self.middles.mean(axis=1) - np.polyval(line, self.heights))
@@ -218,7 +219,7 @@ class _Bands:
 
 
 def _fit_line(places: np.ndarray, values: np.ndarray, error: np.ndarray) -> tuple:
-    """Fit a line; give its coefficients and the variance of its steepness, infinite for a point."""
+    """Fit a line; returns coefficients and the variance of the slope, infinite for few points."""
     if len(places) < 3:
         return np.array([0.0, values.mean()]), np.inf
     line = np.polyfit(places, values, 1, w=1 / error)
@@ -227,12 +228,12 @@ def _fit_line(places: np.ndarray, values: np.ndarray, error: np.ndarray) -> tupl
 
 
 def _middles(pictures: np.ndarray) -> np.ndarray:
-    """Find the middle of each picture's light, shape (pictures, rows, columns), in pixels."""
+    """Find the centre of each image's light, shape (pictures, rows, columns), in pixels."""
     return np.array([_middle(line) for line in pictures.sum(axis=1)])
 
 
 def _middle(line: np.ndarray) -> float:
-    """Find about which place a line is most like its mirror image, in pixels."""
+    """Find the point about which a line is most like its mirror image, in pixels."""
     own = scipy.signal.fftconvolve(line, line)
     peak = int(np.clip(np.argmax(own), 1, len(own) - 2))
     before, at, after = own[peak - 1 : peak + 2]
@@ -241,10 +242,10 @@ def _middle(line: np.ndarray) -> float:
 
 
 def _radius(picture: np.ndarray, middle: float) -> float:
-    """Distance from the middle beyond which columns are dark, apart from noise."""
+    """Distance from the centre beyond which columns are dark, apart from noise."""
     line = picture.sum(axis=0)
     noise = np.sqrt(np.sum(np.square(np.diff(picture, axis=0)), axis=0) / 2)
-    # Refocusing makes rows alike, so their differences show half of the noise or more.
+    # Refocusing correlates rows: their differences show half of the noise or more.
     bright = np.flatnonzero(line > EDGE_SHARE * line.max() + NOISES * np.median(noise))
     return float(np.abs(bright - middle).max()) if bright.size else len(line) / 2
 

@@ -1,4 +1,4 @@
-"""The picture of a round flame's section, and of how far to trust it."""
+"""Figure of an axisymmetric flame's section with its standard deviation."""
 
 from typing import TYPE_CHECKING
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from lf_flame.tomography.axisymmetric.reconstruction import AxisymmetricFlame
 
 SHOWN_HEIGHTS = (0.25, 0.5, 0.75)
-"""Shares of the height of a flame's bright part at which radial profiles are drawn."""
+"""Heights of radial profiles, as fractions of the height of a flame's bright part."""
 
 
 def bright_heights(found: "AxisymmetricFlame") -> list[int]:
-    """Choose heights to draw profiles at, as indices: a quarter, half and three quarters up."""
+    """Choose heights for profiles, as indices: at 1/4, 1/2 and 3/4 of the bright part."""
     light = found.emission @ found.grid.radii_mm
     bright = np.flatnonzero(light > 0.05 * light.max())
     if not bright.size:
@@ -25,7 +25,7 @@ def bright_heights(found: "AxisymmetricFlame") -> list[int]:
 
 
 def section_figure(found: "AxisymmetricFlame"):
-    """Draw the section through the axis, its standard deviation, profiles, and each view's misfit.
+    """Draw the section through the axis, its standard deviation, profiles and each view's misfit.
 
     Parameters
     ----------

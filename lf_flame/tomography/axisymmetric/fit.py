@@ -1,4 +1,4 @@
-"""Least squares for a half section, with a penalty on roughness and no negative light."""
+"""Least-squares fit of a half section, with regularisation (roughness) and no negative light."""
 
 import numpy as np
 from pyproximal import Box, ProxOperator
@@ -12,16 +12,16 @@ from lf_flame.tomography.frequency_gram import RIDGE
 from lf_flame.tomography.penalised_fit import Fit
 
 STEP = 10.0
-"""Step of the splitting, where the Gram matrix's diagonal is scaled to 1."""
+"""Step of the splitting (ADMM), for a Gram matrix with its diagonal scaled to 1."""
 
 PROBES = 32
-"""Random vectors by which traces are estimated (Hutchinson 1990): 1 % off for 1,000 freedoms."""
+"""Number of random vectors that estimate traces (Hutchinson 1990): 1 % error for 1,000."""
 
 
 class BandedGram:
-    """The Gram matrix of a half section, scaled to a diagonal of 1, and the penalty beside it.
+    """Gram matrix of a half section, scaled to a diagonal of 1, and the penalty.
 
-    Near the axis a node is seen little; scaled, all take steps of one size.
+    Nodes near the axis are seen little; with the scaling, all nodes take steps of similar size.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class BandedGram:
     unit : ndarray of float64, shape (nodes,)
         Emission of a node for a scaled value of 1.
     bands : ndarray of float64, shape (band, nodes)
-        Lower diagonals.
+        Lower diagonals of the scaled matrix.
     """
 
     def __init__(self, grid: AxisymmetricGrid):
@@ -45,11 +45,11 @@ class BandedGram:
         self.bands = _scale(bands, self.unit)
 
     def multiply(self, scaled: np.ndarray) -> np.ndarray:
-        """Multiply with the scaled matrix."""
+        """Multiply by the scaled matrix."""
         return dsbmv(len(self.bands) - 1, 1.0, self.bands, scaled, lower=1)
 
     def penalty(self, strength: float, order: int) -> np.ndarray:
-        """Give the penalty's lower diagonals, scaled; shape (band, nodes)."""
+        """Lower diagonals of the scaled penalty, shape (band, nodes)."""
         rough = roughness_matrix(self.grid.shape, order)
         lower = sparse.tril(rough).tocoo()
         bands = np.zeros((int((lower.row - lower.col).max()) + 1, rough.shape[0]))
@@ -57,15 +57,15 @@ class BandedGram:
         return _scale(strength * self.typical * bands, self.unit)
 
     def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw a vector whose covariance is the penalty, scaled; float64, shape (nodes,)."""
+        """Draw a random vector with the scaled penalty as covariance; float64, shape (nodes,)."""
         differences = roughness_differences(self.grid.shape, order)
         drawn = differences.T @ rng.standard_normal(differences.shape[0])
         return np.sqrt(strength * self.typical) * drawn * self.unit
 
     def factor(self, add: float, strength: float = 0.0, order: int = 1) -> np.ndarray:
-        """Factor the scaled matrix with penalty and a multiple of one, as `cho_solve_banded` takes.
+        """Factor the scaled matrix plus penalty plus `add` times the identity.
 
-        The step of the splitting is 1 / `add`.
+        The form is that of `scipy.linalg.cho_solve_banded`; the step of the splitting is 1 / `add`.
         """
         penalty = self.penalty(strength, order)
         total = np.zeros((max(len(self.bands), len(penalty)), self.bands.shape[1]))
@@ -76,7 +76,7 @@ class BandedGram:
 
 
 def roughness_matrix(shape: tuple[int, int], order: int) -> sparse.csr_array:
-    """Square differences along height and radius; the section goes on mirrored beyond its axis.
+    """Matrix of squared differences along height and radius; the section is mirrored at its axis.
 
     Beyond the last radius there is no light.
 
@@ -89,7 +89,7 @@ def roughness_matrix(shape: tuple[int, int], order: int) -> sparse.csr_array:
 
 
 def roughness_differences(shape: tuple[int, int], order: int) -> sparse.csr_array:
-    """Differences whose squares `roughness_matrix` sums, along height first, then along radius.
+    """Differences for `roughness_matrix`: along height first, then along radius.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def roughness_differences(shape: tuple[int, int], order: int) -> sparse.csr_arra
 
 
 def _scale(bands: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Multiply lower diagonals from both sides with a diagonal matrix."""
+    """Multiply lower diagonals from both sides by a diagonal matrix."""
     out = np.zeros_like(bands)
     for below in range(len(bands)):
         end = len(unit) - below
@@ -122,7 +122,7 @@ class _Quadratic(ProxOperator):
         self._factor, self._linear = factor, linear
 
     def __call__(self, x: np.ndarray) -> float:
-        return 0.0  # nobody asks: the iterations are counted
+        return 0.0  # not used: the number of iterations is fixed
 
     def prox(self, x: np.ndarray, tau: float) -> np.ndarray:
         return linalg.cho_solve_banded(
@@ -131,21 +131,21 @@ class _Quadratic(ProxOperator):
 
 
 class AxisymmetricFit:
-    """Fits of a half section to one light field, seen only through A'y.
+    """Fits of a half section to one light field, which enters only through A'y.
 
-    It offers what `lf_flame.tomography.strength_search.StrengthSearch` asks of a problem.
+    It has the methods that `lf_flame.tomography.strength_search.StrengthSearch` needs.
 
     Parameters
     ----------
     gram : BandedGram
     backprojection : ndarray of float64, shape (heights, radii)
-        A'y.
+        Backprojected light field, A'y.
     squared : float
         Sum of the squares of y.
     pixels : int
         Number of pixels of y.
     rng : numpy.random.Generator
-        Of the vectors that traces are estimated by.
+        Generator of the vectors that estimate traces.
     """
 
     def __init__(
@@ -168,11 +168,11 @@ class AxisymmetricFit:
         self._noise_modes = pixels - self.modes
 
     def measure_noise(self) -> float:
-        """Measure the standard deviation of what no half section explains, per pixel."""
+        """Measure the standard deviation per pixel of the part that no half section explains."""
         return float(np.sqrt(self._outside / self._noise_modes))
 
     def unpenalised(self) -> np.ndarray:
-        """Emission that explains as much of the light field as any half section can."""
+        """Emission of the unpenalised fit, which explains as much light as any half section."""
         return (self._plain * self.gram.unit).reshape(self.gram.grid.shape)
 
     def draw(
@@ -183,21 +183,21 @@ class AxisymmetricFit:
         start: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
-        """Draw emission that the light field and the penalty leave possible.
+        """Draw emission from the posterior, given the light field and the penalty.
 
-        Noise is added to the light field and, as the penalty is a prior, to what its differences
-        are to be: without negative light such solutions are draws of the posterior, and their
-        scatter holds what the penalty may have done to the flame as well (Wahba, J. R. Stat. Soc.
+        Noise is added to the light field and, because the penalty is a prior, to the desired values
+        of its differences. Without negative light, such solutions are draws of the posterior, so
+        that their scatter includes the effect of the penalty on the flame (Wahba, J. R. Stat. Soc.
         B 45, 133, 1983; Bardsley and others, SIAM J. Sci. Comput. 36, A1895, 2014).
 
         Parameters
         ----------
         back : ndarray of float64, shape (heights, radii)
-            Noise of the light field, backprojected.
+            Backprojected noise of the light field.
         sd : float
-            Standard deviation of a pixel's noise, where the flame is.
+            Standard deviation of a pixel's noise inside the flame.
         options : (strength, order, nonnegative, iterations)
-            As `solve` takes them.
+            Options of `solve`.
         start : ndarray, shape (1, heights, radii)
             Emission from which to start.
         rng : numpy.random.Generator
@@ -213,12 +213,12 @@ class AxisymmetricFit:
         return self._solve(drawn, strength, order, nonnegative, iterations, start)[0]
 
     def explain(self, back: np.ndarray) -> np.ndarray:
-        """Find the emission that explains as much as any of another backprojected light field."""
+        """Emission of the unpenalised fit to another backprojected light field."""
         scaled = linalg.cho_solve_banded((self._factor, True), back.ravel() * self.gram.unit)
         return (scaled * self.gram.unit).reshape(self.gram.grid.shape)
 
     def count_modes(self, strength: float, order: int) -> float:
-        """Degrees of freedom of a linear fit: the trace from data to fitted data."""
+        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data."""
         return self._trace(self.gram.factor(RIDGE, strength, order))
 
     def _trace(self, factor: np.ndarray) -> float:
@@ -233,22 +233,23 @@ class AxisymmetricFit:
         iterations: int,
         start: np.ndarray | None = None,
     ) -> Fit:
-        """Fit with one strength of the penalty.
+        """Fit with one strength of the regularisation.
 
         Parameters
         ----------
         strength, order
-            As `BandedGram.penalty` takes them.
+            Strength and order of `BandedGram.penalty`.
         nonnegative : bool
-            Without, the fit is linear, and one step.
+            Whether emission is kept at 0 or above; if not, the fit is linear, and takes one step.
         iterations : int
+            Number of iterations of the splitting.
         start : ndarray, shape (1, heights, radii), optional
             Emission from which to start.
 
         Returns
         -------
         Fit
-            Its cells of shape (1, heights, radii).
+            Fit with cells of shape (1, heights, radii).
         """
         cells = self._solve(self._linear, strength, order, nonnegative, iterations, start)
         apart = cells.ravel() / self.gram.unit - self._plain

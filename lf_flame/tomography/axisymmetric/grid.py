@@ -1,10 +1,10 @@
-"""Where the emission of a flame that is round about an upright axis is sought.
+"""Nodes for the emission of a flame that is axisymmetric about an upright axis.
 
-The unknown is a half section: emission by height and by distance from the axis, linear between its
-nodes. Cut into slabs along the line of sight, the flame is a stack of layers, and what views see of
-them is the closed-form integral by which scenes are rendered. Both factors of a node's glow, by
-height and by radius, stay apart through all of that; so the operator is two small matrices for each
-slab, and its Gram matrix is a short sum of Kronecker products.
+The unknown is a half section: emission by height and distance from the axis, linear between nodes.
+The flame is cut into slabs along the line of sight, which makes it a stack of layers; the views of
+layers are the closed-form integral with which scenes are rendered. A node's emission is a product
+of a function of height and one of radius, and both stay separate. Therefore the operator is two
+small matrices for each slab, and its Gram matrix is a short sum of Kronecker products.
 """
 
 from collections.abc import Sequence
@@ -21,45 +21,46 @@ from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import layer_bands
 
 PARALLAX = 0.25
-"""Largest displacement of a slab's faces against its middle in any view, as a share of a cell."""
+"""Largest displacement in any view between a slab's faces and its centre, in cells."""
 
 FINE = 3
-"""Cells of a layer between two nodes; a cell glows evenly."""
+"""Number of cells of a layer between two nodes; emission is constant over a cell."""
 
 SAMPLES = 4
-"""Points across a cell at which a node's glow is averaged."""
+"""Number of points across a cell at which a node's emission is averaged."""
 
 PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
 
 MOST_NODES = 40_000
-"""Nodes of the half section beyond which its matrices fill the memory."""
+"""Largest number of nodes of the half section; with more, its matrices fill the memory."""
 
 WHICH_VIEWS = ("all", "central")
 
 
 @dataclass(frozen=True)
 class AxisymmetricGrid:
-    """Nodes of the half section of a flame that is round about an upright axis.
+    """Nodes of the half section of a flame that is axisymmetric about an upright axis.
 
     Parameters
     ----------
     camera : PlenopticCamera
-        As `FrustumGrid` takes it.
+        Camera, as for `FrustumGrid`.
     axis_mm : float
-        Where the axis stands across, from the optical axis, in mm.
+        Position of the axis across, from the optical axis, in mm.
     depth_mm : float
         Depth of the axis from the focal plane, in mm.
     radius_mm : float
-        Beyond which nothing glows.
+        Radius that contains all emission, in mm.
     block : int, optional
-        Lenslets along each axis that make one pixel; nodes are as far apart as these at the axis.
+        Number of lenslets along each axis that are averaged into one pixel; also the distance of
+        nodes at the axis.
     which : {"all", "central"}, optional
-        Views that are looked at.
+        Views to use.
     burner_mm : float, optional
-        Height from the optical axis, upwards, below which nothing glows: a flame ends sharply at
-        its burner, and a smooth section could not. Default: it may glow at every height.
+        Height from the optical axis, upwards, below which there is no emission: a flame ends
+        sharply at its burner, and a smooth section could not. Default: no burner.
     depth_ratio : float, optional
-        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, it is round.
+        Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, axisymmetric.
 
     Raises
     ------
@@ -128,17 +129,17 @@ class AxisymmetricGrid:
 
     @cached_property
     def step_mm(self) -> float:
-        """Distance between nodes, along height and radius: a pixel's at the axis."""
+        """Distance between nodes in mm, along height and radius: one pixel at the axis."""
         return self._middle.cell_mm(self.depth_mm)
 
     @property
     def _highest_mm(self) -> float:
-        """Height of the highest cells that any view sees at the axis."""
+        """Height in mm of the highest cells that any view sees at the axis."""
         return self.step_mm * (self._middle.shape[1] - 1) / 2
 
     @cached_property
     def slab_depths_mm(self) -> Sequence[float]:
-        """Depths of the slabs' middles, nearest last."""
+        """Depths of the slabs' centres in mm, nearest last."""
         # The most oblique ray: from the edge of the aperture to the edge of the field or flame.
         aperture = self.camera.views * self.camera.view_step_mm
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
@@ -150,11 +151,11 @@ class AxisymmetricGrid:
 
     @property
     def slab_mm(self) -> float:
-        """Thickness of a slab."""
+        """Thickness of a slab in mm."""
         return 2 * self.depth_ratio * self.radius_mm / len(self.slab_depths_mm)
 
     def empty_slab(self, depth_mm: float) -> Layer:
-        """Give the cells of a slab, without light: from the burner, or below all views, upwards."""
+        """Cells of a slab without light, from the burner, or from below all views, upwards."""
         rows, columns = len(self._cell_heights_mm), len(self._cell_places_mm)
         cell = self.step_mm / FINE
         down = -(self._cell_heights_mm[0] + self._cell_heights_mm[-1]) / 2
@@ -163,7 +164,7 @@ class AxisymmetricGrid:
 
     @cached_property
     def _cell_heights_mm(self) -> np.ndarray:
-        """Heights of the cells' middles, the highest first."""
+        """Heights of the cells' centres in mm, the highest first."""
         below = FINE if self.burner_mm is None else 0
         count = (len(self.heights_mm) - 1) * FINE + FINE + below
         top = self.heights_mm[0] + self.step_mm
@@ -171,7 +172,7 @@ class AxisymmetricGrid:
 
     @cached_property
     def _cell_places_mm(self) -> np.ndarray:
-        """Places of the cells' middles across, from the axis."""
+        """Positions of the cells' centres across in mm, from the axis."""
         count = 2 * FINE * len(self.radii_mm)
         return (np.arange(count) - (count - 1) / 2) * self.step_mm / FINE
 
@@ -185,28 +186,28 @@ class AxisymmetricGrid:
 
     @cached_property
     def radii_mm(self) -> np.ndarray:
-        """Radii of the nodes in mm; at the next one nothing glows."""
+        """Radii of the nodes in mm; emission is 0 at the next radius."""
         return np.arange(int(np.ceil(self.radius_mm / self.step_mm - 1e-9))) * self.step_mm
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Heights and radii."""
+        """Number of heights and radii."""
         return len(self.heights_mm), len(self.radii_mm)
 
     @property
     def view_shape(self) -> tuple[int, int, int, int]:
-        """Views and pixels that are looked at."""
+        """Number of views and pixels that are used, (v, u, t, s)."""
         count = self.camera.views if self.which == "all" else 1
         return (count, count, *self._middle.pixels)
 
     def pick(self, views: np.ndarray) -> np.ndarray:
-        """Pick the views that are looked at."""
+        """Select the views that are used."""
         middle = self.camera.views // 2
         return views if self.which == "all" else views[middle : middle + 1, middle : middle + 1]
 
     @cached_property
     def by_height(self) -> list[sparse.csr_array]:
-        """What a pixel row of a view row sees of each node's height, for each slab.
+        """Contribution of each node's height to a pixel row of a view row, for each slab.
 
         Returns
         -------
@@ -218,12 +219,12 @@ class AxisymmetricGrid:
 
     @cached_property
     def by_radius(self) -> np.ndarray:
-        """What a pixel column of a view column sees of each node's radius, for each slab.
+        """Contribution of each node's radius to a pixel column of a view column, for each slab.
 
         Returns
         -------
         ndarray of float64, shape (slabs, views * columns, radii)
-            In mm along the line of sight.
+            Lengths in mm along the line of sight.
         """
         return np.stack(
             [self._bands(depth, 1) @ self._radius_weights(depth) for depth in self.slab_depths_mm]
@@ -238,33 +239,33 @@ class AxisymmetricGrid:
         return bands[first : first + pixels]
 
     def _radius_weights(self, depth: float) -> np.ndarray:
-        """Integrate each node's glow over a slab's thickness, averaged over its cells across.
+        """Integrate each node's emission over a slab's thickness, averaged over its cells across.
 
-        The integral along depth is exact, however thick a slab is: between two nodes emission is
-        linear in the radius, and the integral of that is closed.
+        The integral along depth is exact for any slab thickness: between two nodes emission is
+        linear in the radius, which has a closed integral.
 
         Returns
         -------
         ndarray of float64, shape (cells, radii)
         """
         across = (self._cell_places_mm[:, None] / self.step_mm + PARTS / FINE).ravel()
-        # In depth, as in a round flame.
+        # In depth, scaled to an axisymmetric flame.
         unit = self.depth_ratio * self.step_mm
         middle, half = (depth - self.depth_mm) / unit, self.slab_mm / 2 / unit
         cones = _cones_to(middle + half, across, len(self.radii_mm))
         cones -= _cones_to(middle - half, across, len(self.radii_mm))
-        # A node's glow is the second difference of three cones.
+        # A node's emission is the second difference of three cones.
         nodes = np.diff(cones, 2, axis=1).reshape(-1, SAMPLES, len(self.radii_mm))
         return nodes.mean(axis=1) * unit
 
 
 def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
-    """Integrate cones max(0, k - r) along depth, from the axis' depth on, at places across.
+    """Integrate cones max(0, k - r) along depth, starting at the axis, at positions across.
 
     Returns
     -------
     ndarray of float64, shape (places, nodes + 2)
-        For k of -1 to `nodes`; no cone is below 1.
+        Integrals for k from -1 to `nodes`; a cone is never below 0.
     """
     x = np.abs(across)[:, None]
     edge = np.arange(-1.0, nodes + 1)
@@ -274,12 +275,12 @@ def _cones_to(depth: float, across: np.ndarray, nodes: int) -> np.ndarray:
 
 
 def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
-    """Average what is linear between nodes 0, 1, 2 and so on, and falls to 0 beyond the ends.
+    """Average functions that are linear between nodes 0, 1, 2, ... and fall to 0 past the ends.
 
     Parameters
     ----------
     places : ndarray, shape (cells,) or (cells, points)
-        Over whose points a cell is averaged.
+        Positions in nodes; a cell is averaged over its points.
     nodes : int
 
     Returns

@@ -1,4 +1,4 @@
-"""The light field of a round flame's half section as a linear operator, and its Gram matrix."""
+"""Light field of an axisymmetric flame's half section as a linear operator; its Gram matrix."""
 
 import numpy as np
 from pylops import LinearOperator
@@ -8,9 +8,10 @@ from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 
 
 class AxisymmetricOperator(LinearOperator):
-    """From emission at nodes, flattened (height, radius), to views (v, u, t, s).
+    """Linear operator from emission at nodes to views.
 
-    Emission in radiance per mm of the line of sight; float64.
+    It maps emission, flattened (height, radius), in radiance per mm of the line of sight, to views
+    (v, u, t, s); float64.
 
     Parameters
     ----------
@@ -51,10 +52,9 @@ class AxisymmetricOperator(LinearOperator):
 
 
 def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
-    """Tell what the light field sees of every two nodes together, A'A.
+    """Gram matrix A'A of the nodes' light fields.
 
-    Views mix heights only as far as their parallax within the flame reaches, so the matrix is
-    banded.
+    It is banded, because views mix heights only as far as the parallax within the flame reaches.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
 
 
 def _reach(down: np.ndarray) -> int:
-    """Tell how many rows apart two heights are that one pixel still sees together."""
+    """Find the largest distance in rows between two heights that one pixel sees."""
     seen = np.argwhere(np.abs(down).max(axis=(2, 3)) > 0)
     return int(np.abs(seen[:, 0] - seen[:, 1]).max())
 

@@ -1,4 +1,4 @@
-"""The emission of a round flame as the files that a user looks at."""
+"""Output files of an axisymmetric flame's emission."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -24,23 +24,24 @@ RECORD = "abel.json"
 def write_flame(
     found: "AxisymmetricFlame", axis: FlameAxis, folder: OutputFolder | str | Path
 ) -> None:
-    """Write the half section as tables and pictures.
+    """Write the half section as tables and images.
 
-    ``radial.csv`` holds all heights and radii, ``axial.csv`` the axis; ``section.tif`` the half
-    section, heights by radii, and ``sigma.tif`` its standard deviation where there are draws.
+    ``radial.csv`` has all heights and radii, ``axial.csv`` the axis, ``section.tif`` the half
+    section, heights by radii, and ``sigma.tif`` its standard deviation if there are draws.
 
     Parameters
     ----------
     found : AxisymmetricFlame
+        Flame to write.
     axis : FlameAxis
-        The axis that was found.
+        Axis as found in the light field.
     folder : str, Path or OutputFolder
-        A folder to fill, as `lf-flame abel` does, for `lf-flame temperature` to read.
+        Folder to fill, as `lf-flame abel` does, for `lf-flame temperature` to read.
 
     Raises
     ------
     InputError
-        If a file that is not from an earlier call is in the way, or another process writes there.
+        If a file that no earlier call wrote would be replaced, or another process writes there.
     """
     if not isinstance(folder, OutputFolder):
         with output_folder(folder, RECORD) as opened:
@@ -85,7 +86,7 @@ def write_flame(
 
 
 def _bar(emission, sigma, bar, height: int, radius: int) -> tuple:
-    """Give a node's standard deviation, and the ends of its bar of 95 %, none below 0."""
+    """Give the standard deviation of a node, and the ends of its 95 % error bar, 0 or above."""
     if sigma is None:
         return "", "", ""
     value, half = emission[height, radius], bar[height, radius]

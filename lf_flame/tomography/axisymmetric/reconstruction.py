@@ -1,8 +1,8 @@
-"""Emission of a flame that is round about an upright axis, from one light field: Abel inversion.
+"""Emission of an axisymmetric flame with an upright axis from one light field: Abel inversion.
 
 For one view with parallel rays this is Abel's integral equation (Hansen and Law, J. Opt. Soc. Am. A
-2, 510, 1985, for its numerical side). Here rays run as the camera sees them, every view counts, and
-the fit is penalised and without negative light.
+2, 510, 1985, for its numerical side). Here rays are those of the camera, all views are used, and
+the fit is regularised and without negative light.
 """
 
 from dataclasses import dataclass, replace
@@ -35,35 +35,36 @@ from lf_flame.tomography.plane_fit import average_blocks
 from lf_flame.tomography.strength_search import StrengthSearch
 
 MODEL_ERROR = 1e-3
-"""Share of the brightest pixel below which noise does not limit a fit: the grid does."""
+"""Noise relative to the brightest pixel below which not the noise but the grid limits a fit."""
 
 ITERATIONS = 200
-"""Iterations of the splitting for the solution; a quarter for each strength that is tried and for
-each draw."""
+"""Number of iterations of the splitting (ADMM) for the solution; a quarter of it for each strength
+that is tried and for each draw."""
 
 
 @dataclass(frozen=True, eq=False)
 class AxisymmetricFlame:
-    """Emission of a round flame by height and radius, and how far to trust it.
+    """Emission of an axisymmetric flame by height and radius, with errors and warnings.
 
     Attributes
     ----------
     grid : AxisymmetricGrid
+        Nodes of the half section.
     emission : ndarray of float32, shape (heights, radii)
-        Radiance per mm along the line of sight, in the light field's unit per mm; times 4 pi, power
-        per volume where that is radiance.
+        Emission along the line of sight, in the light field's unit per mm. If that unit is a
+        radiance, 4 pi times the emission is power per volume.
     draws : ndarray of float32, shape (draws, heights, radii)
-        Emission that light field and penalty leave as possible, drawn at random.
+        Random draws of emission (bootstrap) that light field and penalty allow.
     noise : float
         Standard deviation of a pixel's noise, stated or measured.
     strength : float
-        Strength of the penalty that was taken.
+        Strength of the regularisation that was used.
     chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each view that was looked at, in units of the noise's variance.
+        Mean squared residual of each used view, in units of the noise's variance.
     warnings : tuple of str
-        Where data and model disagree.
+        Sentences on disagreements of data and model.
     unseen : tuple of str
-        Departures from a round, upright flame that this light field would not show.
+        Departures from an upright, axisymmetric flame that this light field would not show.
     """
 
     grid: AxisymmetricGrid
@@ -77,18 +78,18 @@ class AxisymmetricFlame:
 
     @property
     def sigma(self) -> np.ndarray | None:
-        """Standard deviation of each node by noise and penalty, None without draws."""
+        """Standard deviation of each node due to noise and penalty, None without draws."""
         return self.draws.std(axis=0, ddof=1) if len(self.draws) else None
 
     @property
     def bar(self) -> np.ndarray | None:
-        """Half of the width of each node's bar of 95 %, None without draws.
+        """Half-width of each node's 95 % error bar, None without draws.
 
-        Light that bends between nodes, as with coarse blocks, is not in it.
+        It excludes errors from curvature of the emission between nodes, as with large blocks.
         """
         if self.sigma is None:
             return None
-        # Few draws know their own scatter badly: Student's t.
+        # With few draws the standard deviation is uncertain: Student's t.
         return (bar_times(len(self.draws) - 1) * self.sigma).astype(np.float32)
 
 
@@ -101,36 +102,38 @@ def reconstruct_axisymmetric(
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
 ) -> AxisymmetricFlame:
-    """Find the emission of a round flame that explains a light field.
+    """Find the emission of an axisymmetric flame that explains a light field.
 
     Parameters
     ----------
     light_field : LightField
-        Grey, of the grid's camera; black level subtracted, divided by a white image. A grid that
-        looks at the central view takes that view alone, too.
+        Grey light field of the grid's camera, black level subtracted, divided by a white image
+        (flat field). If the grid uses only the central view, that view alone is enough.
     grid : AxisymmetricGrid
-        With the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
+        Grid with the axis, as `lf_flame.tomography.find_axis` finds it or as it is known.
     noise : float, optional
-        Standard deviation of a pixel's noise, after averaging over blocks. Default: measured, as
-        what no round flame on the grid explains.
+        Standard deviation of a pixel's noise, after averaging over blocks. Default: measured from
+        the part that no axisymmetric flame on the grid explains.
     strength : float, optional
-        Of the penalty on third differences. Default: that of least expected error of the light
-        field, see `StrengthSearch.find_by_risk`.
+        Strength of the regularisation, a penalty on third differences. Default: the strength with
+        the least expected error of the light field, see `StrengthSearch.find_by_risk`.
     bootstrap : int, optional
-        Number of draws for the error bars: noise, as uneven as that found, is added to the light
-        field and to the prior, and all is fitted again (`AxisymmetricFit.draw`); 0, or 2 and more.
+        Number of draws for the error bars, 0, or 2 and more: noise with the measured dependence on
+        brightness is added to the light field and to the prior, and the fit is repeated
+        (`AxisymmetricFit.draw`).
     rng : int, numpy.random.Generator or None, optional
-        Seed or generator of the bootstrap, and of vectors that estimate degrees of freedom; None
-        draws differently each time.
+        Seed or generator of the bootstrap, and of vectors that estimate degrees of freedom; with
+        None every call draws differently.
 
     Returns
     -------
     AxisymmetricFlame
+        Emission with error bars and warnings.
 
     Raises
     ------
     InputError
-        If light field and grid do not fit, or a value cannot be used.
+        If light field and grid do not match, or a value cannot be used.
 
     Examples
     --------
@@ -166,7 +169,7 @@ def reconstruct_axisymmetric(
     sd = measured if noise is None else float(noise)
     best = problem.unpenalised()
     uneven = noise_by_pixel(operator, views, best)
-    # Bright nodes see more noise than a mean pixel holds, where light comes in portions.
+    # With photon noise, bright nodes see more noise than the mean pixel.
     seen = operator.rmatvec(np.broadcast_to(uneven, views.shape).ravel())
     by_node = seen / np.maximum(operator.rmatvec(np.ones(views.size)), 1e-300)
     by_node = by_node.reshape(grid.shape)
@@ -181,7 +184,7 @@ def reconstruct_axisymmetric(
     residual = views - fitted
     chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3)) / noise_variance(sd)
     by_place = sd * np.sqrt(uneven)
-    # The prior's scale is the noise where light is, as the strength was chosen for that.
+    # The prior's scale is the noise inside the flame, for which the strength was chosen.
     light = max(float(np.sum(cells)), 1e-300)
     lit_sd = sd * np.sqrt(float(np.sum(by_node * cells[0])) / light)
     draws, fewer = [], (*options[:3], ITERATIONS // 4)
@@ -192,7 +195,7 @@ def reconstruct_axisymmetric(
     rest = views - operator.matvec(best.ravel()).reshape(views.shape)
     depth_ratio = DepthRatio(operator, problem, cells[0], rest, by_place)
     departures = check_roundness(axis) + check_stated(axis, grid, views)
-    # Another axis or radius looks like another depth, too.
+    # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
     misfit = check_misfit(residual, float(views.max()))
     unsaid = None if misfit else residual
@@ -214,7 +217,7 @@ def reconstruct_axisymmetric(
 
 
 def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
-    """Average the views that a grid looks at over its blocks."""
+    """Select the views that a grid uses, averaged over its blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
         alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
         return average_blocks(light_field, alone, grid.block)
@@ -222,11 +225,12 @@ def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
 
 
 def check_fit_options(noise: float | None, strength: float | None, bootstrap: int) -> None:
-    """Refuse options of a fit that cannot be used, before anything that takes time.
+    """Refuse unusable options of a fit before any computation.
 
     Raises
     ------
     InputError
+        If noise or strength is negative or not finite, or the number of draws is 1 or negative.
     """
     for name, value in (("noise", noise), ("strength", strength)):
         if value is not None and not (np.isfinite(value) and value >= 0):

@@ -1,4 +1,4 @@
-"""Whether a flame is round about the axis that was stated, as far as its light field shows."""
+"""Whether a flame is axisymmetric about the stated axis, as far as its light field shows."""
 
 from dataclasses import replace
 
@@ -11,48 +11,48 @@ from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
 
 MOST_LEAN_DEG = 1.0
-"""Lean of the axis above which a warning is due: at 25 mm of height it is half a millimetre."""
+"""Largest lean of the axis without a warning, in degrees: 0.5 mm over 25 mm of height."""
 
 MOST_DEPTH_LEAN_DEG = 5.0
-"""Lean in depth above which a warning is due."""
+"""Largest lean in depth without a warning, in degrees."""
 
 SEEN_LEAN_DEG = 15.0
-"""Lean in depth that a light field should show; a note says where it does not."""
+"""Lean in depth, in degrees, that a light field should show; if it does not, a note says so."""
 
 MOST_LOPSIDED = 0.03
-"""Difference of the halves above which a flame is not round."""
+"""Largest relative difference of the halves of an axisymmetric flame."""
 
 MOST_SHIFT = 0.1
-"""Displacement of the axis, in pixels, above which a warning is due."""
+"""Largest displacement of the axis without a warning, in pixels."""
 
 MOST_OUTSIDE = 2e-3
-"""Share of the light beyond the stated radius above which a warning is due."""
+"""Largest fraction of the light beyond the stated radius without a warning."""
 
 ERRORS = 4.0
-"""Standard errors that a departure must exceed to be more than noise."""
+"""Number of standard errors that a departure must exceed to be more than noise."""
 
 DEPTH_RATIO = 1.5
-"""Extent in depth, relative to that across, of the flame whose light field is compared."""
+"""Extent in depth, relative to that across, of the flame that serves as comparison."""
 
 MOST_DEPTH_RATIO = 0.15
-"""Departure of that ratio from 1 above which a warning is due."""
+"""Largest departure of the depth ratio from 1 without a warning."""
 
 MODEL_ERROR = 1e-3
-"""Residual relative to the brightest pixel that the grid itself leaves."""
+"""Residual that the grid itself causes, relative to the brightest pixel."""
 
 GRID_ERROR = 5e-5
-"""The same as a flame stretched in depth would show it, where the model is right."""
+"""The same in the component of a flame stretched in depth, if the model is right."""
 
 LEAST_RADIUS = 0.9
-"""Share of the radius to which light is seen, below which a stated one is too small."""
+"""Smallest stated radius without a warning, relative to the radius of the visible light."""
 
 SMOOTHED = 5
-"""Pixels along each axis over which residuals are averaged, as departures are larger than pixels
-and noise is not."""
+"""Number of pixels along each axis over which residuals are averaged: departures are larger than
+pixels, noise is not."""
 
 
 def check_roundness(axis: FlameAxis) -> tuple[str, ...]:
-    """Say in words why a flame is not round about an upright axis, as far as the axis shows it."""
+    """Sentences on why a flame is not axisymmetric and upright, as far as its axis shows."""
     found = []
     if abs(axis.lean_deg) > MOST_LEAN_DEG:
         found.append(
@@ -80,11 +80,11 @@ def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> 
     Parameters
     ----------
     axis : FlameAxis
-        As found.
+        Axis as found.
     grid : AxisymmetricGrid
-        As stated.
+        Grid with the stated axis.
     views : ndarray, shape (v, u, t, s)
-        Those that are looked at, in the grid's pixels.
+        Views that are used, in the grid's pixels.
     """
     found = []
     least = MOST_SHIFT * grid.step_mm
@@ -102,7 +102,7 @@ def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> 
         )
     half_angle = grid.camera.aperture_mm / 2 / (grid.camera.focus_distance_mm + grid.depth_mm)
     off = grid.depth_mm - axis.depth_mm
-    # A depth moves the outermost views by its parallax.
+    # A wrong depth displaces the axis in the outermost views by the parallax.
     if abs(off) > max(least / half_angle, ERRORS * axis.depth_error_mm):
         found.append(
             f"The axis was stated at a depth of {grid.depth_mm:.2f} mm, the light field shows it "
@@ -120,7 +120,7 @@ def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> 
 
 
 def _has_light_outside(grid: AxisymmetricGrid, views: np.ndarray) -> bool:
-    """Whether more light than noise is where no flame within a grid's radius shows."""
+    """Whether there is more light than noise where no flame within a grid's radius can be."""
     lit = AxisymmetricOperator(grid).matvec(np.ones(np.prod(grid.shape))).reshape(views.shape)
     dark = lit.max(axis=(0, 2)) <= 0  # view column, column
     rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
@@ -131,10 +131,10 @@ def _has_light_outside(grid: AxisymmetricGrid, views: np.ndarray) -> bool:
 
 
 def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
-    """Say whether views differ from the best round flame by more than noise.
+    """Sentence if views differ from the best axisymmetric flame by more than noise.
 
-    Noise differs from view to view, or in a single view from pixel to pixel; what a flame does that
-    is not round is seen alike by neighbours.
+    Noise differs from view to view, or in a single view from pixel to pixel; the residual of a
+    flame that is not axisymmetric is similar in neighbours.
 
     Parameters
     ----------
@@ -164,25 +164,26 @@ def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
 class DepthRatio:
     """Extent of a flame in depth relative to that across, as its light field shows it.
 
-    The emission that was found is stretched in depth, at the same light along the line of sight.
-    What then differs in the views, and no round flame imitates, is sought in the residual (a
-    matched filter).
+    The reconstructed emission is stretched in depth, with the same light along the line of sight.
+    The resulting change of the views, without the part that an axisymmetric flame could imitate, is
+    correlated with the residual (a matched filter).
 
     Parameters
     ----------
     operator : AxisymmetricOperator
     problem : AxisymmetricFit
-        Of the light field.
+        Fit to the light field.
     emission : ndarray, shape (heights, radii)
+        Reconstructed emission.
     residual : ndarray, shape (v, u, t, s)
-        Light field without the best round flame, unpenalised.
+        Light field minus that of the best axisymmetric flame, unpenalised.
     sd : ndarray
-        Standard deviation of a pixel, of a shape that spreads over the residual's.
+        Standard deviation of a pixel, in a shape that broadcasts to that of `residual`.
 
     Attributes
     ----------
     ratio, error : float
-        As found, 1 for a round flame, and its standard error by noise and by the grid.
+        Depth ratio, 1 for an axisymmetric flame, and its standard error due to noise and grid.
     """
 
     def __init__(
@@ -208,7 +209,7 @@ class DepthRatio:
         self.error = step * float(np.hypot(np.sqrt(noise) / power, grid_error))
 
     def check(self) -> tuple[str, ...]:
-        """Say whether the flame is deeper or flatter than round."""
+        """Sentence if the flame is deeper or flatter than axisymmetric."""
         if abs(self.ratio - 1) <= max(MOST_DEPTH_RATIO, ERRORS * self.error):
             return ()
         deeper = "deeper" if self.ratio > 1 else "flatter"
@@ -219,7 +220,7 @@ class DepthRatio:
 
 
 def name_unseen(axis: FlameAxis, depth: DepthRatio) -> tuple[str, ...]:
-    """Say which departures from a round, upright flame are hidden by noise."""
+    """Sentences on departures from an axisymmetric, upright flame that noise would hide."""
     found = []
     if ERRORS * depth.error > DEPTH_RATIO - 1:
         found.append(

@@ -1,4 +1,4 @@
-"""Folders of `lf-flame abel`, read back: half sections of a flame in two colours."""
+"""Reading folders of `lf-flame abel`: half sections of a flame in two colours."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +17,18 @@ SECTION, SIGMA = "section.tif", "sigma.tif"
 
 @dataclass(frozen=True)
 class SectionRecord:
-    """What the record of `lf-flame abel` says of its half section.
+    """Content of the record of `lf-flame abel` on its half section.
 
     Attributes
     ----------
     axis_mm, axis_depth_mm, radius_mm : float
-        Place of the axis, and radius beyond which nothing glows.
+        Position and depth of the axis, and radius that contains all emission, in mm.
     step_mm : float
-        Distance of nodes.
+        Distance of nodes in mm.
     files : dict of str
         SHA-256 of each file by its name.
     burner_mm : float, optional
+        Height of the burner in mm.
     """
 
     axis_mm: float
@@ -39,12 +40,12 @@ class SectionRecord:
 
     @property
     def place(self) -> tuple[float | None, ...]:
-        """Numbers by which two sections have the same nodes."""
+        """Numbers that are equal for two sections with the same nodes."""
         return self.axis_mm, self.axis_depth_mm, self.radius_mm, self.step_mm, self.burner_mm
 
 
 def is_section(folder: Path) -> bool:
-    """Tell whether a folder is one of `lf-flame abel`."""
+    """Whether `lf-flame abel` made a folder."""
     return (folder / RECORD).is_file()
 
 
@@ -54,13 +55,15 @@ def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
     Returns
     -------
     emissions, sigmas : (ndarray, ndarray), each of float32, shape (1, heights, radii)
+        Emission and standard deviation in both colours.
     depths_mm : list of float
-        Depth of the axis.
+        Depth of the axis, one number.
 
     Raises
     ------
     InputError
-        If a folder is no such, has no error bars, or their axis, radius or nodes differ.
+        If a folder is not one of `lf-flame abel` or has no error bars, or axis, radius or nodes
+        differ.
     """
     for folder in (first, second):
         if not is_section(folder):
