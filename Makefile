@@ -196,14 +196,34 @@ test-all: | $(INSTALLED)  ## run all tests, as CI does
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/_common/test_threads.py tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/projection tests/refocus/test_shift.py -m 'not jit'
 
-# Where it was cut off it goes on; MUTANTS='optics/camera.py --per-file 50' for some files alone.
-mutants: | $(INSTALLED)  ## plant small errors in the numerical core and list those that no test notices (an hour)
-	$(BIN)/python tests/mutants.py $(MUTANTS) --out results/mutants
+# MUTANTS names a package of lf_flame, or a file of it; its tests are those of the folder of that name, or
+# TESTS. EVERY=20 plants one error of twenty. A copy of the checkout is changed, never the checkout itself;
+# where it was stopped it goes on.
+MUTANTS ?= optics
+EVERY ?= 1
+TESTS ?= tests/$(firstword $(subst /, ,$(MUTANTS)))
+MUTATED := results/mutants/$(subst /,-,$(MUTANTS))-$(EVERY)
+SESSION := $(MUTATED)/session.sqlite
+IN_MUTATED := cd $(MUTATED) && export PATH=$(abspath $(BIN)):$$PATH PYTHONPATH=$$PWD &&
+COPY := git ls-files -z | grep -zv ^experiments/results | xargs -0 cp --parents -t $(MUTATED)
+mutants: $(SESSION)  ## plant small errors in a package, one at a time, and list those that its tests do not notice
+	$(COPY)
+	$(IN_MUTATED) cosmic-ray exec mutants.toml session.sqlite
+	$(IN_MUTATED) cr-report session.sqlite --surviving-only --show-diff && cr-rate session.sqlite
+$(SESSION): tests/mutants.toml $(shell find lf_flame/$(MUTANTS) -name '*.py') | $(INSTALLED)
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --editable '.[mutants]'
+	rm -rf $(MUTATED) && mkdir -p $(MUTATED) && $(COPY)
+	sed 's:MUTANTS:$(MUTANTS):; s:TESTS:$(TESTS):' tests/mutants.toml > $(MUTATED)/mutants.toml
+	$(IN_MUTATED) cosmic-ray baseline mutants.toml && cosmic-ray init mutants.toml new.sqlite && \
+	  python -c 'import sqlite3; sqlite3.connect("new.sqlite", isolation_level=None).execute( \
+	    "DELETE FROM work_items WHERE rowid % $(EVERY)")' && \
+	  cr-filter-operators new.sqlite mutants.toml && mv new.sqlite session.sqlite
 
-# Where it was cut off it goes on; TMPDIR on a disk in memory makes it faster. CAMPAIGN='--part kills'
-# for one part, CAMPAIGN=--quick for some minutes.
+# CAMPAIGN=--quick for some minutes, CAMPAIGN="-k simulate" or "-k kills" for some cases, "--seed 2" for
+# other draws.
 campaign: | $(INSTALLED)  ## try to lose files, to hang and to break every command, and count (an hour)
-	$(BIN)/python tests/campaign.py $(CAMPAIGN) --out results/campaign
+	$(BIN)/python -m pytest tests/campaigning/outputs.py tests/campaigning/inputs.py -n auto -o timeout=7200 \
+	  --report results/campaign/campaign.md $(CAMPAIGN)
 
 lint: | $(INSTALLED)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

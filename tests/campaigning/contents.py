@@ -1,4 +1,4 @@
-"""What folders hold, but for dates and durations: what has to be the same in two runs."""
+"""What folders hold, but for dates and durations: what must be the same in two runs."""
 
 import csv
 import hashlib
@@ -6,9 +6,6 @@ import io
 import json
 from pathlib import Path
 from zipfile import ZipFile
-
-import h5py
-import numpy as np
 
 VARYING = {
     "date", "command", "seconds", "wall_s", "train_s", "start_s", "ms", "versions", "machine",
@@ -19,46 +16,32 @@ VARYING = {
 """Keys of records, and columns of tables, that differ from run to run."""
 
 
-def contents(folder: Path, known: dict[int, str] | None = None) -> dict[str, str]:
-    """Describe all that a folder holds.
-
-    Parameters
-    ----------
-    folder : Path
-    known : dict of str, optional
-        Descriptions of large files by their inode, so that a file that was not replaced is not
-        read.
-
-    Returns
-    -------
-    dict of str
-        By the path of each file, link and folder.
-    """
+def contents(folder: Path, names_only: bool = False) -> dict[str, str]:
+    """Describe each file, link and folder inside a folder, by its path."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         if path.is_symlink():
             found[name] = f"link to {path.readlink()}"
-        elif path.is_dir():
-            found[name] = "folder"
         elif path.is_file():
-            found[name] = (known or {}).get(path.stat().st_ino) or describe(path)
+            found[name] = "file" if names_only else describe(path)
         else:
-            found[name] = "device"
+            found[name] = "folder" if path.is_dir() else "device"
     return found
 
 
 def describe(path: Path) -> str:
-    """Hash a file, without what varies; what cannot be read as what it is called, by its bytes."""
+    """Hash a file without what varies; one that is not what its ending says, by its bytes."""
     content = path.read_bytes()
     try:
         if path.suffix == ".json":
             content = json.dumps(_constant(json.loads(content)), sort_keys=True).encode()
         elif path.suffix == ".csv":
-            content = _constant_table(content.decode())
-        elif path.suffix == ".keras":
-            content = _weights(path)
-    except Exception:  # damaged, in whatever way: by its bytes
+            rows = csv.DictReader(io.StringIO(content.decode()))
+            content = json.dumps([_constant(row) for row in rows]).encode()
+        elif path.suffix == ".keras":  # beside the weights Keras writes memory addresses
+            content = ZipFile(path).read("model.weights.h5")
+    except Exception:  # damaged, in whatever way
         content = path.read_bytes()
     return hashlib.sha256(content).hexdigest()[:16]
 
@@ -69,34 +52,23 @@ def _constant(value):
     return [_constant(inside) for inside in value] if isinstance(value, list) else value
 
 
-def _constant_table(text: str) -> bytes:
-    rows = [
-        {key: value for key, value in row.items() if key not in VARYING}
-        for row in csv.DictReader(io.StringIO(text))
-    ]
-    return json.dumps(rows).encode()
-
-
-def _weights(path: Path) -> bytes:
-    """Hash a network's weights by name: in its configuration Keras writes memory addresses."""
-    digest = hashlib.sha256()
-
-    def add(name: str, value) -> None:
-        if isinstance(value, h5py.Dataset):
-            digest.update(name.encode())
-            digest.update(np.ascontiguousarray(value[()]).tobytes())
-
-    with ZipFile(path) as archive:
-        stored = io.BytesIO(archive.read("model.weights.h5"))
-    with h5py.File(stored) as weights:
-        weights.visititems(add)
-    return digest.digest()
-
-
 def differences(found: dict[str, str], expected: dict[str, str]) -> str:
     """Say in a few words how two folders differ; nothing if they do not."""
-    left = sorted(found.keys() - expected.keys())
-    missing = sorted(expected.keys() - found.keys())
-    other = sorted(name for name in found.keys() & expected.keys() if found[name] != expected[name])
-    named = (("left over", left), ("missing", missing), ("another content", other))
-    return "; ".join(f"{what}: {', '.join(names[:4])}" for what, names in named if names)
+    both = found.keys() & expected.keys()
+    named = {
+        "left over": found.keys() - expected.keys(),
+        "missing": expected.keys() - found.keys(),
+        "another content": {name for name in both if found[name] != expected[name]},
+    }
+    return "; ".join(f"{what}: {', '.join(sorted(n)[:4])}" for what, n in named.items() if n)
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a record in a file's folder names it with its hash."""
+    for record in path.parent.glob("*.json"):
+        try:
+            if path.name in dict(json.loads(record.read_bytes())["files"]):
+                return True
+        except (ValueError, KeyError, TypeError):  # no record, or one that names no files
+            continue
+    return False

@@ -1,190 +1,164 @@
-"""Real processes: started, limited, killed, and looked for afterwards."""
+"""Programs as processes: started, limited, killed, and judged by how they end."""
 
 import os
+import re
 import resource
-import secrets
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from campaigning.verdicts import Outcome
-
 ROOT = Path(__file__).parents[2]
-MARK = "LF_FLAME_CAMPAIGN"
-"""Variable of the environment by which a process and its children are found."""
-
 LIMIT_S = 180.0
-"""After which a process counts as hanging."""
-
+"""Seconds after which a process counts as hanging."""
 END_S = 8.0
-"""After which what a process has started must have ended too."""
-
-
+"""Seconds within which the helpers of a killed program must end too."""
+MOST_MEMORY = 16 << 30
+"""Bytes of address space, half of which TensorFlow reserves."""
 PIPE = 1 << 20
 """Bytes that a program may print before it has to wait for us."""
+LONGEST_SENTENCE = 1000
+SENTENCE = re.compile(r"(lf-flame|python -m experiments|Error): ")
+ENVIRONMENT = {
+    "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "TF_NUM_INTEROP_THREADS": "1",
+    "TF_NUM_INTRAOP_THREADS": "1", "TF_CPP_MIN_LOG_LEVEL": "3", "LF_FLAME_MEMORY_GB": "2",
+    "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+}  # fmt: skip
 
 
-def surroundings() -> dict[str, str]:
-    """Environment of a program: one thread, and nothing that leads elsewhere."""
-    return os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")]),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "NUMBA_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-        "TF_NUM_INTRAOP_THREADS": "1",
-        "TF_NUM_INTEROP_THREADS": "1",
-        "TF_CPP_MIN_LOG_LEVEL": "3",
-    }
+@dataclass(frozen=True)
+class Outcome:
+    """How a program ended: its status, None if it did not end in time, and what it printed."""
+
+    status: int | None
+    out: str
+    err: str
+
+
+def fault(outcome: Outcome, *allowed: int) -> str:
+    """Say what is wrong with how a program ended, by default with 0 or 2; nothing if all is right.
+
+    A status of 2 comes with one sentence.
+    """
+    err = outcome.err.strip()
+    if outcome.status is None:
+        return "did not end in time"
+    if "Traceback" in outcome.out + err:
+        return f"traceback: {err[-300:]}"
+    if outcome.status not in (allowed or (0, 2)):
+        return f"status {outcome.status}: {err[-300:]}"
+    said = [line for line in re.split(r"[\r\n]", err) if SENTENCE.match(line)]
+    if outcome.status == 2 and (len(said) != 1 or len(said[0]) > LONGEST_SENTENCE):
+        return f"not one sentence: {err[-300:]}"
+    return ""
 
 
 class Process:
-    """A program that runs in a folder of its own.
+    """A program that runs in a folder, on one thread.
 
     Parameters
     ----------
     words : list of str
         Module behind ``python -m``, and its arguments.
-    home : Path
-        Where it is called.
+    folder : Path
+        Working directory.
     largest_file : int, optional
         Bytes; what would be longer fails, as on a full disk.
-    environment : dict of str, optional
-        More of it.
     """
 
-    def __init__(
-        self, words: list[str], home: Path, largest_file: int | None = None,
-        environment: dict[str, str] | None = None,
-    ):  # fmt: skip
-        self.mark = secrets.token_hex(8)
-        self.started = time.monotonic()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", *words], cwd=home, stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, pipesize=PIPE, start_new_session=True,
-            env=surroundings() | (environment or {}) | {MARK: self.mark},
+    def __init__(self, words: list[str], folder: Path, largest_file: int | None = None):
+        self._start, self._folder = time.monotonic(), folder
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", *words], cwd=folder, env=os.environ | ENVIRONMENT,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            pipesize=PIPE, start_new_session=True,
         )  # fmt: skip
+        self.pid = self._popen.pid
+        resource.prlimit(self.pid, resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
         if largest_file is not None:
-            limits = (largest_file, largest_file)
-            resource.prlimit(self._process.pid, resource.RLIMIT_FSIZE, limits)
+            resource.prlimit(self.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
     @property
-    def runs(self) -> bool:
-        """Whether it has not ended."""
-        return self._process.poll() is None
+    def seconds(self) -> float:
+        """Seconds since its start."""
+        return time.monotonic() - self._start
 
-    def kill(self) -> None:
-        """Kill it alone, and not what it has started."""
-        self._process.kill()
+    def watch(self, is_due: Callable[[int, float], bool] = lambda changes, seconds: False) -> int:
+        """Look at its folder until ``is_due(changes, seconds)`` or its end; count the changes."""
+        changes, seen = 0, _look(self._folder)
+        while self._popen.poll() is None and self.seconds < LIMIT_S:
+            now = _look(self._folder)
+            changes, seen = changes + (now != seen), now
+            if is_due(changes, self.seconds):
+                break
+            time.sleep(0.001)
+        return changes
 
-    def interrupt(self) -> None:
-        """Interrupt it and what it has started, as Ctrl-C in a terminal does."""
-        if self.runs:
-            os.killpg(self._process.pid, signal.SIGINT)
+    def send(self, number: int) -> None:
+        """Kill it alone; send any other signal to its helpers too, as a terminal does."""
+        if self._popen.poll() is None:
+            (os.kill if number == signal.SIGKILL else os.killpg)(self.pid, number)
 
     def wait(self, limit_s: float = LIMIT_S) -> Outcome:
-        """Wait for its end; what hangs is killed with all that it has started."""
-        try:
-            status = self._process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            status = None
-        seconds = time.monotonic() - self.started
+        """Wait for its end; what hangs is killed with all its helpers."""
+        status = None
+        with suppress(subprocess.TimeoutExpired):
+            status = self._popen.wait(limit_s)
         if status is None:
             self.end()
-        out, err = (_read(pipe) for pipe in (self._process.stdout, self._process.stderr))
-        return Outcome(status, out, err, seconds)
+        return Outcome(status, _read(self._popen.stdout), _read(self._popen.stderr))
 
-    def survivors(self, wait_s: float = END_S) -> int:
-        """Count the processes that it has left behind, when they have had time to end."""
-        end = time.monotonic() + wait_s
-        while (left := len(self._marked())) and time.monotonic() < end:
+    def helpers(self) -> list[int]:
+        """Other processes of its session that have not ended."""
+        found = []
+        for pid in (int(x.name) for x in Path("/proc").iterdir() if x.name.isdigit()):
+            with suppress(ProcessLookupError):
+                if pid != self.pid and os.getsid(pid) == self.pid:
+                    found.append(pid)
+        return found
+
+    def left_behind(self) -> int:
+        """Number of helpers that live on, when they have had time to end."""
+        end = time.monotonic() + END_S
+        while (left := len(self.helpers())) and time.monotonic() < end:
             time.sleep(0.05)
         return left
 
     def end(self) -> None:
-        """Kill it and all that it has started."""
-        for pid in self._marked():
-            try:
+        """Kill it and its helpers."""
+        for pid in (self.pid, *self.helpers()):
+            with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                continue
-        self._process.wait()
-
-    def _marked(self) -> list[int]:
-        mark, found = f"{MARK}={self.mark}".encode(), []
-        for path in Path("/proc").glob("[0-9]*/environ"):
-            try:
-                if mark in path.read_bytes().split(b"\0"):
-                    found.append(int(path.parent.name))
-            except OSError:  # it has ended, or is another user's
-                continue
-        return found
+        self._popen.wait()
 
 
-def _read(pipe) -> str:
-    """Read what is in a pipe, whoever holds it open still."""
-    os.set_blocking(pipe.fileno(), False)
-    with pipe:
-        return (pipe.read() or b"").decode("utf-8", errors="replace")
-
-
-def call(words: list[str], home: Path, limit_s: float = LIMIT_S, **options) -> Outcome:
+def call(words: list[str], folder: Path, limit_s: float = LIMIT_S, **options) -> Outcome:
     """Run a program to its end."""
-    process = Process(words, home, **options)
+    process = Process(words, folder, **options)
     try:
         return process.wait(limit_s)
     finally:
         process.end()
 
 
-class Changes:
-    """Counts how often something has changed in a folder, as far as looking now and then shows.
-
-    Parameters
-    ----------
-    home : Path
-    """
-
-    def __init__(self, home: Path):
-        self._home, self._inputs = home, {entry.name for entry in os.scandir(home)}
-        self._seen = self._look(home)
-        self.count = 0
-
-    def look(self) -> int:
-        """Look again."""
-        now = self._look(self._home)
-        self.count += now != self._seen
-        self._seen = now
-        return self.count
-
-    def _look(self, folder: Path) -> set[tuple[str, int]]:
-        found = set()
-        with suppress(OSError), os.scandir(folder) as entries:  # it may change under our eyes
-            for entry in entries:
-                if folder is self._home and entry.name in self._inputs:
-                    continue
-                inside = entry.is_dir(follow_symlinks=False)
-                found.add((entry.path, 0 if inside else entry.stat(follow_symlinks=False).st_size))
-                if inside:
-                    found |= self._look(Path(entry.path))
-        return found
+def _read(pipe) -> str:
+    """Read what is in a pipe, whoever still holds it open."""
+    os.set_blocking(pipe.fileno(), False)
+    with pipe:
+        return (pipe.read() or b"").decode("utf-8", errors="replace")
 
 
-def watch(process: Process, home: Path, stop: Callable[[int, float], bool]) -> int:
-    """Look at a folder while a process runs, until ``stop(changes, seconds)`` or its end.
-
-    Returns
-    -------
-    int
-        How often something has changed.
-    """
-    changes = Changes(home)
-    while process.runs:
-        seconds = time.monotonic() - process.started
-        if stop(changes.look(), seconds) or seconds > LIMIT_S:
-            break
-        time.sleep(0.001)
-    return changes.look()
+def _look(folder: Path) -> set[tuple[str, int]]:
+    """Paths and sizes of what a folder holds, while it may change."""
+    found = set()
+    for place, _, names in os.walk(folder):
+        found.add((place, 0))
+        for name in names:
+            with suppress(OSError):
+                path = f"{place}/{name}"
+                found.add((path, os.lstat(path).st_size))
+    return found
