@@ -19,11 +19,12 @@ def pytest_addoption(parser):
 
 def pytest_collection_modifyitems(config, items):
     """Of a quick campaign draw a case of each kind and command."""
-    groups: dict[tuple, list] = {}
-    for item in items:
-        key = (item.originalname, item.callspec.params["asked"].command)
-        groups.setdefault(key, []).append(item)
-    if config.getoption("quick"):
+    # Among all tests, where this folder is only passed by, there are no such options.
+    if config.getoption("quick", False):
+        groups: dict[tuple, list] = {}
+        for item in items:
+            key = (item.originalname, item.callspec.params["asked"].command)
+            groups.setdefault(key, []).append(item)
         rng = random.Random(config.getoption("seed"))
         items[:] = [rng.choice(group) for group in groups.values()]
 
@@ -44,7 +45,7 @@ def rng(request, asked):
 
 def pytest_terminal_summary(terminalreporter, config):
     """Write the report: counts by command and kind, and every case that is wrong."""
-    path = config.getoption("report")
+    path = config.getoption("report", None)
     found = [r for k in ("passed", "failed") for r in terminalreporter.getreports(k)]
     found = [r for r in found if r.when == "call" or r.failed]
     if not path or not found:
