@@ -8,8 +8,8 @@ at the end, and the loss 0.85 (1 - SSIM) / 2 + 0.15 times the mean absolute erro
 a network in place of RefNet, not RefNet itself.
 
 Alpha is not defined there either. Here alpha = 1 keeps the focus, and an image is refocused at
-slope 1 - alpha, in pixels per view step. This is Ng's shear without his magnification; the sixteen slopes
-are from 0.875 down to -1.
+slope 1 - alpha, in pixels per view step. This is Ng's shear without his magnification; the sixteen
+slopes are from 0.875 down to -1.
 """
 
 from typing import Any

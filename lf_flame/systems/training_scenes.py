@@ -2,8 +2,8 @@
 
 Most of them are the paper's scenes with every object at a random depth, so that nothing can be
 memorised; the rest are dead leaves, which resemble photographs. The true image is that from all
-views, by shift-and-sum or by the Fourier slice. Where the effect plan allows, it comes directly from
-the scene (`lf_flame.projection`), like the views that a system uses; no light field is formed.
+views, by shift-and-sum or by the Fourier slice. Where the effect plan allows, it comes directly
+from the scene (`lf_flame.projection`), like the views that a system uses; no light field is formed.
 """
 
 from collections.abc import Callable, Collection

@@ -550,7 +550,7 @@ def test_the_count_of_views_follows_from_the_camera(light_field, camera, tmp_pat
         words = [tmp_path / source[0], *source[1:], *known, "--slope", 0, "--out", tmp_path / "o"]
         result = run(*words)
         assert "5 x 5 views of 40 x 48" in result.output
-    assert "neither the rotation nor the place of the array was looked for" in result.output
+    assert "rotation and the position of the array were not searched for" in result.output
 
 
 def devignetted(folder, rng):
