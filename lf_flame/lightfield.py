@@ -1,7 +1,7 @@
 """The light field and its two layouts.
 
 ``views[v, u, t, s]``, float32: v, u are the angular row and column (sub-aperture view), t, s the
-spatial row and column (lenslet); a fifth axis, if there is one, holds colour channels. The raw
+spatial row and column (lenslet); an optional fifth axis holds colour channels. The raw
 lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor order, not flipped.
 """
 
@@ -15,12 +15,12 @@ from lf_flame.errors import InputError
 
 
 def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """Weights of (v, u) views, checked; float64.
+    """Check weights of views, shape (v, u), and give them as float64.
 
     Raises
     ------
     InputError
-        If they are of another shape, not finite, below 0, or all 0.
+        If the weights have another shape, are not finite, are below 0, or are all 0.
     """
     try:
         weights = np.asarray(weights, float)
@@ -38,16 +38,16 @@ def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
 
 
 AXES = ("v", "u", "t", "s", "channel")
-"""Names of the axes of views in an `xarray.DataArray`."""
+"""Axis names of an `xarray.DataArray`, in the order of `LightField.views`."""
 
 
 def _in_order(views: Any) -> Any:
-    """Bring the axes of an `xarray.DataArray` into the order of `AXES`; others stay as they are.
+    """Bring the axes of an `xarray.DataArray` into the order of `AXES`; leave anything else.
 
     Raises
     ------
     InputError
-        If the names of the axes are others.
+        If the axes have other names.
     """
     names, transpose = getattr(views, "dims", None), getattr(views, "transpose", None)
     if not isinstance(names, tuple) or transpose is None:
@@ -67,14 +67,14 @@ class LightField:
     Parameters
     ----------
     views : array_like, shape (v, u, t, s) or (v, u, t, s, channels)
-        Finite radiance values. Stored as contiguous float32, not copied where they are that.
+        Finite radiance values. Stored as contiguous float32; copied only if they are not.
     plan : lf_flame.simulation.planning.plan.EffectPlan, optional
-        Of a rendered light field: which effects were simulated, and why.
+        Effect plan of a rendered light field: the effects that were simulated, and why.
     weights : array_like, shape (v, u), optional
-        How much each view counts wherever the light field is searched, refocused or fitted, 0 or
-        above, with at least one above 0; weights that are stated there multiply these. A decoded
-        raw image has 0 for views that are not, or not wholly, their lenslet's own. Stored as
-        float32. Default: all alike.
+        Weights of views in every search, refocusing and fit: 0 or above, at least one above 0;
+        weights passed to such a function multiply these. A decoded raw image has weight 0 for views
+        with light of neighbouring lenslets, and for mostly dark ones. Stored as float32. Default:
+        all views count alike.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class LightField:
 
     Notes
     -----
-    An `xarray.DataArray` is taken with its axes in any order if they are named ``v, u, t, s`` and,
+    An `xarray.DataArray` may have its axes in any order if they are named ``v, u, t, s`` and,
     for colour, ``channel``; `to_xarray` gives one.
 
     Examples
@@ -124,7 +124,7 @@ class LightField:
     def trusted(
         cls, views: np.ndarray, plan: Any = None, weights: np.ndarray | None = None
     ) -> "LightField":
-        """Wrap float32 views that are known to be finite, without reading them once more."""
+        """Wrap contiguous float32 views that are known to be finite, without checking them."""
         light_field = object.__new__(cls)
         for name, value in (("views", views), ("plan", plan), ("weights", weights)):
             object.__setattr__(light_field, name, value)
@@ -138,12 +138,12 @@ class LightField:
         ----------
         raw : array_like, shape (t * views, s * views) or with a last axis of channels
         views : int
-            Pixels under a lenslet along each axis.
+            Number of pixels under a lenslet along each axis.
 
         Raises
         ------
         InputError
-            If the sides are no multiples of `views`, or a pixel is not finite.
+            If a side is not a multiple of `views`, or a pixel is not finite.
         """
         raw = np.asarray(raw)
         if raw.ndim not in (2, 3) or views < 1 or any(n % views for n in raw.shape[:2]):
@@ -156,7 +156,7 @@ class LightField:
         return cls(np.moveaxis(cells, (1, 3), (0, 1)))
 
     def to_raw(self) -> np.ndarray:
-        """Raw lenslet image, float32, shape (t * v, s * u) or with a last axis of channels."""
+        """Give the raw lenslet image: float32, shape (t * v, s * u) or with a channel axis."""
         v, u, t, s = self.views.shape[:4]
         cells = np.moveaxis(self.views, (0, 1), (1, 3))
         return cells.reshape(t * v, s * u, *self.views.shape[4:])
@@ -186,7 +186,7 @@ class LightField:
         return self.views.shape[4] if self.views.ndim == 5 else 1
 
     def grey(self) -> "LightField":
-        """Light field of the mean over the channels; itself where it is grey.
+        """Average over the channels; gives the light field itself if it is grey.
 
         Examples
         --------
@@ -209,12 +209,12 @@ class LightField:
         return f"{v} x {u} views of {t} x {s} pixels, {kind}"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
-        """Give the views, as ``numpy.asarray(light_field)`` asks for them; see `numpy.array`."""
+        """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
         return np.array(self.views, dtype, copy=copy)
 
     @property
     def photograph(self) -> np.ndarray:
-        """The image an ordinary camera would take: the mean view, shape (t, s), float32."""
+        """Image of an ordinary camera: the weighted mean of the views, shape (t, s), float32."""
         if self.weights is None:
             return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
         weights = self.weights.astype(np.float64) / self.weights.sum(dtype=np.float64)
@@ -222,7 +222,7 @@ class LightField:
 
     @property
     def uncounted(self) -> str:
-        """Words that tell how many views have weight 0; empty where none has."""
+        """Sentence on the number of views with weight 0; empty if there are none."""
         if self.weights is None or self.weights.all():
             return ""
         lost = int(np.count_nonzero(self.weights == 0))

@@ -1,4 +1,4 @@
-"""The command that finds the emission of a round flame: abel.
+"""The command that finds the emission of an axisymmetric flame: abel.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
@@ -19,23 +19,23 @@ FLAME = cloup.option_group(
     cloup.option(
         "--axis-mm",
         type=float,
-        help="Place of the axis across, from the optical axis (default: found).",
+        help="Position of the axis across, in mm from the optical axis (default: found).",
     ),
     cloup.option(
         "--axis-depth",
         type=float,
-        help="Depth of the axis, in mm from the focal plane (default: found; a single picture "
-        "needs it).",
+        help="Depth of the axis, in mm from the focal plane (default: found; required for a single "
+        "picture).",
     ),
     cloup.option(
         "--radius",
         type=float,
-        help="Radius in mm beyond which nothing glows (default: as the light shows).",
+        help="Radius in mm beyond which there is no emission (default: found from the light).",
     ),
     cloup.option(
         "--burner",
         type=float,
-        help="Height in mm, upwards from the optical axis, below which nothing glows.",
+        help="Height in mm, upwards from the optical axis, below which there is no emission.",
     ),
 )
 
@@ -46,25 +46,25 @@ FITTING = cloup.option_group(
         type=click.IntRange(min=1),
         default=1,
         show_default=True,
-        help="Lenslets along each axis that make one pixel.",
+        help="Number of lenslets along each axis that make one pixel.",
     ),
-    cloup.option("--central", is_flag=True, help="Look at the central view alone."),
+    cloup.option("--central", is_flag=True, help="Use the central view alone."),
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
-        help="Standard deviation of a pixel's noise (default: measured).",
+        help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
         "--strength",
         type=click.FloatRange(min=0),
-        help="Strength of the penalty on roughness (default: what the noise allows).",
+        help="Strength of the penalty on roughness (default: chosen from the noise).",
     ),
     cloup.option(
         "--bootstrap",
         type=click.IntRange(min=0),
         default=20,
         show_default=True,
-        help="Draws of noise and prior that are fitted, for the error bars; 0 for none.",
+        help="Number of bootstrap draws (of noise and prior) for the error bars; 0: none.",
     ),
     cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
 )
@@ -77,21 +77,20 @@ FITTING = cloup.option_group(
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default abel/SOURCE.")
 def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options):
-    """Find the emission of a flame that is round about an upright axis.
+    """Find the emission of an axisymmetric flame with an upright axis.
 
-    Abel inversion from all views of a light field at once, with rays as the camera sees them and
-    without negative light. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in
-    light, black at 0, divided by a white image. For any flame that is not round: `lf-flame
-    reconstruct`.
+    Abel inversion from all views of a light field at once, along the camera's rays, without
+    negative emission. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in light,
+    black at 0, and divided by a white image. For all other flames: `lf-flame reconstruct`.
 
-    What is stated is compared with what the light field shows, and a warning says where the axis
-    leans, is not straight, or is elsewhere, where light is outside the radius, where the halves
-    differ, and where the flame is deeper than wide. The last and a lean in depth show by parallax
-    alone; a note says if noise, a small aperture or a single view would hide them.
+    The light field is compared with each assumption. A warning says where the axis leans, is not
+    straight or is elsewhere, where light is outside the radius, where the halves differ, and where
+    the flame is deeper than wide. The last, and a lean in depth, show by parallax alone; a note
+    says if noise, a small aperture or a single view would hide them.
 
-    One picture of an ordinary camera will do: a camera file of views = 1, whose lenslet pitch is
-    the pixels' and whose lenslet focal length is that times the f-number (image distance over
-    aperture), with --axis-depth.
+    One picture of an ordinary camera is enough, with --axis-depth and a camera file that says
+    views = 1, the pixel pitch as lenslet pitch, and that pitch times the f-number (image distance
+    over aperture) as lenslet focal length.
 
     \b
       lf-flame abel flame.npz --camera camera.toml
@@ -109,7 +108,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.data_checks import check_range
 
-    # What takes time, reading and compiling, comes after what can be refused at once.
+    # Reading and compiling are slow, so everything that can be refused at once comes first.
     check_fit_options(options["noise"], options["strength"], options["bootstrap"])
     lens = read_camera(camera)
     if radius is not None and not 0 < radius <= lens.focus_distance_mm:

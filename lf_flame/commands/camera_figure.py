@@ -1,7 +1,7 @@
-"""A picture of a camera's set-up, drawn by the ray transfer matrices that the simulation uses.
+"""A drawing of a camera, by the ray transfer matrices that the simulation uses.
 
-As the paper's Figures 2, 3 and 5: planes, main lens, microlens array and sensor, and the marginal
-rays of a point on the axis at each depth.
+As the paper's Figures 2, 3 and 5: focal plane, main lens, microlens array and sensor, and the
+marginal rays of a point on the axis at each depth.
 """
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ from lf_flame.optics import ray_transfer
 from lf_flame.optics.camera import PlenopticCamera
 
 LENSLETS_SHOWN = 5
-"""Number of lenslets that are drawn beside each other in the enlarged part."""
+"""Number of lenslets in the enlarged part."""
 
 RAYS = 61
-"""Number of rays over the aperture of which those are drawn that meet these lenslets."""
+"""Number of rays over the aperture in the enlarged part; those outside its lenslets are cut."""
 
 
 def camera_figure(camera: PlenopticCamera, depths_mm: Sequence[float]):
@@ -26,7 +26,7 @@ def camera_figure(camera: PlenopticCamera, depths_mm: Sequence[float]):
     ----------
     camera : PlenopticCamera
     depths_mm : sequence of float
-        Depths of the points, from the focal plane; at least one.
+        Depths of the points, in mm from the focal plane; at least one.
 
     Returns
     -------
@@ -60,8 +60,8 @@ def trace_to_array(
     Returns
     -------
     z_mm, y_mm : list of float
-        Places along and across the axis at the point, the main lens and the array; the main lens
-        is at z = 0, the scene at negative z.
+        Positions along and across the axis at the point, the main lens and the array; the main
+        lens is at z = 0, the scene at negative z.
     """
     distance = camera.focus_distance_mm + depth_mm
     ray = np.array([0.0, height_mm / distance])
@@ -74,13 +74,13 @@ def trace_to_array(
 def trace_to_sensor(
     camera: PlenopticCamera, depth_mm: float, height_mm: float
 ) -> tuple[list[float], list[float]]:
-    """Trace the same ray through the lenslet that it meets, to the sensor.
+    """Trace the same ray through the lenslet that it hits, to the sensor.
 
     Returns
     -------
     z_mm, y_mm : list of float
-        Places a lenslet's focal length before the array, on it, and on the sensor; the array is at
-        z = 0. Not turned by 180 degrees, as stored images are.
+        Positions one lenslet focal length before the array, on the array, and on the sensor; the
+        array is at z = 0. Not rotated by 180 degrees, unlike stored images.
     """
     distance, focal = camera.focus_distance_mm + depth_mm, camera.lenslet_focal_mm
     to_array = ray_transfer.chain(
@@ -120,10 +120,10 @@ def _draw_enlarged(axis, camera: PlenopticCamera) -> None:
     for k in range(LENSLETS_SHOWN):
         centre = (k - LENSLETS_SHOWN // 2) * pitch
         half = np.linspace(-0.5, 0.5, 21)
-        for side in (-1, 1):  # bulges of no true thickness, to tell the lenslets apart
+        for side in (-1, 1):  # bulges that separate the lenslets; not their true thickness
             bulge = side * 0.05 * focal * (1 - 4 * half**2)
             axis.plot(bulge, centre + half * pitch, color="0.2", lw=1)
-        # The chief ray through the lenslet's middle meets the middle of its micro-image.
+        # The chief ray through the centre of the lenslet hits the centre of its micro-image.
         middle = centre * (1 + focal / camera.image_distance_mm)
         pixels = middle + (np.arange(camera.views) - (camera.views - 1) / 2) * camera.pixel_mm
         axis.plot(np.full_like(pixels, focal), pixels, "_", color="0.2", ms=7, mew=0.8)

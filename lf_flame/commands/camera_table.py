@@ -1,4 +1,4 @@
-"""What follows from a camera, as tables for the terminal."""
+"""Numbers that follow from a camera, as tables for the terminal."""
 
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
@@ -9,7 +9,7 @@ from lf_flame.optics.camera import PlenopticCamera
 
 
 def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
-    """Table of the numbers that follow from a camera, and of the slopes at some depths."""
+    """Tabulate the numbers that follow from a camera, and the slopes at some depths."""
     fov, field = camera.field_of_view_deg, camera.field_mm(0.0)
     rows = [
         ("main lens focal length", f"{camera.main_lens_focal_mm:g} mm"),
@@ -41,7 +41,7 @@ def camera_report(camera: PlenopticCamera, depths_mm: Sequence[float]) -> str:
 
 
 def _aperture(camera: PlenopticCamera) -> str:
-    """Tell the aperture that the camera has, and its f-numbers as engraved and at work."""
+    """Describe the aperture of the camera, with its f-numbers as engraved and at work."""
     given = camera.aperture_diameter_mm
     shape = "square, matched" if given is None else "round"
     width = camera.aperture_mm if given is None else given
@@ -52,7 +52,7 @@ def _aperture(camera: PlenopticCamera) -> str:
 
 
 def _imperfections(camera: PlenopticCamera) -> list[tuple[str, str]]:
-    """List what a camera has beside ideal lenses, as given."""
+    """List the deviations of a camera from ideal lenses, as given."""
     ideal = {field.name: field.default for field in fields(camera)}
     names = [field.name for field in fields(camera) if field.default is not MISSING]
     shown = [name for name in names if name not in ("pixel_pitch_mm", "aperture_diameter_mm")]

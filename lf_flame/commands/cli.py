@@ -29,12 +29,12 @@ TOUR = """Simulate a plenoptic camera, refocus light fields, and train networks 
 A first tour:
   lf-flame demo                     a simulated light field, in the browser
   lf-flame camera                   the camera of the paper in numbers
-  lf-flame plan SCENE.toml          which effects a scene calls for
-  lf-flame simulate SCENE.toml      a scene of your own, as pictures
-  lf-flame refocus FOLDER           anybody's light field, refocused
-  lf-flame view FOLDER              the same, to be dragged through focus in the browser
+  lf-flame plan SCENE.toml          which physical effects a scene needs
+  lf-flame simulate SCENE.toml      your own scene, as pictures
+  lf-flame refocus FOLDER           any light field, refocused
+  lf-flame view FOLDER              the same, with a focus slider in the browser
 
-Each command tells more with --help.
+Details of each command: lf-flame COMMAND --help.
 """
 
 SECTIONS = [
@@ -73,7 +73,7 @@ SECTIONS = [
 @cloup.group(cls=Program, help=TOUR, context_settings=HELP, sections=SECTIONS, align_sections=True)
 @click.version_option(__version__)
 def commands() -> None:
-    """Gather the commands."""
+    """Group the commands."""
 
 
 def main() -> None:

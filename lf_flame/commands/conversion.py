@@ -1,4 +1,4 @@
-"""A light field in another form: as levels, as floats, or scaled, with the scale on record."""
+"""A light field in another form: as levels, as floats, or scaled, with the scale in a record."""
 
 from pathlib import Path
 
@@ -13,16 +13,16 @@ from lf_flame.formats.images import TIFF_SUFFIXES
 from lf_flame.lightfield import LightField
 
 ARRAYS = (".npy", ".npz")
-"""Endings of forms that hold values as they are."""
+"""Endings of the formats that keep values unchanged."""
 
 LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
-"""Names in the record of the values that the lowest and the highest level stand for."""
+"""Keys of the record: radiance of the lowest level, and radiance of the highest level."""
 
 
 def convert_light_field(
     light_field: LightField, target: Path, bits: int | None = None, linear: bool = True
 ) -> str:
-    """Write a light field; values that levels do not hold as floats, or else scaled.
+    """Write a light field; values outside the levels become floats, or are scaled.
 
     Parameters
     ----------
@@ -30,15 +30,15 @@ def convert_light_field(
     target : Path
         As in `write_light_field`.
     bits : int, optional
-        8, 16 or 32 (floats). Default: 16, or 32 where a value is below 0 or above 1 and the form
-        of the target holds floats.
+        8, 16 or 32 (floats). Default: 16, or 32 where a value is below 0 or above 1 and the format
+        of the target has floats.
     linear : bool, optional
-        Whether values are linear in light, as PNG files of 8 bits then say.
+        Whether values are linear in light; PNG files of 8 bits record it.
 
     Returns
     -------
     str
-        What is to be said of the values; empty where they are as they were, in levels of 16 bits.
+        Note on the values for the user; empty if they are unchanged, in levels of 16 bits.
     """
     views = light_field.views
     low, high = min(float(views.min()), 0.0), max(float(views.max()), 1.0)
@@ -67,7 +67,7 @@ def convert_light_field(
 
 
 def _is_record(path: Path) -> bool:
-    """Whether a file is the record of a scale."""
+    """Whether a file is the record of such a scale."""
     try:
         return LEVEL_0 in read_record(path)
     except InputError:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class FolderOrUrl(click.ParamType):
-    """A folder that can be made, or a place in an object store."""
+    """A folder that can be made, or an address in an object store."""
 
     name = "folder or URL"
 
@@ -37,16 +37,18 @@ class FolderOrUrl(click.ParamType):
     "--out",
     type=FolderOrUrl(),
     required=True,
-    help="Folder of the Zarr group to make; or s3://BUCKET/NAME, with the extra [s3].",
+    help="Folder of the Zarr group to make; or s3://BUCKET/NAME, which needs the extra [s3].",
 )
-@click.option("--workers", default=0, show_default=True, help="Processes; 0 = one per core.")
+@click.option(
+    "--workers", default=0, show_default=True, help="Number of processes; 0: one per core."
+)
 @click.option(
     "--route",
     type=click.Choice(["direct", "exact", "rays"]),
-    help="Instead of CONFIG's: straight from the scene, or through a light field in closed form or "
-    "by traced rays.",
+    help="Route, in place of CONFIG's: directly from the scene; or through a light field, in "
+    "closed form (exact) or by traced rays.",
 )
-@click.option("--scheduler", help="Dask scheduler whose workers make it: tcp://HOST:PORT.")
+@click.option("--scheduler", help="Dask scheduler of the workers to use: tcp://HOST:PORT.")
 @click.option(
     "--local-cluster",
     type=click.IntRange(1, 1024),
@@ -62,17 +64,17 @@ def dataset(
     scheduler: str | None,
     local_cluster: int | None,
 ) -> None:
-    """Simulate the data set that CONFIG describes; goes on where a run was cut off.
+    """Simulate the data set that CONFIG describes; continues an interrupted run.
 
     \b
       lf-flame dataset flames.toml --out flames.zarr
       lf-flame dataset big.toml --out /shared/big.zarr --scheduler tcp://node1:8786
       lf-flame dataset big.toml --out s3://bucket/big.zarr --scheduler tcp://node1:8786
 
-    A cluster's workers must have this package, and see OUT under the same name, or have the
-    credentials of the object store in their environment. The bytes are the same, whoever works.
-    An object store knows no locks: let one program build there at a time. Networks train on
-    folders: copy a data set from its store first, and see that it is whole by `lf-flame verify`.
+    The workers of a cluster must have this package, and must find OUT under the same name, or have
+    the credentials of the object store in their environment. The bytes do not depend on the
+    workers. An object store has no locks: let one program at a time build there. Networks train on
+    folders: first copy a data set from its store, and check it by `lf-flame verify`.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
     from lf_flame._common.provenance import cpu_count
@@ -106,7 +108,7 @@ def dataset(
 
 
 def _check_finished(out: Path, settings: "DatasetConfig", samples: int) -> None:
-    """Refuse a finished data set that is not the one that was asked for."""
+    """Refuse a finished data set of another configuration or size."""
     from lf_flame.datasets.store import Dataset
 
     found = Dataset(out)

@@ -19,14 +19,14 @@ TIMES = cloup.option_group(
     cloup.option(
         "--frames-per-second",
         type=click.FloatRange(min=0, min_open=True),
-        help="Frames that the camera takes a second, more than twice the frequency that is looked "
-        "for; the numbers in the names count them.",
+        help="Number of frames a second, more than twice the frequency of interest; the numbers in "
+        "the file names count the frames.",
     ),
     cloup.option(
         "--timestamps",
         type=FILE,
-        help="Time of each frame in seconds, instead: a number on each line, or a CSV table with a "
-        "column time_s.",
+        help="File with the time of each frame in seconds, in place of --frames-per-second: one "
+        "number a line, or a CSV table with a column time_s.",
     ),
 )
 
@@ -46,18 +46,18 @@ MEASURES = cloup.option_group(
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
         default=0.5,
         show_default=True,
-        help="Share of a frame's peak at which the contour runs.",
+        help="Brightness of the contour, relative to the peak of the frame.",
     ),
     cloup.option(
         "--pixel-mm",
         type=click.FloatRange(min=0, min_open=True),
-        help="Size of a lenslet where the flame is (default: the camera's; else lengths are in "
-        "pixels).",
+        help="Size in mm of a lenslet's image at the flame (default: by the camera; without a "
+        "camera, lengths are in pixels).",
     ),
     cloup.option(
         "--burner-row",
         type=float,
-        help="Row from which the height counts; 0 is the top one (default: the lower edge).",
+        help="Row from which the height is measured; 0 is the top row (default: the bottom edge).",
     ),
 )
 
@@ -74,12 +74,12 @@ def flicker(
     """Follow a flame through a video of light fields: height, contour and flicker frequency.
 
     SOURCE are light fields, each read as by `lf-flame refocus`, or one folder of them, or one
-    pattern in quotes; they are taken in the order of the numbers in their names, and where numbers
-    are missing, time passes. Pictures must be linear in light and black at 0. Of each frame the
-    middle view is measured, or, with --slope or --depth-mm, the image refocused there, which has
-    the noise of all views averaged. The flame is what is brighter than a share of the peak
-    (--level) and joined to the brightest pixel; its height counts from the picture's lower edge to
-    its tip. One frame at a time is in memory.
+    pattern in quotes. The numbers in their names give the order, and a missing number is a gap in
+    time. Pictures must be linear in light and black at 0. Each frame is measured in its central
+    view, or, with --slope or --depth-mm, in the image refocused there, which averages the noise of
+    all views. The flame is the region above a share of the peak (--level) that includes the
+    brightest pixel; its height is from the bottom edge of the picture to its tip. Memory holds one
+    frame at a time.
 
     \b
       lf-flame flicker video --frames-per-second 100
@@ -90,8 +90,8 @@ def flicker(
 
     flame.csv has a row for each frame, flicker.png shows the heights, their spectrum and some
     contours, and flicker.json holds the frequencies, their resolution (1 / duration) and the
-    probability that noise alone, white or wandering as these heights do, has such a peak. Above 1 %
-    no frequency is claimed.
+    probability that noise alone, white or correlated like these heights, has such a peak. If it
+    is above 1 %, no frequency is reported.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
@@ -152,7 +152,7 @@ def _check_rate(frames_per_second: float | None, timestamps: Path | None) -> Non
 
 
 def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path):
-    """Find out when frames were taken, and tell it."""
+    """Find the times of the frames, and print their number and duration."""
     from lf_flame.commands.frame_times import read_timestamps, times_by_names
 
     if frames_per_second is not None:
@@ -165,7 +165,7 @@ def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path)
 
 
 def _checked_lens(lens, slope: float | None, depth_mm: float | None):
-    """Refuse combinations of options that say nothing."""
+    """Refuse combinations of options that have no meaning."""
     if slope is not None and depth_mm is not None:
         raise InputError("Say where to focus: either --slope or --depth-mm.")
     if (lens is None) != (depth_mm is None):
@@ -176,7 +176,7 @@ def _checked_lens(lens, slope: float | None, depth_mm: float | None):
 
 
 def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
-    """Choose slope and size of a pixel from what was given."""
+    """Choose slope and pixel size from the options."""
     from lf_flame.flame_video.flame_shape import check_measures
     from lf_flame.flame_video.output import Measures
 
@@ -190,7 +190,7 @@ def _measures(lens, slope: float | None, depth_mm: float | None, **asked):
 
 
 def _refuse_few(paths: list[Path]) -> None:
-    """Refuse what is no video, before any frame is read."""
+    """Refuse too few frames before any is read."""
     from lf_flame.flame_video.flicker import LEAST_FRAMES
 
     if len(paths) < LEAST_FRAMES:
@@ -199,7 +199,7 @@ def _refuse_few(paths: list[Path]) -> None:
 
 
 def _checked_frames(frames, lens, slope: float | None):
-    """Let light fields pass that are the camera's, and large enough for the slope."""
+    """Check that each light field is the camera's and large enough for the slope; yield it."""
     from lf_flame.refocus import farthest_slope
 
     for light_field in frames:
@@ -216,7 +216,7 @@ def _checked_frames(frames, lens, slope: float | None):
 
 
 def _folder_for(sources: tuple[Path, ...], paths: list[Path], out: Path | None) -> Path:
-    """Choose where the files go."""
+    """Choose the folder of the files."""
     source = sources[0] if len(sources) == 1 and sources[0].is_dir() else paths[0].parent
     out = out or Path("flicker") / (source.resolve().name or "frames")
     if out.resolve() in {path.parent.resolve() for path in paths}:

@@ -14,30 +14,30 @@ from lf_flame._common.numbered_names import Parts, split_numbers
 from lf_flame.errors import InputError
 
 EVEN = 0.05
-"""Largest distance from a whole number of steps, in steps, of decimals that count frames."""
+"""Largest deviation of decimal numbers of frames from whole steps, in steps."""
 
 LARGEST_FILE = 1 << 26
-"""Number of bytes of a file of times at most: some millions of frames."""
+"""Largest size of a file of times, in bytes: some millions of frames."""
 
 SLOW_STEP_S = 0.5
-"""Time between frames from which their unit is doubted: flames flicker at some to some ten Hz."""
+"""Interval in s above which the unit is doubted: flames flicker at a few to a few tens of Hz."""
 
 TIME_COLUMN = "time_s"
-"""Title of the column of times, where there are several."""
+"""Title of the column of times, needed if there are several columns."""
 
 STATE = "state them by --timestamps FILE"
 
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Times of frames, and what a user should know of them.
+    """Times of frames, with notes for the user.
 
     Attributes
     ----------
     seconds : ndarray of float64, shape (frames,)
-        They rise.
+        Times in s, rising.
     notes : tuple of str
-        A sentence each.
+        Notes on how the times were found, one sentence each.
     """
 
     seconds: np.ndarray
@@ -45,26 +45,26 @@ class FrameTimes:
 
 
 def number_key(paths: Sequence[Path]) -> list[Parts]:
-    """Give what sorts paths as people count: frame 2 before frame 10, and -2 before -1."""
+    """Give sort keys that order paths by number: frame 2 before frame 10, and -2 before -1."""
     return split_numbers(
         [str(path) if path.is_dir() else str(path.with_suffix("")) for path in paths]
     )
 
 
 def times_by_names(paths: Sequence[Path], frames_per_second: float) -> FrameTimes:
-    """Take the numbers in the names of frames for counts: where one is missing, time passes.
+    """Find times by the numbers in the names of frames; a missing number is a gap in time.
 
     Parameters
     ----------
     paths : sequence of Path
-        In the order of their numbers.
+        Paths in the order of their numbers.
     frames_per_second : float
-        Number of counts in a second.
+        Number of frames a second; the numbers in the names count frames.
 
     Returns
     -------
     FrameTimes
-        Evenly spaced, with a note, where not exactly one number differs from name to name.
+        Times; evenly spaced, with a note, unless exactly one number differs from name to name.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def times_by_names(paths: Sequence[Path], frames_per_second: float) -> FrameTime
 
 
 def _frame_numbers(names: list[Parts]) -> list[Decimal] | None:
-    """Find the one number that differs from name to name."""
+    """Find the only number that differs from name to name; None if there is no such."""
     if len({name[::2] for name in names}) > 1:
         return None
     differing = [
@@ -101,7 +101,7 @@ def _frame_numbers(names: list[Parts]) -> list[Decimal] | None:
 
 
 def _counts(numbers: list[Decimal], frames_per_second: float) -> tuple[np.ndarray, list[str]]:
-    """Count frames by their numbers, from 0 on."""
+    """Turn numbers into counts of frames, from 0; with notes."""
     offsets = [number - numbers[0] for number in numbers]
     steps = [after - before for before, after in zip(offsets, offsets[1:], strict=False)]
     notes = []
@@ -143,16 +143,15 @@ def read_timestamps(path: Path, frames: int) -> FrameTimes:
     Parameters
     ----------
     path : Path
-        Text with a number in s on each line; or a CSV table, whose only column, or whose column
-        titled `TIME_COLUMN`, holds them.
+        Text file with a time in s on each line; or a CSV table with the times in its only column,
+        or in the column titled `TIME_COLUMN`.
     frames : int
         Number of frames.
 
     Raises
     ------
     InputError
-        If the file cannot be read, holds something else, or another number of times, or they do not
-        rise.
+        If the file cannot be read, holds something else, or does not hold `frames` rising times.
     """
     if check_regular(path) > LARGEST_FILE:
         raise InputError(f"{path} is too large for a file of times, {LARGEST_FILE} bytes at most.")
@@ -183,7 +182,7 @@ def read_timestamps(path: Path, frames: int) -> FrameTimes:
 
 
 def _column_of_times(path: Path, rows: list[list[str]]) -> list[str]:
-    """Find the words of the column of times."""
+    """Find the cells of the column of times."""
     header = [word.strip() for word in rows[0]] if rows else []
     if TIME_COLUMN in header:
         place, rows = header.index(TIME_COLUMN), rows[1:]

@@ -25,10 +25,10 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
     Parameters
     ----------
     sources : sequence of Path
-        The light fields; or one folder that holds them, as files or as folders of views; or one
+        Light fields; or one folder that holds them, as files or as folders of views; or one
         pattern with ``*``, ``?`` or ``[]``.
     not_frames : sequence of Path, optional
-        Files that may lie beside them, as a white image and a dark one.
+        Other files in that folder, such as a white image and a dark image.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def find_frames(sources: Sequence[Path], not_frames: Sequence[Path] = ()) -> lis
     Raises
     ------
     InputError
-        If there is none, one is missing or comes twice, or a folder holds several kinds.
+        If there is no frame, one is missing or repeated, or a folder holds several kinds.
     """
     found = list(sources)
     if len(found) == 1 and found[0].is_dir():
@@ -79,27 +79,27 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
 
 
 def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]:
-    """Read light fields, each when it is asked for; the first one tells what was found.
+    """Read light fields one at a time, on demand; print what was found in the first.
 
-    What it takes long to find, or what a dark frame does not show, is found once: the lenslets of a
-    raw image, and the order of a folder's views.
+    Slow searches, and those that fail on a dark frame, are done once, on the first frame: the
+    lenslets of a raw image, and the order of the views of a folder.
 
     Yields
     ------
     LightField
-        All of one shape.
+        Light fields, all of one shape.
 
     Raises
     ------
     InputError
-        If one cannot be read, or differs from the first in shape.
+        If a frame cannot be read, or its shape is not that of the first.
     """
     read, first = _reader(paths[0], reading)
     v, u, t, s = first.views.shape[:4]
     click.echo(f"{len(paths)} frames of {v} x {u} views of {t} x {s} pixels", err=True)
     shape = first.views.shape
     yield first
-    del first  # as each of the others, or it would stay while the next is read
+    del first  # like each later frame: it would stay in memory while the next is read
     for path in paths[1:]:
         frame = read(path)
         if frame.views.shape != shape:
@@ -112,7 +112,7 @@ def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]
 
 
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
-    """Read the first frame, and choose how the others are read."""
+    """Read the first frame, and choose the reader of the others."""
     if reading.white is not None or reading.pitch is not None:
         first, grid = formats.read_raw(
             path, reading.white, reading.pitch, reading.layout, reading.views, dark=reading.dark

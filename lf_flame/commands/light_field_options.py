@@ -1,4 +1,4 @@
-"""How a light field is read, where it is focused and how it looks: options, and what they ask for.
+"""Options for reading a light field, focusing it and making images, and classes that hold them.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
@@ -24,32 +24,39 @@ if TYPE_CHECKING:
 SLOPE_CONVENTIONS = (
     "motion", "hci", "lftoolbox", "liff", "plenopticam", "plenopticam-refined", "plenpy", "fdl"
 )  # fmt: skip
-"""Names in `lf_flame.optics.slope_conventions`, whose import would take long for ``--help``."""
+"""Names in `lf_flame.optics.slope_conventions`; importing it would make ``--help`` slow."""
 
 READING = cloup.option_group(
     "How the light field is read",
     cloup.option(
         "--views",
         type=int,
-        help="Pixels under a lenslet, of a lenslet image or raw (default: the camera's).",
+        help="Number of pixels under a lenslet along each axis, in a lenslet image or raw image "
+        "(default: by the camera).",
     ),
-    cloup.option("--order", help="What the names of views count, as row,col (default: found)."),
-    cloup.option("--grid", help="Rows x columns that a running number of views counts, as 1x9."),
-    cloup.option("--axes", help="What the axes of an array are, as vuts, tsvu or ntsc."),
-    cloup.option("--white", type=FILE, help="White image, to decode a raw lenslet image."),
+    cloup.option(
+        "--order", help="Meaning of the numbers in the names of views, as row,col (default: found)."
+    ),
+    cloup.option(
+        "--grid", help="Rows x columns of views, as 1x9, if their names hold one running number."
+    ),
+    cloup.option("--axes", help="Meaning of the axes of an array, as vuts, tsvu or ntsc."),
+    cloup.option(
+        "--white", type=FILE, help="White image (flat field), to decode a raw lenslet image."
+    ),
     cloup.option(
         "--dark",
         type=PATH,
-        help="The same without light, in the form of SOURCE; subtracted from it and from --white.",
+        help="Dark image, in the format of SOURCE; subtracted from SOURCE and from --white.",
     ),
-    cloup.option("--pitch", type=float, help="Micro-image pitch in pixels, of a raw image."),
+    cloup.option("--pitch", type=float, help="Micro-image pitch of a raw image, in pixels."),
     cloup.option(
         "--layout",
         type=click.Choice(["rectangular", "hexagonal"]),
-        help="Lenslets of a raw image (default: as the white image shows).",
+        help="Layout of the lenslets of a raw image (default: found in the white image).",
     ),
 )
-"""Options that say how a light field is to be read."""
+"""Options for reading a light field."""
 
 SLOPES = cloup.option_group(
     "Where to focus",
@@ -61,26 +68,26 @@ SLOPES = cloup.option_group(
         type=click.Choice(SLOPE_CONVENTIONS, case_sensitive=False),
         default="motion",
         show_default=True,
-        help="Whose number --slope is; all that is printed and written is ours, motion.",
+        help="Convention of --slope. All output uses motion.",
     ),
     cloup.option(
         "--depth-mm",
         "depths",
         multiple=True,
         type=float,
-        help="Depth to refocus at; may be repeated; needs --camera.",
+        help="Depth to refocus at, in mm from the focal plane; may be repeated; needs --camera.",
     ),
     cloup.option(
         "--search",
         is_flag=True,
-        help="Refocus at the sharpest slope; what is done if none is asked.",
+        help="Refocus at the sharpest slope; the default if no slope is given.",
     ),
     cloup.option(
         "--sweep",
         nargs=2,
         type=float,
         metavar="FROM TO",
-        help="Movie from one slope to another and back, 41 steps.",
+        help="Movie from one slope to another and back, in 41 steps.",
     ),
     cloup.option(
         "--map",
@@ -88,15 +95,15 @@ SLOPES = cloup.option_group(
         nargs=2,
         type=float,
         metavar="FROM TO | auto",
-        help="Slope of each pixel, and all in focus; the slopes should reach beyond the scene's; "
-        "auto finds such.",
+        help="Map of the slope of each pixel, and the image all in focus. The range should exceed "
+        "the slopes of the scene; auto finds such a range.",
     ),
     cloup.option("--map-auto", is_flag=True, hidden=True),
     cloup.option(
         "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
     ),
 )
-"""Options that say at which slopes to refocus."""
+"""Options for the slopes to refocus at."""
 
 APPEARANCE = cloup.option_group(
     "How the images are made",
@@ -111,32 +118,34 @@ APPEARANCE = cloup.option_group(
         type=click.Choice(["auto", "space", "fourier", "slice"]),
         default="auto",
         show_default=True,
-        help="The picture is the same; auto is the fastest.",
+        help="How to compute; the picture is the same. auto is the fastest.",
     ),
     cloup.option(
         "--aperture", type=float, help="Width of a round aperture; 1 is that of all views."
     ),
-    cloup.option("--ring", type=float, help="Width of the middle that is covered."),
-    cloup.option("--square", is_flag=True, default=None, help="A square aperture, no round one."),
+    cloup.option(
+        "--ring", type=float, help="Width of a covered disc in the middle of the aperture."
+    ),
+    cloup.option("--square", is_flag=True, default=None, help="Square aperture, not a round one."),
     cloup.option(
         "--viewpoint",
         nargs=2,
         type=float,
         metavar="V U",
-        help="Centre of the aperture, rows and columns of views from the middle one.",
+        help="Centre of the aperture, in rows and columns of views from the central view.",
     ),
-    cloup.option("--f-number", type=float, help="Of a round aperture; needs --camera."),
-    cloup.option("--gain", type=float, help="The pictures so many times as bright."),
-    cloup.option("--gamma", type=float, help="Of the pictures; 2.2 shows more in the dark."),
+    cloup.option("--f-number", type=float, help="F-number of a round aperture; needs --camera."),
+    cloup.option("--gain", type=float, help="Factor on the brightness of the pictures."),
+    cloup.option("--gamma", type=float, help="Gamma of the pictures; 2.2 brightens dark regions."),
     cloup.option("--movie", type=click.Choice(["gif", "mp4"]), default="gif", show_default=True),
     cloup.option(
         "--network",
         type=UsablePath(exists=True, path_type=Path),
-        help="Refocus with this run of train-system, from its few views, or with RefocusNet by its "
-        "authors' weights (.npz); --search looks at all views.",
+        help="Refocus with this run of train-system, which uses a few views, or with RefocusNet by "
+        "its authors' weights (.npz). --search still uses all views.",
     ),
 )
-"""Options that say how refocused images are made."""
+"""Options for how refocused images are made."""
 
 
 def _refuse_options(what: str, **options: Any) -> None:
@@ -146,7 +155,7 @@ def _refuse_options(what: str, **options: Any) -> None:
 
 
 def open_network(path: Path | None):
-    """Load a trained system; nothing where none is asked for."""
+    """Load a trained system; None without a path."""
     if path is None:
         return None
     load_keras()
@@ -157,7 +166,7 @@ def open_network(path: Path | None):
 
 @dataclass(frozen=True)
 class Reading:
-    """How a light field is to be read; the options of the group of that name."""
+    """Options of the group `READING`: how to read a light field."""
 
     views: int | None = None
     order: str | None = None
@@ -169,7 +178,7 @@ class Reading:
     dark: Path | None = None
 
     def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
-        """Take the count of views from a camera, unless it was given or files of views tell it."""
+        """Take the number of views from a camera, unless it is given or the source is a folder."""
         if lens is None or self.views is not None or source.is_dir():
             return self
         return replace(self, views=lens.views)
@@ -184,7 +193,7 @@ class Reading:
         }
 
     def read(self, source: Path) -> "LightField":
-        """Read a light field of any kind, and tell what was found."""
+        """Read a light field of any kind, and print what was found."""
         from tqdm import tqdm
 
         from lf_flame import formats
@@ -221,12 +230,12 @@ class Reading:
         return light_field
 
     def describe_grid(self, grid: "LensletGrid") -> str:
-        """Tell which lenslets a raw image has, and what was not looked for."""
+        """Describe the lenslets of a raw image, and what was not searched for."""
         if self.white is not None:
             return grid.describe()
         return (
-            f"{grid.describe()}; the pitch is as stated, and neither the rotation nor the place of "
-            f"the array was looked for, which takes a white image (--white)"
+            f"{grid.describe()}; the pitch is as given. The rotation and the position of the array "
+            f"were not searched for: that needs a white image (--white)"
         )
 
     @property
@@ -237,7 +246,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Focus:
-    """Where to focus; the options of the group of that name."""
+    """Options of the group `SLOPES`: where to focus."""
 
     slopes: tuple[float, ...] = ()
     slope_of: str = "motion"
@@ -248,7 +257,7 @@ class Focus:
     map_auto: bool = False
 
     def with_ends(self, light_field: "LightField") -> "Focus":
-        """Find the ends of the slope map, where they are to be found, and tell them."""
+        """Find the ends of the slope map if `map_auto` is set, and print them."""
         if not self.map_auto:
             return self
         if self.slope_map:
@@ -261,16 +270,16 @@ class Focus:
 
     @property
     def searches(self) -> bool:
-        """Whether the sharpest slope is to be found: if asked for, or if nothing else is."""
+        """Whether to find the sharpest slope: if requested, or if nothing else is."""
         return self.search or not (self.slopes or self.depths or self.sweep or self.maps)
 
     @property
     def maps(self) -> bool:
-        """Whether a slope map is asked for."""
+        """Whether a slope map is requested."""
         return self.map_auto or self.slope_map is not None
 
     def asked_slopes(self, views: int, lens: "PlenopticCamera | None") -> list[float]:
-        """Slopes of shift-and-sum for the numbers and depths that were given."""
+        """Give the slopes of shift-and-sum for the given slopes and depths."""
         from lf_flame.optics.slope_conventions import to_slope
 
         slopes = [to_slope(slope, self.slope_of, views) for slope in self.slopes]
@@ -284,7 +293,7 @@ class Focus:
 
 @dataclass(frozen=True)
 class Appearance:
-    """How images are made; the options of the group of that name."""
+    """Options of the group `APPEARANCE`: how to make images."""
 
     interpolation: str = "linear"
     method: str = "auto"
@@ -328,6 +337,6 @@ class Appearance:
 
     @property
     def brightness(self) -> dict[str, float]:
-        """Give `gain` and `gamma` of `RefocusJob`, where they were asked for."""
+        """The `gain` and `gamma` of `RefocusJob` that were given."""
         asked = {"gain": self.gain, "gamma": self.gamma}
         return {name: value for name, value in asked.items() if value is not None}

@@ -25,15 +25,15 @@ from lf_flame.learning.keras_loading import load_keras
 
 
 def _pick(kind, options: dict):
-    """Make an options record of those of a command's options that belong to it."""
+    """Make an options record from those of a command's options that belong to it."""
     return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
 
 
 class MapCommand(cloup.Command):
-    """A command that takes `--map auto` beside `--map FROM TO`."""
+    """A command that accepts `--map auto` beside `--map FROM TO`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Make one word of the two that ask for a range to be found."""
+        """Join `--map auto` into one option."""
         joined: list[str] = []
         for word in args:
             if word == "auto" and joined[-1:] == ["--map"]:
@@ -50,11 +50,11 @@ class MapCommand(cloup.Command):
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the pictures; default refocused/SOURCE.")
 def refocus(source, camera, out, **options):
-    """Refocus a light field from anywhere; find its sharpest slope; sweep through its focus.
+    """Refocus a light field of any kind; find its sharpest slope; sweep through its focus.
 
-    SOURCE is a folder with one image per view (HCI, Stanford, row_col.png ...), an array
-    (.npy, .npz), a TIFF of many pages, a lenslet image of N x N pixels to a lenslet (--views N;
-    Lytro's ESLF is one), or a raw lenslet image (--white or --pitch).
+    SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), an array
+    (.npy, .npz), a TIFF of many pages, a lenslet image with N x N pixels under each lenslet
+    (--views N; Lytro's ESLF is one), or a raw lenslet image (--white or --pitch).
 
     \b
       lf-flame refocus buddha                              at the sharpest slope
@@ -94,7 +94,7 @@ def refocus(source, camera, out, **options):
 
 
 def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) -> None:
-    """Make all that was asked for, and the record."""
+    """Make all requested pictures, and the record."""
     from tqdm import tqdm
 
     from lf_flame.commands import refocus_output as output
@@ -117,14 +117,14 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
 
 
 def _tell_files(folder) -> None:
-    """Say what was written, and what stays of earlier calls."""
+    """Print the files that were written, and those kept from earlier calls."""
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
     if folder.kept:
         click.echo(f"beside those of earlier calls: {printable(', '.join(folder.kept))}")
 
 
 def _folder_for(source: Path, out: Path | None, ending: str = "") -> Path:
-    """Choose where pictures go."""
+    """Choose the folder of the pictures."""
     name = source.resolve().name if source.is_dir() else source.stem
     out = out or Path("refocused") / f"{name}{ending}"
     if out.resolve() == source.resolve():
@@ -152,8 +152,8 @@ def _refuse_other_network(path: Path | None, network) -> None:
     multiple=True,
     required=True,
     metavar="T0 T1 S0 S1",
-    help="Rows from T0 to before T1, columns from S0 to before S1; may be repeated, a later one "
-    "lying over those before it.",
+    help="Rows from T0 to T1 - 1, columns from S0 to S1 - 1; may be repeated. Where regions "
+    "overlap, the last one counts.",
 )
 @click.option(
     "--slopes",
@@ -161,24 +161,25 @@ def _refuse_other_network(path: Path | None, network) -> None:
     type=float,
     required=True,
     metavar="FROM TO",
-    help="To search within; they should reach beyond those of the scene.",
+    help="Range of slopes to search; it should exceed the slopes of the scene.",
 )
-@click.option("--background", type=float, help="Slope of all the rest (default: FROM).")
-@click.option("--cross", is_flag=True, help="Look at a cross of 17 views alone; less exact.")
+@click.option("--background", type=float, help="Slope outside the regions (default: FROM).")
+@click.option("--cross", is_flag=True, help="Use a cross of 17 views alone; less exact.")
 @click.option(
     "--network",
     type=UsablePath(exists=True, path_type=Path),
-    help="Run of `train-system volumetric`, which removes the ghosts that the cross leaves.",
+    help="Run of `train-system volumetric`, a network that removes the ghosts of the cross.",
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder; default refocused/SOURCE-regions.")
 def refocus_regions(source, regions, slopes, background, cross, network, out, **options) -> None:
     """Bring regions of a light field into focus, each at its own slope; blur the rest.
 
-    SOURCE is read as by `lf-flame refocus`. The slope of a region is read off a slope map, or, from
-    a cross of 17 views, is where the region looks most like the middle view (Samarakoon et al.,
-    "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025). Around a region, over
-    14 pixels, the slope changes to that of the rest, and what stands at one between is sharp there.
+    SOURCE is read as by `lf-flame refocus`. The slope of a region comes from a slope map; or, with
+    a cross of 17 views, it is the one at which the region is most like the central view (Samarakoon
+    et al., "Arbitrary Volumetric Refocusing of Dense and Sparse Light Fields", 2025). Around a
+    region the slope changes to that of the rest within 14 pixels; objects there at a slope in
+    between are sharp too.
 
     \b
       lf-flame refocus-regions buddha --region 100 180 60 140 --region 20 90 200 300 --slopes -1 2
@@ -222,18 +223,18 @@ def refocus_regions(source, regions, slopes, background, cross, network, out, **
 @click.option(
     "--bits",
     type=click.Choice(["8", "16", "32"]),
-    help="Of images; 32 are floats, in TIFF (default: 16, or 32 where 16 would not hold the "
-    "values).",
+    help="Bits a value of an image; 32 are floats, in TIFF (default: 16, or 32 where 16 cannot "
+    "hold the values).",
 )
 def convert(source: Path, target: Path, bits: str | None, **options) -> None:
-    """Write a light field from anywhere in another form.
+    """Write a light field of any kind in another form.
 
-    SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a
-    .png or .tif file (a lenslet image, N x N pixels to a lenslet), .npy (views[v, u, t, s]) or .npz
-    (views, and the weights of those that do not all count). Levels of 8 and 16 bits hold values
-    from 0 to 1. What exceeds them, as most raw images do when they are divided by a white image, is
-    written as floats, in TIFF files; where that cannot be (.png, or --bits 8 or 16), it is scaled,
-    and TARGET.json says by how much.
+    SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a .png
+    or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]) or
+    .npz (views, and their weights if some do not count). Levels of 8 and 16 bits hold values from 0
+    to 1. Values outside, as in most raw images divided by a white image, are written as floats in
+    TIFF files; where that is impossible (.png, or --bits 8 or 16), they are scaled, and TARGET.json
+    holds the scale.
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image

@@ -1,4 +1,4 @@
-"""The commands for the paper's network: train, export and predict.
+"""The commands for the paper's network: weights, train, export and predict.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -24,11 +24,11 @@ from lf_flame.learning.keras_loading import load_keras
     help="The .keras file to write.",
 )
 def export(run: Path, out: Path) -> None:
-    """Write the network of a finished RUN so that others can use it.
+    """Write the network of a finished RUN as a file that others can use.
 
-    FILE.keras holds the whole network, backbone included, in layers of Keras's own: no pickled
-    code, and none of this package is needed to load it. FILE.json beside it, its card, says what
-    the network takes and makes, and how it was trained.
+    FILE.keras holds the whole network, including the backbone, in Keras's own layers: no pickled
+    code, and this package is not needed to load it. FILE.json beside it, its card, describes the
+    input and output of the network, and how it was trained.
 
     \b
       lf-flame export runs/closed-form/flames --out flames.keras
@@ -54,18 +54,17 @@ def export(run: Path, out: Path) -> None:
 def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
     """Let a trained network refocus IMAGES.
 
-    The network has memorised which object stands at which depth, from the pictures of one
-    camera and one kind of scene: the image that it sees holds no parallax. Of any other scene it
-    makes something up, which looks like what it has learnt. To refocus a light field as it is,
-    use `lf-flame refocus`.
+    The network has memorised the depth of each object, from the pictures of one camera and one
+    kind of scene: its input image holds no parallax. In any other scene its output is invented,
+    and looks like its training pictures. To refocus a light field as it is, use `lf-flame refocus`.
 
     An image is a picture of 8 or 16 bits (.png, .jpg, .tif, ...; raw lenslet images too, colours
     become luminance), or a light field in views (folder, .npy, .npz, .tif of many pages). It is
-    averaged over blocks of pixels to the network's size; where that does not divide its size, it
-    is interpolated. Levels are taken as linear in radiance.
+    averaged over blocks of pixels to the network's size, or interpolated where that does not divide
+    the image's size. Levels are taken as linear in radiance.
 
-    Into OUT/IMAGE go refocused_N_DEPTHmm.png, refocused.tif (float32), prediction.png (input and
-    planes side by side) and prediction.json, the record.
+    OUT/IMAGE receives refocused_N_DEPTHmm.png, refocused.tif (float32), prediction.png (input and
+    refocused images side by side) and prediction.json, the record.
 
     \b
       lf-flame predict photograph.png --model runs/closed-form/flames
@@ -90,7 +89,7 @@ def predict(images: tuple[Path, ...], model: Path, out: Path) -> None:
 
 
 def _result_folders(images: tuple[Path, ...], out: Path) -> list[Path]:
-    """Give each image a folder of its own, named like it."""
+    """Give each image its own folder, named like it."""
     folders = []
     for image in images:
         folder = out / (image.resolve().name if image.is_dir() else image.stem)
@@ -108,11 +107,13 @@ WEIGHTS_OPTIONS = (
     click.option(
         "--preset", default="paper", show_default=True, help="A key of [presets] in CONFIG."
     ),
-    click.option("--backbone-weights", help="imagenet, random, or a weights file (.h5, .npz)."),
+    click.option(
+        "--backbone-weights", help="Weights of ResNet-50: imagenet, random, or a file (.h5, .npz)."
+    ),
     click.option(
         "--backbone-depth",
         type=click.Choice(["conv3", "conv4", "conv5", "none"]),
-        help="Stage of ResNet-50 behind which it is cut; none: the picture itself.",
+        help="Stage of ResNet-50 after which it is cut; none: no ResNet, the picture itself.",
     ),
 )
 
@@ -128,10 +129,10 @@ def weights_options(command):
 @click.argument("config", type=FILE)
 @weights_options
 def weights(config, preset, backbone_weights, backbone_depth):
-    """Look for the weights of the frozen ResNet-50 that CONFIG asks for.
+    """Find the weights of the frozen ResNet-50 that CONFIG names.
 
-    Those of ImageNet are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME): call
-    this where there is a network, before a training where there is none.
+    ImageNet weights are downloaded once, into Keras's cache (~/.keras/models, or KERAS_HOME). Run
+    this where there is a network, before training where there is none.
 
     \b
       lf-flame weights flames.toml
@@ -150,19 +151,27 @@ def weights(config, preset, backbone_weights, backbone_depth):
 @click.option("--data", type=FOLDER, required=True, help="Data set to train on.")
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
 @weights_options
-@click.option("--seed", type=SEED, help="Instead of CONFIG's: of split, weights, batches, dropout.")
-@click.option("--epochs", type=int, help="Instead of the preset's; a run may go on with more.")
+@click.option(
+    "--seed",
+    type=SEED,
+    help="Seed of the split, the weights, the batches and the dropout, in place of CONFIG's.",
+)
+@click.option(
+    "--epochs",
+    type=int,
+    help="Number of epochs, in place of the preset's; a finished run can continue to a larger one.",
+)
 @click.option(
     "--minutes",
     default=0.0,
     show_default=True,
-    help="End after the epoch in which they are over, with the best network so far; 0: never.",
+    help="Time after which to stop, at the end of an epoch, with the best network so far; 0: none.",
 )
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
-    """Train the network that CONFIG describes; goes on where a run was cut off.
+    """Train the network that CONFIG describes; continues an interrupted run.
 
-    After --minutes, or Ctrl-C, the same command goes on behind the last epoch. The run folder then
-    holds the best network so far, and run.json says how many epochs that took.
+    After --minutes, or Ctrl-C, the same command continues after the last epoch. The run folder then
+    holds the best network so far, and run.json holds the number of epochs.
     """
     load_keras()
     from lf_flame.learning.training import read_training_config, train

@@ -14,10 +14,10 @@ from lf_flame._common import progress
 
 
 class UsablePath(click.Path):
-    """A path that can be followed: no link that leads back to itself."""
+    """A path that can be followed: not a link that leads back to itself."""
 
     def convert(self, value, param, ctx):
-        """Refuse what the system cannot follow; the rest is click's."""
+        """Refuse a path that the system cannot follow; click checks the rest."""
         try:
             found = Path(value).stat().st_mode
             if not self.file_okay and not stat.S_ISDIR(found):  # click lets devices pass
@@ -31,22 +31,22 @@ class UsablePath(click.Path):
 
 
 class PlainName(click.ParamType):
-    """The name of a file in a folder that another option names: no path."""
+    """The name of a file, not a path, in a folder that another option names."""
 
     name = "name"
 
     def convert(self, value, param, ctx):
-        """Refuse what is empty, or leads elsewhere."""
+        """Refuse an empty name, or a path."""
         if value != Path(value).name or not value.strip(" .") or "\0" in value:
             self.fail(f"{value!r} is no plain name of a file.", param, ctx)
         return value
 
 
 class FiniteRange(click.FloatRange):
-    """A range of numbers; click lets NaN and infinity pass."""
+    """A range of finite numbers; click lets NaN and infinity pass."""
 
     def convert(self, value, param, ctx):
-        """Refuse what is no finite number; the rest is click's."""
+        """Refuse a number that is not finite; click checks the rest."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is no finite number.", param, ctx)
@@ -66,11 +66,11 @@ class Program(cloup.Group):
     def __init__(self, *args, **options):
         super().__init__(*args, **options)
         for command in self.commands.values():
-            # Click's own list ends each line where the terminal does, in the middle of a word.
+            # Click's own list cuts each line at the width of the terminal, in the middle of a word.
             command.short_help = " ".join((command.help or "").partition("\n\n")[0].split())
 
     def invoke(self, ctx: click.Context):
-        """Run a command; where it takes long until it has all its parts, that is said."""
+        """Run a command, with a message if its imports take long."""
         with progress.stage("Loading what this command needs", only_if=_is_importing):
             return super().invoke(ctx)
 
@@ -84,11 +84,11 @@ def _is_importing() -> bool:
 
 
 HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-"""Settings of a program's outermost group."""
+"""Settings of the outermost group of a program."""
 
 
 def quiet_tensorflow() -> None:
-    """Keep TensorFlow from remarking that network after network is compiled."""
+    """Suppress TensorFlow's messages that each network is compiled."""
     import logging
 
     logging.getLogger("tensorflow").setLevel(logging.ERROR)

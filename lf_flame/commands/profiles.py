@@ -14,33 +14,33 @@ from lf_flame.commands.options import FOLDER, RUN, FiniteRange
 
 @cloup.command()
 @click.argument("folder", type=RUN)
-@click.option("--across", type=float, help="Middle of the strip upwards, in mm (default: found).")
+@click.option("--across", type=float, help="Centre of the upright strip, in mm (default: found).")
 @click.option(
     "--width",
     type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
-    help="Of that strip, in mm; one column of pixels at least.",
+    help="Width of that strip, in mm; at least one column of pixels.",
 )
-@click.option("--height", type=float, help="Middle of the strip across, in mm (default: found).")
+@click.option("--height", type=float, help="Centre of the level strip, in mm (default: found).")
 @click.option(
     "--thickness",
     type=FiniteRange(min=0),
     default=0.0,
     show_default=True,
-    help="Of that strip, in mm; one row of pixels at least.",
+    help="Thickness of that strip, in mm; at least one row of pixels.",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default profiles/FOLDER.")
 def profiles(folder, out, **strips) -> None:
-    """Take profiles of emission up a flame and across it, with bands of 95 %.
+    """Take profiles of emission along a flame and across it, with 95 % bands.
 
-    FOLDER is one of `lf-flame reconstruct`. Places and heights are in mm from the optical axis, to
-    the right and upwards; without any, the strips run through the middle of each plane's light.
-    axial.csv and radial.csv hold a row for each place of each plane, profiles.png shows them.
-    Standard deviations need the folder's draws (`--bootstrap` of reconstruct). They and the bands
-    hold noise, penalty and the bias of the draws; of flames behind each other, nearer than the blur
-    in depth, not all of how planes share light. Of a round flame, `lf-flame abel` gives profiles
-    along the radius.
+    FOLDER is the output of `lf-flame reconstruct`. Positions and heights are in mm from the optical
+    axis, to the right and upwards; by default, the strips run through the centre of the light in
+    each depth plane. axial.csv and radial.csv hold a row for each position and depth plane,
+    profiles.png shows them. Standard deviations need the folder's bootstrap draws (`--bootstrap` of
+    reconstruct). They and the bands include noise, penalty and the bias of the draws; for flames
+    one behind the other, nearer than the blur in depth, they do not include all of the exchange of
+    light between planes. `lf-flame abel` gives profiles of axisymmetric flames along the radius.
 
     \b
       lf-flame profiles reconstructed/flames

@@ -1,4 +1,4 @@
-"""Running a click program so that whatever goes wrong is one sentence and an exit status."""
+"""Running a click program so that any failure is one sentence and an exit status."""
 
 import _thread
 import logging
@@ -23,7 +23,7 @@ def run(commands: click.Group, name: str) -> None:
     ----------
     commands : click.Group
     name : str
-        What stands before a message.
+        Name of the program, printed before a message.
     """
     try:
         prepare_process()
@@ -37,9 +37,9 @@ STOPPED = "Stopped. Files that were finished are kept; long work goes on from th
 
 
 def _end(name: str, error: Exception) -> NoReturn:
-    """End a program by what went wrong; a mistake of ours shows where it is."""
+    """End a program after an error; a bug of ours keeps its traceback."""
     if isinstance(error, click.exceptions.Abort) and isinstance(error.__cause__, EOFError):
-        raise error.__cause__ from None  # click takes it for the end of what is typed
+        raise error.__cause__ from None  # click takes it for the end of typed input
     if isinstance(error, click.exceptions.Abort) or _was_interrupted(error):
         _fail(name, STOPPED, 130)
     if isinstance(error, click.ClickException):
@@ -59,7 +59,7 @@ def _end(name: str, error: Exception) -> NoReturn:
 
 
 def _was_interrupted(error: BaseException) -> bool:
-    """Whether Ctrl-C is behind an error: NumPy makes a TypeError of it where it compares dtypes."""
+    """Whether Ctrl-C caused an error: NumPy raises TypeError for it where it compares dtypes."""
     seen: set[int] = set()
     behind: list[BaseException | None] = [error]
     while behind:
@@ -73,18 +73,18 @@ def _was_interrupted(error: BaseException) -> bool:
 
 
 def prepare_process() -> None:
-    """Set what holds for the whole process: a program may, a library must not.
+    """Set up the whole process, as a program may and a library must not.
 
-    Figures go to files, so no backend for screens is needed, and none that does not exist. Whether
-    an image is too large `lf_flame._common.memory` decides, whose limit can be raised, and not
-    Pillow. What tifffile remarks on damaged files says less than the error does; and that a
-    coroutine of Zarr's was never awaited, or its task was pending, is no news to who has pressed
-    Ctrl-C. Where that cannot be raised, as in the middle of a destructor, it comes again.
+    Figures go to files, so no screen backend is needed; one that is missing does no harm.
+    `lf_flame._common.memory`, with a limit that can be raised, decides whether an image is too
+    large, and not Pillow. Messages of tifffile on damaged files say less than the error does.
+    Messages of Zarr's coroutines that were never awaited, or of its pending tasks, say nothing
+    after Ctrl-C. An interruption that cannot be raised, as inside a destructor, is repeated.
 
     Raises
     ------
     InputError
-        If Numba is told to start no threads, or so many that its start would crash.
+        If NUMBA_NUM_THREADS is no number from 1 to `MOST_THREADS`; Numba would crash at its start.
     """
     os.environ["MPLBACKEND"] = "agg"
     Image.MAX_IMAGE_PIXELS = None
@@ -104,7 +104,7 @@ def prepare_process() -> None:
 
 
 class _ToStandardError(logging.Handler):
-    """Writes what the package has to say to where the process's errors go now."""
+    """Writes the messages of the package to the current standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a record's message alone."""
@@ -113,7 +113,7 @@ class _ToStandardError(logging.Handler):
 
 def _interrupt_again(unraisable) -> None:
     if unraisable.exc_value is not None and _was_interrupted(unraisable.exc_value):
-        again = Timer(0.01, _thread.interrupt_main)  # when this hook is done, or it is lost here
+        again = Timer(0.01, _thread.interrupt_main)  # after this hook, which would swallow it
         again.daemon = True
         again.start()
     else:
@@ -121,7 +121,7 @@ def _interrupt_again(unraisable) -> None:
 
 
 MOST_THREADS = 1024
-"""That Numba starts safely; a hundred thousand crash it."""
+"""Largest number of threads of Numba; it starts safely with these, and crashes with 100 000."""
 
 LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
 OPTIONAL = {
@@ -136,11 +136,11 @@ OPTIONAL = {
     "jax": "This needs JAX: pip install 'lf_flame[gpu]'",
     "torch": "This needs PyTorch, or another KERAS_BACKEND",
 }
-"""Packages that a light installation lacks, and what to do then."""
+"""Messages for packages that a light installation lacks."""
 
 
 LONGEST = 900
-"""Letters of a message at most: a file may hold names of any length."""
+"""Length of a message, in characters, at most: a file may hold names of any length."""
 
 
 def _fail(name: str, message: str, status: int) -> NoReturn:

@@ -1,4 +1,4 @@
-"""What is to be refocused, and how: checked before any work is done."""
+"""Light field and options of a refocusing, checked before any work is done."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from lf_flame.refocus import aperture_weights, f_number_aperture, farthest_slope
 
 @dataclass(frozen=True, eq=False)
 class RefocusJob:
-    """A light field, and how its refocused images are made.
+    """A light field, and the options of its refocused images.
 
     Attributes
     ----------
@@ -24,11 +24,11 @@ class RefocusJob:
     options : dict
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
     network : optional
-        A system of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
+        System of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
     camera : PlenopticCamera, optional
-        Gives the depths, in mm, of slopes in file names, figures and the record.
+        Camera, which gives the depths, in mm, of slopes in file names, figures and the record.
     gain, gamma : float
-        Of the pictures to look at, see `preview`; from 1e-6 to 1e6, and from 0.01 to 100.
+        Gain (1e-6 to 1e6) and gamma (0.01 to 100) of the pictures for display, see `preview`.
     """
 
     light_field: LightField
@@ -50,13 +50,13 @@ class RefocusJob:
 
     @property
     def views_to_white(self) -> LightField:
-        """Light field from 0 to 1, as networks take it."""
+        """Light field with values from 0 to 1, as input of networks."""
         if self.white == 1:
             return self.light_field
         return replace(self.light_field, views=self.light_field.views / np.float32(self.white))
 
     def preview(self, image: np.ndarray) -> np.ndarray:
-        """Levels of 8 bits to look at: ``(gain image / white) ** (1 / gamma)``, white at most."""
+        """Give 8-bit levels for display, ``(gain image / white) ** (1 / gamma)``, clipped."""
         shown = np.clip(image / np.float32(self.white / self.gain), 0, 1)
         return to_levels(shown if self.gamma == 1 else shown ** np.float32(1 / self.gamma), 8)
 
@@ -73,13 +73,13 @@ def check_job(
     sweep: Sequence[float] = (),
     slope_map: Sequence[float] = (),
 ) -> None:
-    """Refuse what cannot be done.
+    """Refuse options that cannot be carried out.
 
     Parameters
     ----------
     job : RefocusJob
     slopes, sweep, slope_map : sequence of float
-        To refocus at, and first and last of a sweep and of a slope map; none: not asked for.
+        Slopes to refocus at, and first and last slope of a sweep and of a slope map; empty: none.
 
     Raises
     ------
@@ -106,20 +106,20 @@ def check_job(
 
 @dataclass(frozen=True)
 class Aperture:
-    """An aperture as a user states it; nothing stated: all views alike.
+    """An aperture as a user gives it; with nothing given, all views count alike.
 
     Attributes
     ----------
     width : float, optional
-        In widths of the full aperture. Default: the full one, or of a ring 1.
+        Width, relative to the full aperture. Default: 1.
     ring : float, optional
-        Width of the middle that is covered.
+        Width of a covered disc in the middle, relative to the full aperture.
     square : bool
-        Square, and not round.
+        Whether the aperture is square; otherwise it is round.
     viewpoint : (float, float), optional
-        Where its centre is, in views from the middle one.
+        Centre of the aperture, in views from the central view.
     f_number : float, optional
-        In place of a width; needs the camera.
+        F-number, in place of a width; needs the camera.
     """
 
     width: float | None = None
@@ -131,7 +131,7 @@ class Aperture:
     def weights(
         self, views: tuple[int, int], camera: PlenopticCamera | None = None
     ) -> np.ndarray | None:
-        """Give the weights of the views, shape (v, u), or None for all views alike."""
+        """Give the weights of views, shape (v, u), or None if all views count alike."""
         if self.f_number is not None:
             return f_number_aperture(self._camera_of(views, camera), self.f_number)
         if self == Aperture():
@@ -145,7 +145,7 @@ class Aperture:
         )
 
     def _camera_of(self, views: tuple[int, int], camera: PlenopticCamera | None) -> PlenopticCamera:
-        """Give the camera that an f-number is of."""
+        """Give the camera, after checks of the options that go with an f-number."""
         if self != Aperture(f_number=self.f_number):
             raise InputError("An f-number and another aperture cannot both be given.")
         if camera is None:

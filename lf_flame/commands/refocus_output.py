@@ -1,4 +1,4 @@
-"""The refocused pictures a user looks at, and their record, in a folder."""
+"""The refocused pictures for display, and their record, in a folder."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,20 +21,20 @@ from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 RECORD = "refocus.json"
 
 SWEEP_FRAMES = 41
-"""Frames from one end of a sweep to the other; the movie goes there and back."""
+"""Number of frames from one end of a sweep to the other; the movie goes there and back."""
 
 
 @contextmanager
 def picture_folder(folder: Path, source: Path) -> Iterator[OutputFolder]:
     """Add pictures of one light field to a folder, and ``refocus.json``, their record.
 
-    Pictures of earlier calls stay, but for those of the same names.
+    Pictures of earlier calls stay, except those of the same names.
 
     Parameters
     ----------
     folder : Path
     source : Path
-        Where the light field comes from.
+        Path of the light field.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def _refuse_other_source(out: OutputFolder, source: Path) -> None:
 
 
 def describe_job(job: RefocusJob, out: OutputFolder) -> None:
-    """Say in the record what was refocused, and how."""
+    """Record the size of the light field, and the options of refocusing."""
     v, u, t, s = job.light_field.views.shape[:4]
     options = {name: value for name, value in job.options.items() if name != "weights"}
     out.facts |= {"views": [v, u], "lenslets": [t, s], **options}
@@ -68,7 +68,7 @@ def describe_job(job: RefocusJob, out: OutputFolder) -> None:
 def write_refocused(job: RefocusJob, slopes: Sequence[float], out: OutputFolder) -> None:
     """Write ``focal_stack.tif`` (float32) and ``refocused_N_slopeS.png`` for some slopes.
 
-    Where the camera is known, names and record hold depths too: ``refocused_N_slopeS_DEPTHmm.png``.
+    With a camera, names and record hold depths too: ``refocused_N_slopeS_DEPTHmm.png``.
     """
     stack = job.refocus(slopes)
     write_focal_stack(stack, slopes, out.path("focal_stack.tif"))
@@ -88,14 +88,14 @@ def _depth_name(job: RefocusJob, slope: float) -> str:
 
 
 def _depths(job: RefocusJob, slopes: Sequence[float]) -> list[float | None]:
-    """Depths of some slopes for a record, None where no layer at a finite depth has that slope."""
+    """Find the depths of slopes, for a record; None where no layer at a finite depth has one."""
     assert job.camera is not None
     depths = job.camera.slope_to_real_depth(np.asarray(slopes, float))
     return [float(depth) if np.isfinite(depth) else None for depth in depths]
 
 
 def write_search(job: RefocusJob, out: OutputFolder) -> SlopeSearch:
-    """Find the slope of sharpest focus; writes its curve as ``slope_search.png``."""
+    """Find the slope of sharpest focus; write its curve as ``slope_search.png``."""
     search = find_sharpest_slope(job.light_field)
     figures.save(search_figure([search], camera=job.camera), out.path("slope_search.png"))
     out.facts["search"] = {"slope": search.slope, "confidence": search.confidence}
@@ -115,14 +115,15 @@ def write_sweep(
     ----------
     job : RefocusJob
     ends : (float, float)
+        First and last slope.
     movie : str
-        Name of the file, which ends in .gif or .mp4.
+        Name of the file, ending in .gif or .mp4.
     out : OutputFolder
     progress : callable, optional
-        Wraps the list of the slopes that are refocused together.
+        Wrapper of the list of groups of slopes, such as a progress bar.
     """
     slopes = np.linspace(*ends, SWEEP_FRAMES)
-    # Slopes that are asked for together share one reading, or one transform, of the views.
+    # Slopes refocused in one call share one reading, or one transform, of the views.
     count = 1 if job.options.get("interpolation") == "sinc" else SWEEP_FRAMES // 8
     frames = [
         job.preview(image)
@@ -138,8 +139,8 @@ def write_sweep(
 def write_slope_map(job: RefocusJob, ends: tuple[float, float], out: OutputFolder) -> float:
     """Write ``all_in_focus.png`` and each pixel's slope, ``slope_map.tif`` and ``.png``.
 
-    Where the camera is known, ``depth_map.tif`` has each pixel's depth in mm, infinite or NaN where
-    no layer at a finite depth has its slope.
+    With a camera, ``depth_map.tif`` holds the depth of each pixel in mm, infinite or NaN where no
+    layer at a finite depth has its slope.
 
     Returns
     -------
@@ -168,18 +169,19 @@ def write_regions(
     found: Sequence[dict],
     out: OutputFolder,
 ) -> None:
-    """Write an image of which some regions are in focus, and the slope of each pixel.
+    """Write an image with some regions in focus, and the slope of each pixel.
 
     Parameters
     ----------
     job : RefocusJob
     image : ndarray, shape (t, s) or (t, s, channels)
-        1 is the job's `white`.
+        Image; 1 is the job's `white`.
     surface : ndarray, shape (t, s)
+        Slope of each pixel.
     regions : sequence of (int, int, int, int)
-        First row and the one behind the last, first column and the one behind the last.
+        First row and last row + 1, first column and last column + 1 of each region.
     found : sequence of dict
-        What the record is to say of each region.
+        Facts on each region, for the record.
     out : OutputFolder
     """
     image = image * np.float32(job.white)

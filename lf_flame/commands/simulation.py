@@ -17,12 +17,18 @@ from lf_flame.errors import InputError
 
 @cloup.command()
 @click.argument("config", type=FILE, required=False)
-@click.option("--depth-mm", "depths", multiple=True, type=float, help="Depth; may be repeated.")
-@click.option("--figure", type=PATH, help="PNG of the set-up: planes, lenses, sensor and rays.")
+@click.option(
+    "--depth-mm",
+    "depths",
+    multiple=True,
+    type=float,
+    help="Depth of a row of the table, in mm from the focal plane; may be repeated.",
+)
+@click.option("--figure", type=PATH, help="PNG to write: the camera's planes, lenses and rays.")
 def camera(config: Path | None, depths: tuple[float, ...], figure: Path | None) -> None:
-    """Print what follows from a camera: image distance, aperture, field, slopes.
+    """Print the numbers that follow from a camera: image distance, aperture, field, slopes.
 
-    CONFIG is any TOML file with a [camera] table; without it, the paper's camera.
+    CONFIG is any TOML file with a [camera] table; without it, the paper's camera is used.
     """
     from lf_flame.commands.camera_table import camera_report
     from lf_flame.optics.camera import PAPER_CAMERA
@@ -42,13 +48,13 @@ def camera(config: Path | None, depths: tuple[float, ...], figure: Path | None) 
 
 
 def _effect_options(command):
-    """Add the options that decide what is simulated."""
+    """Add the options that decide which effects are simulated."""
     options = (
         click.option(
             "--tolerance",
             default=1e-3,
             show_default=True,
-            help="Error to accept, relative to the brightest pixel.",
+            help="Largest acceptable error, relative to the brightest pixel.",
         ),
         click.option("--on", multiple=True, metavar="EFFECT", help="Force an effect on."),
         click.option("--off", multiple=True, metavar="EFFECT", help="Force an effect off."),
@@ -59,9 +65,9 @@ def _effect_options(command):
 
 
 def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
-    """Read a scene file, and which fields of the camera it states.
+    """Read a scene file, and the names of the camera fields in it.
 
-    What the command line forces comes before what the file forces.
+    The options --on and --off override the file.
     """
     from lf_flame._common.input_files import read_toml
     from lf_flame.scenes.scene_files import read_scene
@@ -80,9 +86,10 @@ def _read_scene(scene: Path, on: tuple[str, ...], off: tuple[str, ...]):
 @click.option(
     "--assume",
     metavar="LIST",
-    help="State what the file leaves open: some of 550nm,round,f/4,12bit,falloff, or typical.",
+    help="Values for what the file does not state: some of 550nm,round,f/4,12bit,falloff, or "
+    "typical.",
 )
-@click.option("--measure", is_flag=True, help="Render with and without each effect, too.")
+@click.option("--measure", is_flag=True, help="Also render with and without each effect.")
 def plan(
     scene: Path,
     tolerance: float,
@@ -91,13 +98,13 @@ def plan(
     assume: str | None,
     measure: bool,
 ) -> None:
-    """Print which physical effects a SCENE file calls for, and why, without rendering it.
+    """Print which physical effects a SCENE file needs, and why, without rendering it.
 
-    For each effect: by how much at most the image would change if it were left out, the decision
-    at this tolerance, the criterion with its numbers, and roughly the time that it adds. An effect
-    whose cause the file does not state (no wavelength, no sensor ...) is shown as not stated, with
-    what it would be at a typical value. Bounds hold for any scene like this one and may be far
-    above the true change, which --measure finds.
+    For each effect: the largest possible change of the image if it were left out, the decision at
+    this tolerance, the criterion with its numbers, and roughly the time that it adds. An effect
+    without its cause in the file (no wavelength, no sensor ...) is shown as not stated, with its
+    size at a typical value. Bounds hold for any scene like this one and may be far above the true
+    change, which --measure finds.
 
     \b
       lf-flame plan scene.toml
@@ -130,12 +137,12 @@ def plan(
     type=click.Choice(["auto", "exact", "rays"]),
     default="auto",
     show_default=True,
-    help="Closed-form integrals or backward rays; auto takes the cheapest that will do.",
+    help="Closed-form integrals (exact) or backward rays; auto takes the cheapest that is correct.",
 )
 def simulate(scene: Path, out: Path | None, tolerance, on, off, seed, integrator: str) -> None:
     """Render a SCENE file: raw image, views, and the stack refocused at each layer's depth.
 
-    Only the effects that the scene calls for are simulated; `lf-flame plan SCENE` shows which.
+    Only the effects that the scene needs are simulated; `lf-flame plan SCENE` shows which.
     A scene file is TOML: a camera, and layers with a shape or an image file.
 
     \b

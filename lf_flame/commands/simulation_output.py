@@ -1,4 +1,4 @@
-"""From a scene to the files a user looks at."""
+"""From a scene to the files of `lf-flame simulate`."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -51,7 +51,7 @@ def simulate(
     Returns
     -------
     dict
-        What the record says of the scene and its image.
+        Record of the scene and its image.
     """
     with output_folder(out, "simulation.json") as folder:
         with progress.stage("Looking which effects the scene calls for"):

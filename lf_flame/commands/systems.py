@@ -20,15 +20,17 @@ from lf_flame.learning.keras_loading import load_keras
     "--preset", default="equal-seconds", show_default=True, help="A key of [presets] in CONFIG."
 )
 @click.option(
-    "--seed", type=SEED, help="Of training samples, weights and patches, instead of CONFIG's."
+    "--seed",
+    type=SEED,
+    help="Seed of training samples, weights and patches, in place of CONFIG's.",
 )
 @click.option("--out", type=FOLDER, required=True, help="Run folder: checkpoints, model, record.")
 def train_system(system: str, config: Path, preset: str, seed: int | None, out: Path) -> None:
-    """Train a refocusing SYSTEM; goes on where a run was cut off.
+    """Train a refocusing SYSTEM; continues an interrupted run.
 
-    SYSTEM is a key of [systems] in CONFIG. All learn from the same training samples: light
-    fields drawn anew, with every object at a depth of its own, each seen at several slopes. The
-    reference is what all views give.
+    SYSTEM is a key of [systems] in CONFIG. All learn from the same training samples: new random
+    light fields, with every object at its own depth, each at several slopes. The reference is
+    refocused from all views.
 
     \b
       aperturenet            ours: nine aligned views, each for a ninth of the aperture

@@ -14,7 +14,7 @@ from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange
 from lf_flame.errors import InputError
 
 PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
-"""Lateral periods that a table shows if none is asked for."""
+"""Lateral periods in mm of the table if none is given."""
 
 
 def _read_camera(path: Path | None):
@@ -32,7 +32,7 @@ def _read_camera(path: Path | None):
     type=FiniteRange(min=0, min_open=True),
     default=30.0,
     show_default=True,
-    help="Extent in depth within which light is sought, in mm.",
+    help="Extent in depth of the region that may emit, in mm.",
 )
 @click.option(
     "--period",
@@ -43,10 +43,10 @@ def _read_camera(path: Path | None):
 )
 @click.option("--figure", type=PATH, help="PNG of the blur and of the singular values.")
 def resolution(camera, thickness_mm, periods, figure) -> None:
-    """Say what one light field can tell of depth, and what it cannot.
+    """Print what one light field can resolve in depth, and what it cannot.
 
-    A camera sees the scene within the angle that its aperture spans, so fine detail has a depth and
-    an even glow has none. Without --camera, the paper's camera.
+    A camera sees the scene within the angle of its aperture, so fine detail has a depth and an even
+    glow has none. Without --camera, the paper's camera is used.
     """
     from lf_flame.tomography.output import resolution_report
 
@@ -69,21 +69,22 @@ DEPTHS = cloup.option_group(
         nargs=3,
         type=float,
         metavar="FROM TO STEP",
-        help="Evenly spaced planes, both ends included, in mm from the focal plane.",
+        help="Evenly spaced depth planes, both ends included, in mm from the focal plane.",
     ),
     cloup.option(
         "--depth-mm",
         "planes",
         multiple=True,
         type=float,
-        help="Depth of a plane; may be repeated, where planes are known.",
+        help="Depth of one depth plane, in mm; may be repeated. For known depths.",
     ),
     cloup.option(
         "--block",
         type=click.IntRange(min=1),
         default=1,
         show_default=True,
-        help="Lenslets along each axis that make one pixel: less noise, memory and time.",
+        help="Number of lenslets along each axis that make one pixel. More: less noise, memory and "
+        "time.",
     ),
 )
 
@@ -95,35 +96,35 @@ FITTING = cloup.option_group(
     cloup.option(
         "--noise",
         type=click.FloatRange(min=0),
-        help="Standard deviation of a pixel's noise (default: measured).",
+        help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
         "--penalty",
         type=click.Choice(["roughness", "variation"]),
         default="roughness",
         show_default=True,
-        help="What the fit keeps small: roughness, for flames; total variation, for emission with "
-        "sharp edges.",
+        help="Regularisation: roughness, for flames; total variation, for emission with sharp "
+        "edges.",
     ),
     cloup.option(
         "--strength",
         type=click.FloatRange(min=0),
-        help="Of the penalty (default: what the noise allows).",
+        help="Strength of the penalty (default: chosen from the noise).",
     ),
     cloup.option(
         "--optical-thickness",
         metavar="T",
-        help="Absorption by the flame itself, which must be known from elsewhere: a light field "
-        "does not tell it. A TIFF holds that of each plane, by pixels. A number is the total along "
-        "every line of sight of the field, as of an even smoke that fills it, spread evenly over "
-        "the planes: of a flame that does not fill the field it makes the edges too bright. "
-        "Default: light only adds.",
+        help="Absorption by the flame itself, known from elsewhere: a light field does not show "
+        "it. A TIFF holds the optical thickness of each depth plane, pixel by pixel. A number is "
+        "the total along every line of sight, spread evenly over the planes, as in an even smoke "
+        "that fills the field; a flame that does not fill the field gets too bright edges. "
+        "Default: no absorption.",
     ),
     cloup.option(
         "--background",
         type=click.Choice(["fit"]),
-        help="fit: take off an even background of unknown level, by the pixels that no emission "
-        "reaches. Default: there is none.",
+        help="fit: subtract an even background of unknown level, measured in the pixels that no "
+        "emission reaches. Default: no background.",
     ),
     cloup.option("--l-curve", is_flag=True, help="Try every strength, for the curve in trust.png."),
     cloup.option(
@@ -131,9 +132,12 @@ FITTING = cloup.option_group(
         type=click.IntRange(min=0),
         default=20,
         show_default=True,
-        help="Light fields drawn with new noise and fitted again, for the error bars; 0 for none.",
+        help="Number of bootstrap light fields (new noise, fitted again) for the error bars; 0: "
+        "none.",
     ),
-    cloup.option("--seed", type=SEED, default=0, show_default=True, help="Of those draws."),
+    cloup.option(
+        "--seed", type=SEED, default=0, show_default=True, help="Seed of the bootstrap draws."
+    ),
 )
 
 
@@ -146,11 +150,11 @@ FITTING = cloup.option_group(
 def reconstruct(
     source, depths, planes, block, camera, out, optical_thickness, l_curve, seed, **options
 ) -> None:
-    """Find the emission of each depth that explains a light field of a flame.
+    """Find the emission at each depth that explains a light field of a flame.
 
-    Refocused images cannot tell: each holds the blurred light of all other depths. SOURCE is read
-    as by `lf-flame refocus`; it must be grey, linear in light, black at 0, divided by a white
-    image, and its camera known. What the result can resolve in depth, `lf-flame resolution` says;
+    Refocused images do not show it: each holds the blurred light of all other depths. SOURCE is
+    read as by `lf-flame refocus`; it must be grey, linear in light, black at 0, divided by a white
+    image, and its camera known. `lf-flame resolution` prints what the result can resolve in depth;
     read that first.
 
     \b
@@ -211,19 +215,19 @@ def reconstruct(
     type=float,
     required=True,
     metavar="FIRST SECOND",
-    help="Wavelengths of the two folders' light, in nm; each is taken for a single one.",
+    help="Wavelengths of the two folders' light, in nm, each taken as monochromatic.",
 )
 @click.option(
     "--soot-exponent",
     default=1.0,
     show_default=True,
-    help="a, where soot absorbs as wavelength^-a; from -1 to 5.",
+    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5.",
 )
 @click.option(
     "--calibration",
     default=1.0,
     show_default=True,
-    help="The camera's ratio of the two colours for equal radiance in both.",
+    help="Ratio of the camera's two signals, first to second, at equal radiance in both colours.",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FIRST.")
 def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> None:
@@ -231,10 +235,10 @@ def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> 
 
     FIRST and SECOND are folders of `lf-flame reconstruct`, of one camera and the same planes, or of
     `lf-flame abel`, of one axis and radius, with error bars. They must come from images that are
-    linear in light, and of narrow filters: of a colour camera (Bayer) temperatures are off by tens
-    to hundreds of kelvin. Where an emission does not exceed its noise by three standard deviations
-    there is no temperature (NaN). It is that of the soot, where flames are thin and light only
-    adds; look at the error of the ratio beside it, for a temperature hides much.
+    linear in light, behind narrow filters: with a colour camera (Bayer), temperatures are wrong by
+    tens to hundreds of kelvin. Where an emission is not above three of its standard deviations,
+    there is no temperature (NaN). It is the temperature of the soot, where flames are thin and
+    light only adds; see the error of the ratio beside it, as a temperature hides much.
 
     \b
       lf-flame reconstruct green.npy --camera camera.toml --depth-mm 0 --out green

@@ -1,4 +1,4 @@
-"""Whether results are still what was written: data sets, runs, exported networks, pictures."""
+"""Check that results are still as written: data sets, runs, exported networks, pictures."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,19 +21,19 @@ RECORDS = (
     "temperature.json",
     "flicker.json",
 )
-"""Records of folders of pictures; a folder may hold those of several commands."""
+"""Names of records of folders of pictures; a folder may hold those of several commands."""
 
 WHOLE = ("zarr.json", "config.json")
-"""Files of data sets and of runs, in which no other result lies."""
+"""Files that mark a data set or a run; no other results lie inside such a folder."""
 
 
 WHOLE_RESULT, DAMAGED, UNCHECKED = "whole", "DAMAGED", "UNCHECKED"
-"""Verdicts; what is unchecked may be sound, and could not be read here and now."""
+"""Verdicts; an UNCHECKED result may be sound, but could not be read here and now."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found at a place.
+    """Verdict on one result.
 
     Attributes
     ----------
@@ -54,14 +54,12 @@ def verify(path: Path) -> Iterator[Finding]:
     Parameters
     ----------
     path : Path
-        A data set, a run folder, an exported network, a folder of pictures, or a folder that holds
-        such.
+        Data set, run folder, exported network, folder of pictures, or a folder that holds such.
 
     Yields
     ------
     Finding
-        One for each result, and for each place that cannot be looked at, whatever it is: the rest
-        is looked at all the same.
+        One for each result, and for each place that cannot be read; the others are still checked.
     """
     found = False
     for place, known in _results(path):
@@ -99,9 +97,9 @@ def _unreadable(place: Path, error: OSError) -> Finding:
 
 
 def _results(path: Path) -> Iterator[tuple[Path, str | OSError]]:
-    """Find results, and the name of the file by which each is known: at a path, and below it.
+    """Find results at a path and below it, each with the name of the file that marks it.
 
-    Where a place cannot be looked at, the system's error stands for that name.
+    Where a place cannot be read, the second item is the system's error.
     """
     left = [path]
     while left:
@@ -116,7 +114,7 @@ def _results(path: Path) -> Iterator[tuple[Path, str | OSError]]:
 
 
 def _look(path: Path) -> tuple[list[str], list[Path]]:
-    """Find the results that a place is, and the places inside it where others may lie."""
+    """Find the results at a place, and the places inside it to search for others."""
     found = [path.name] if path.suffix == ".keras" else []
     if not path.is_dir():
         return found, []
@@ -134,7 +132,7 @@ def _may_hold(inside: Path) -> bool:
 
 
 def _holds_training(folder: Path) -> bool:
-    """Whether a folder with a ``config.json``, as many programs have, is that of a run."""
+    """Whether a folder with a ``config.json``, common among programs, is that of a run."""
     return (folder / "model.keras").exists() or any(folder.glob("checkpoint-??????"))
 
 
@@ -173,7 +171,7 @@ def _verify_run(folder: Path) -> str:
 
 
 def _compare(values: dict[str, Any], part: dict[str, Any], folder: Path) -> None:
-    """Hold what was asked for against a copy in another record; epochs may have become more."""
+    """Compare a request with its copy in another record; only epochs may have increased."""
     for key, value in part.items():
         held = values.get(key)
         if key == "recipe" and isinstance(held, dict) and isinstance(value, dict):

@@ -13,16 +13,16 @@ from lf_flame.commands.options import PATH
 from lf_flame.errors import InputError
 
 LONGEST = 500
-"""Number of letters shown of what is wrong with a result."""
+"""Largest number of characters printed of what is wrong with a result."""
 
 
 @cloup.command()
 @click.argument("paths", nargs=-1, required=True, type=PATH)
 def verify(paths: tuple[Path, ...]) -> None:
-    """Check that results are still what was written, by their hashes.
+    """Check by their hashes that results are still as they were written.
 
-    PATHS are data sets, run folders, exported networks (.keras), folders of pictures that refocus,
-    simulate or predict filled, or folders that hold any of these. Each result is whole, DAMAGED, or
+    PATHS are data sets, run folders, exported networks (.keras), folders of pictures by refocus,
+    simulate or predict, or folders that hold any of these. Each result is whole, DAMAGED, or
     UNCHECKED (it cannot be read here and now: no permission, no memory, nothing there).
 
     \b

@@ -1,4 +1,4 @@
-"""A sheet of sub-aperture views, to look at."""
+"""A sheet of sub-aperture views, for display."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ def view_sheet(views: np.ndarray, per_side: int = 5) -> Figure:
     ----------
     views : ndarray, shape (v, u, t, s), values from 0
     per_side : int
-        Views along each axis, at most.
+        Largest number of views along each axis.
 
     Returns
     -------
@@ -24,7 +24,7 @@ def view_sheet(views: np.ndarray, per_side: int = 5) -> Figure:
         for n in views.shape[:2]
     )
     height, width = views.shape[2:]
-    aspect = np.clip(height / width, 0.1, 10)  # or the sheet of a line of lenslets has no end
+    aspect = np.clip(height / width, 0.1, 10)  # a line of lenslets would make an endless sheet
     figure, axes = subplots(
         len(rows),
         len(columns),

@@ -28,27 +28,27 @@ SHOWING = cloup.option_group(
         metavar="FROM TO",
         help="Ends of the slider and of the slope map (default: as far as the scene reaches).",
     ),
-    cloup.option("--no-map", is_flag=True, help="Without slope map and all in focus."),
+    cloup.option("--no-map", is_flag=True, help="Leave out slope map and all-in-focus image."),
     cloup.option("--title", help="Heading of the page (default: the source's name)."),
     cloup.option(
         "--single-file",
         type=PATH,
-        help="Write one HTML file, which needs no program and asks nobody, instead of serving.",
+        help="Write one HTML file that needs no program and no network, instead of serving a page.",
     ),
     cloup.option(
         "--megabytes",
         type=FiniteRange(0.3, 1000),
         default=10.0,
         show_default=True,
-        help="Size of that file at most; what does not fit is carried coarser, and said so.",
+        help="Largest size of that file; pictures that do not fit are stored coarser, with a note.",
     ),
     cloup.option(
         "--port",
         type=click.IntRange(0, 65535),
         default=0,
-        help="Port of the local page (default: any that is free).",
+        help="Port of the local page (default: any free one).",
     ),
-    cloup.option("--no-browser", is_flag=True, help="Print the page's address, and open nothing."),
+    cloup.option("--no-browser", is_flag=True, help="Print the page's address; open no browser."),
 )
 
 
@@ -59,7 +59,7 @@ MAKING = cloup.option_group(
         type=click.Choice(["nearest", "linear", "cubic", "sinc"]),
         default="linear",
         show_default=True,
-        help="Between pixels. By all but linear, the page asks this program for each picture.",
+        help="Interpolation between pixels. Unless linear, this program computes each picture.",
     ),
     cloup.option(
         "--network",
@@ -79,8 +79,8 @@ MAKING = cloup.option_group(
 def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
-    SOURCE is read as by `lf-flame refocus`. The page is served by this machine to itself alone,
-    until Ctrl-C.
+    SOURCE is read as by `lf-flame refocus`. This machine serves the page to itself alone, until
+    Ctrl-C.
 
     \b
       lf-flame view buddha                             a folder of views
@@ -116,7 +116,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
 
 
 def _check_making(single_file: Path | None, network: Path | None, interpolation: str) -> None:
-    """Refuse, before anything is read, what cannot be done together."""
+    """Refuse, before anything is read, options that exclude each other."""
     from lf_flame.viewer.page import refuse_planes_in_one_file
 
     if network and interpolation != "linear":
@@ -126,7 +126,7 @@ def _check_making(single_file: Path | None, network: Path | None, interpolation:
 
 
 def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] = ()) -> None:
-    """Refuse to write a page over what is read, or by a name that no browser takes for a page."""
+    """Refuse a page over an input file, or under a name that browsers do not show as a page."""
     if single_file is None:
         return
     if single_file.resolve() in {path.resolve() for path in read if path}:
@@ -183,12 +183,12 @@ def _serve(exhibit: "Exhibit", port: int, browser: bool) -> None:
 @click.option(
     "--save",
     type=PATH,
-    help="Keep the light field as well, as .npy; then the page copies commands that read it.",
+    help="File (.npy) for the light field; the page then copies commands that read it.",
 )
 def demo(slopes, no_map, title, save, **options) -> None:
-    """Simulate flames before a wall, and look at them: nothing of your own is needed.
+    """Simulate flames in front of a wall, and look at them: no data is needed.
 
-    Three flames stand at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
+    Three flames are at 8, 0 and -6 mm from the focal plane, the wall at 15 mm, the burner at
     -10 mm. Drag the focus from one to the other, or click on them.
     """
     _check_single_file(options["single_file"])
@@ -205,7 +205,7 @@ def demo(slopes, no_map, title, save, **options) -> None:
 
 
 def demo_exhibit(source: str | None = None) -> "Exhibit":
-    """Render the demo's scene, to be shown; source: what copied commands read, if it is saved."""
+    """Render the demo's scene for display; copied commands read `source`, if given."""
     from lf_flame.viewer.demo import DEMO_CAMERA, DEPTHS_MM, demo_light_field
     from lf_flame.viewer.exhibit import Exhibit
 

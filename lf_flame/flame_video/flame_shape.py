@@ -37,7 +37,7 @@ CEILING_SHARE = 0.05
 """Smallest fraction of the flame's area at exactly the brightest value that counts as saturated. A
 Gaussian clipped over this fraction of its area has a peak 4 % higher."""
 
-DARK = "Nothing stands out of the noise: there is no flame."
+DARK = "Nothing is above the noise: there is no flame."
 SPECK = f"The brightest spot has fewer than {LEAST_PIXELS} pixels: there is no flame."
 CUT = "The flame reaches the top or a side of the picture: it is cut off, and larger than measured."
 CEILING = (

@@ -123,14 +123,14 @@ class Flicker:
             )
         elif np.isfinite(self.peak_hz):
             told = (
-                f"No frequency stands out of the noise: the highest peak, at {self.peak_hz:.4g} "
+                f"No frequency is above the noise: the highest peak, at {self.peak_hz:.4g} "
                 f"Hz, has a {alarm}."
             )
         else:
             told = "There is no flicker: the heights are constant, or only drift."
         near, far = self._other_lines()
         if near:
-            told += f" Peaks near it ({near}) are of an uneven rhythm, or lines of their own."
+            told += f" Peaks near it ({near}) come from an uneven rhythm, or are separate lines."
         if far:
             told += f" Further lines: {far}."
         if self.swings_hz:

@@ -91,8 +91,8 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
                     _refuse_missing(_gaps(column), files, f"{len(files)} views")
                 return _as_array([path for _, path in sorted(zip(column, files, strict=True))])
     raise InputError(
-        f"The {len(files)} images like {files[0]} do not number a grid: each needs a row and a "
-        f"column, or a running number, of its own."
+        f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
+        f"row and column, or a unique running number."
     )
 
 

@@ -288,7 +288,7 @@ def _micro_images(grid: LensletGrid, likeness: np.ndarray, reach: int):
     clear, (height, width) = grid.pitch, likeness.shape  # excludes those cut off by the border
     inside = (y >= clear) & (y <= height - 1 - clear) & (x >= clear) & (x <= width - 1 - clear)
     if not inside.any():
-        raise _no_grid("no micro-image stands clear of its border")
+        raise _no_grid("no micro-image lies clear of its border")
     row, column, y, x = (values[inside] for values in (row, column, y, x))
     top_y, top_x, curvature = _peaks(likeness, y, x, grid.pitch / 6)
     found = curvature > 0.2 * np.median(curvature)

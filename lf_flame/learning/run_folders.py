@@ -235,7 +235,7 @@ def open_run(folder: str | Path) -> TrainedRun:
     if "data" not in record:
         held = f"a run of the system {record.get('system')}" if record.get("system") else "no run"
         raise InputError(
-            f"{folder} holds {held}; wanted is one of the paper's network, by `lf-flame train`."
+            f"{folder} holds {held}; it must hold one of the paper's network, by `lf-flame train`."
         )
     source = folder / "run.json"
     known = build_record(PaperRunRecord, record, source).dataset

@@ -48,7 +48,7 @@ class ResNet50(NetworkSystem):
         return cls(run.load_network(), run.config, run.slopes)
 
     def view_indices(self, rows: int, columns: int) -> ViewIndices:
-        """Choose the views that its encoding uses, of its own camera's views."""
+        """Choose the views that the encoding uses, out of the camera's views."""
         own = self.config.camera.views
         if (rows, columns) != (own, own):
             raise InputError(

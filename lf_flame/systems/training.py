@@ -293,7 +293,7 @@ class PatchTrainer:
     def _cut(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Cut patches out of random images, never rotated or mirrored: views have directions.
 
-        Of two positions the one with more contrast is used: nothing can be learnt from uniform
+        The one with more contrast of two positions is used: a network learns nothing from uniform
         patches.
         """
         shown, truth = self.arrays["train"]

@@ -134,7 +134,7 @@ def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
     return (
         f"Planes are {steps.min():.3g} mm apart, and the finest detail that pixels hold, of "
         f"{period:.2g} mm, is blurred over {blur:.2g} mm in depth, detail of {10 * period:.2g} mm "
-        f"over {smooth:.2g} mm (lf-flame resolution): neighbouring planes are not told apart, and "
+        f"over {smooth:.2g} mm (lf-flame resolution): neighbouring planes are not separated, and "
         f"the penalty shares their light.",
     )
 

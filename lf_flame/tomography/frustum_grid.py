@@ -185,8 +185,8 @@ def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:
     steps = np.diff(depths)
     if not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError(
-            f"depths_mm must rise or fall, no two alike: planes at one depth cannot be told "
-            f"apart; got {depths.tolist()}."
+            f"depths_mm must rise or fall, no two alike: planes at one depth cannot be "
+            f"separated; got {depths.tolist()}."
         )
     return depths
 

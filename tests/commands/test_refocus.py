@@ -112,7 +112,7 @@ def test_apertures_and_interpolations(folder, light_field, tmp_path):
     run(folder, "--slope", 0.5, "--interpolation", "sinc", "--aperture", 0.6, "--ring", 0.2,
         "--out", tmp_path / "out")  # fmt: skip
     weights = round_aperture((5, 5), 0.6) - round_aperture((5, 5), 0.2)
-    expected = refocus(light_field, 0.5, interpolation="sinc", weights=weights)
+    expected = refocus(light_field, [0.5], interpolation="sinc", weights=weights)
     stack, _ = read_focal_stack(tmp_path / "out" / "focal_stack.tif")
     np.testing.assert_allclose(stack, expected, atol=1e-6)
 
@@ -148,7 +148,7 @@ def test_lenslet_images_and_raw_images(light_field, tmp_path):
     """The same picture from N x N pixels to a lenslet, and decoded by a stated pitch."""
     write_lenslet_image(light_field, tmp_path / "lenslets.png")
     write_image(tmp_path / "raw.tif", light_field.to_raw())
-    expected = shift_and_sum(light_field, 0.5)
+    expected = shift_and_sum(light_field, [0.5])
     for args in (["lenslets.png", "--views", 5], ["raw.tif", "--pitch", 5.0]):
         out = tmp_path / f"{args[0]}-refocused"
         run(tmp_path / args[0], *args[1:], "--slope", 0.5, "--out", out)
@@ -282,7 +282,7 @@ def test_regions_come_into_focus(leaves, system_runs, tmp_path, how):
     ("args", "words"),
     [
         (["--region", 0, 5, 0, 50], "11 pixels or more along each side, got 5 x 50"),
-        (["--region", 10, 50, 10, 500], "inside the 60 x 120 pixels"),
+        (["--region", 10, 50, 10, 500], "inside the 60 x 120 lenslets"),
         (["--region", 0, 50, 0, 50, "--network", "refocusnet"], "not the network of `volumetric`"),
         (["--region", 0, 50, 0, 50, "--background", 90], "from -15 to 15, beyond which"),
     ],
@@ -550,7 +550,7 @@ def test_the_count_of_views_follows_from_the_camera(light_field, camera, tmp_pat
         words = [tmp_path / source[0], *source[1:], *known, "--slope", 0, "--out", tmp_path / "o"]
         result = run(*words)
         assert "5 x 5 views of 40 x 48" in result.output
-    assert "neither the rotation nor the place of the array was looked for" in result.output
+    assert "rotation and the position of the array were not searched for" in result.output
 
 
 def devignetted(folder, rng):

@@ -175,7 +175,7 @@ def test_noise_has_a_highest_peak_that_is_not_claimed():
     found = find_flicker(np.arange(64) / 50, np.random.default_rng(8).standard_normal(64))
     assert np.isnan(found.frequency_hz)
     assert 0 < found.peak_hz < 25
-    assert found.describe().startswith("No frequency stands out of the noise")
+    assert found.describe().startswith("No frequency is above the noise")
     assert found.false_alarm > FALSE_ALARM
 
 

@@ -351,8 +351,8 @@ def test_a_network_that_is_not_the_runs_is_not_used(run_folder, tmp_path):
 
 def test_help_says_what_a_prediction_is():
     shown = " ".join(run("predict", "--help").output.split())
-    assert "which object stands at which depth" in shown
-    assert "makes something up" in shown
+    assert "memorised the depth of each object" in shown
+    assert "its output is invented" in shown
     assert "no pickled code" in " ".join(run("export", "--help").output.split())
 
 

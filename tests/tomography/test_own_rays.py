@@ -105,7 +105,7 @@ def test_planes_twice_as_fine_make_it_no_worse():
         sheets = zip(depths, slab, strict=True)
         truth = np.array([cells(lens, Sheet(z, (0, 0), (1.0, 0.8), light)) for z, light in sheets])
         found = reconstruct(noisy, FrustumGrid(camera, depths))
-        assert any("neighbouring planes are not told apart" in one for one in found.warnings)
+        assert any("neighbouring planes are not separated" in one for one in found.warnings)
         assert found.emission.max() < 1.1 * truth.max()
         errors.append(np.linalg.norm(found.emission - truth) / np.linalg.norm(truth))
     assert max(errors) < 0.2

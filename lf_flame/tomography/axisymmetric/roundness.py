@@ -68,8 +68,8 @@ def check_roundness(axis: FlameAxis) -> tuple[str, ...]:
         )
     if axis.lopsided > MOST_LOPSIDED:
         found.append(
-            f"The flame's halves differ by {axis.lopsided:.1%} of its light: it is not round, and "
-            f"what is found is the round flame most like it."
+            f"The flame's halves differ by {axis.lopsided:.1%} of its light: it is not "
+            f"axisymmetric, and the result is the axisymmetric flame most like it."
         )
     return tuple(found)
 
@@ -155,9 +155,9 @@ def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
     if shared <= max(ERRORS * error, (3 * MODEL_ERROR * peak) ** 2):
         return ()
     return (
-        f"What no round flame explains is {np.sqrt(shared) / peak:.2%} of the brightest pixel, "
-        f"more than noise: the flame is not round, or axis, depth, radius, burner, camera or a "
-        f"background is wrong; error bars do not hold that.",
+        f"No axisymmetric flame explains {np.sqrt(shared) / peak:.2%} of the brightest pixel, more "
+        f"than noise: the flame is not axisymmetric, or axis, depth, radius, burner, camera or a "
+        f"background is wrong; error bars do not include this.",
     )
 
 

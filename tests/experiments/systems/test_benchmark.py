@@ -192,7 +192,7 @@ def test_the_program_compares_and_says_what_is_missing(system_runs, coarse_data,
     assert absent.psnr_db.isna().all()
     assert absent.why_missing.str.contains("no finished run").all()
     variant = scores[scores.system == "ResNet-50, smoke recipe, refocusnet"]
-    assert variant.why_missing.str.contains("wanted is one of the paper's network").all()
+    assert variant.why_missing.str.contains("it must hold one of the paper's network").all()
     assert len(variant)
     costs = pd.read_csv(tmp_path / "out/systems.csv").set_index("system")
     assert costs.milliseconds["RefocusNet"] > 0
