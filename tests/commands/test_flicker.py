@@ -440,7 +440,7 @@ def test_a_frame_far_out_of_the_others_is_told_and_left_out(tmp_path):
     write_video(tmp_path / "video", [f"f{n}" for n in counts], heights)
     words = ["--frames-per-second", 100, "--out", tmp_path / "out"]
     result = run("flicker", tmp_path / "video", *words)
-    assert "1 of 40 frames, first f17.npy: The height is far out" in result.output
+    assert "1 of 40 frames, first f17.npy: The height is far from" in result.output
     record = record_of(tmp_path / "out")
     assert record["outliers"] == ["f17.npy"]
     assert record["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)

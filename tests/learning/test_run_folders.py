@@ -84,9 +84,7 @@ def test_what_does_not_go_together_is_named(write, change, words):
 def test_a_run_of_a_system_says_what_it_is_and_what_is_wanted(write):
     folder = write({"system": "refocusnet", "title": "RefocusNet", "train_s": 1.0})
     assert load_run(folder)["system"] == "refocusnet"
-    words = (
-        "holds a run of the system refocusnet; it must hold one of the paper's network, by `lf-flame"
-    )
+    words = "holds a run of the system refocusnet; it must hold one of the paper's network, by `lf"
     with pytest.raises(InputError, match=words):
         open_run(folder)
 
