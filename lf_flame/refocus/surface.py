@@ -245,7 +245,11 @@ def _as_shape(shape: Sequence[int]) -> tuple[int, int]:
 def _as_mask(region: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
     """Mask of a region."""
     given = np.asarray(region)
-    if given.dtype == bool and given.shape == shape:
+    if given.dtype == bool and given.ndim == 2:
+        if given.shape != shape:
+            raise InputError(
+                f"The mask of a region must have the shape of the map, {shape}, got {given.shape}."
+            )
         return given
     mask = np.zeros(shape, bool)
     top, bottom, left, right = as_region(region, shape)

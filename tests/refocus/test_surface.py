@@ -235,7 +235,7 @@ FLAT = np.ones((3, 3, 4, 5))
         (lambda: planar_slopes((4, 5), 1.0, gradient=0.1), "gradient must be two numbers"),
         (
             lambda: region_slopes((4, 5), [((0, 9, 0, 5), 1.0)], background=0.0),
-            r"got \[0, 9, 0, 5\]",
+            r"got \(0, 9, 0, 5\)",
         ),
         (
             lambda: region_slopes((4, 5), [(np.ones((5, 4), bool), 1.0)], background=0.0),
