@@ -45,7 +45,7 @@ def test_a_second_call_replaces_what_the_first_wrote_and_leaves_the_rest(tmp_pat
     with caplog.at_level("INFO"):
         fill(tmp_path, b="2", c="2")
     assert len(caplog.messages) == 1
-    assert caplog.messages[0].endswith("makes none: a.txt.")
+    assert caplog.messages[0].endswith("this one does not: a.txt.")
     assert contents(tmp_path) == {"b.txt": "2", "c.txt": "2", "mine.txt": "mine"}
 
 

@@ -276,14 +276,14 @@ def test_many_passes_are_traced_anew_for_each_image():
         anew, _ = both_ways(scene, camera)
     for _ in range(2):
         np.testing.assert_array_equal(kept.refocus(0.7), anew.refocus(0.7))
-    assert_close(anew.refocus(0.7), shift_and_sum(light_field, 0.7), 1.0)
+    assert_close(anew.refocus(0.7), shift_and_sum(light_field, [0.7]), 1.0)
 
 
 def test_a_flame_that_dims_but_its_own_light_is_projected():
     scene = Scene([Layer(GLOW.texture, 10.0, (1.0, 1.0), optical_thickness=0.5)])
     projected, light_field = both_ways(scene, small())
     assert "self_absorption" in light_field.plan.kept
-    assert_close(projected.refocus(0.4), shift_and_sum(light_field, 0.4), 1.0)
+    assert_close(projected.refocus(0.4), shift_and_sum(light_field, [0.4]), 1.0)
 
 
 def test_what_cannot_be_projected_is_told_in_one_sentence():

@@ -141,7 +141,7 @@ from lf_flame.refocus import shift_and_sum
 views = np.random.default_rng(5).uniform(size=(9, 9, 40, 37)).astype(np.float32)
 for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
     numba.set_num_threads(threads)
-    images = [shift_and_sum(views, [1.3, -0.2], how) for how in ("linear", "nearest")]
+    images = [shift_and_sum(views, [1.3, -0.2], interpolation=how) for how in ("linear", "nearest")]
     print(threads, hashlib.sha256(np.array(images).tobytes()).hexdigest())
 """
 
