@@ -50,7 +50,7 @@ MATTER = (
 )  # fmt: skip
 PLANS = (
     "simulation/planning/test_scene_bounds.py", "simulation/planning/test_plan.py",
-    "simulation/planning/test_part_counts.py", "simulation/planning/test_spread_bounds.py",
+    "simulation/planning/test_part_counts.py", "simulation/planning/test_probes.py",
     "simulation/planning/test_effects.py",
 )  # fmt: skip
 SPACE = ("refocus/test_shift.py", "refocus/test_surface.py", "refocus/test_fourier.py")
@@ -111,14 +111,9 @@ CORE = {
     "simulation/reference/forward.py": ("simulation/test_forward.py",),
     "simulation/rendering.py": (*IMAGES, "simulation/planning/test_effects.py"),
     "simulation/planning/scene_bounds.py": PLANS,
-    "simulation/planning/spread_bounds.py": PLANS,
-    "simulation/planning/symmetric_spread.py": PLANS,
+    "simulation/planning/probes.py": PLANS,
     "simulation/slabs.py": (*MATTER, "simulation/planning/test_part_counts.py"),
-    "simulation/planning/axis_spread.py": PLANS,
-    "simulation/planning/bundle_widths.py": PLANS,
-    "simulation/planning/cell_rounding.py": PLANS,
     "simulation/planning/part_counts.py": PLANS,
-    "simulation/planning/texture_blocks.py": PLANS,
     "simulation/planning/time_estimates.py": PLANS,
     "simulation/ray_grid.py": MATTER,
     "simulation/stops.py": PLANS,

@@ -74,7 +74,7 @@ NEEDS = {
 """A scene that calls for each effect."""
 
 SPARES = {
-    "defocus": (Scene([mound(0.3)]), small()),
+    "defocus": (Scene([mound(0.03)]), small()),
     "occlusion": (
         Scene([glow(20.0), Layer([[0.3]], -10.0, (0.2, 0.2), (0.6, 5.5), opaque=True)]),
         small(lenslets=(10, 110)),
