@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.effects.cameras import CAMERAS
+from experiments.effects.ray_tracer import trace_pixels
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
@@ -22,7 +23,6 @@ from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render
-from tests.ray_tracer import trace_pixels
 
 TOLERANCE = 1e-3
 """Of the images that the library makes."""

@@ -62,10 +62,10 @@ def text(table: pd.DataFrame, record: dict) -> str:
 {versions}; {record["wall_s"]:.0f} s.
 
 A small flame with what calls for the effect, rendered at tolerance {record["tolerance"]:g}, beside
-`tests/ray_tracer.py`: {record["rays"]} rays through each lenslet in each of {record["repeats"]}
-randomisations, in {record["pixels"]} pixels, half of them those that change most. Behind the tracer
-saturation and quantisation are closed forms; noise is the closed form of EMVA 1288, as a
-root-mean-square over the image.
+`experiments/effects/ray_tracer.py`: {record["rays"]} rays through each lenslet in each of
+{record["repeats"]} randomisations, in {record["pixels"]} pixels, half of them those that
+change most. Behind the tracer saturation and quantisation are closed forms; noise is the
+closed form of EMVA 1288, as a root-mean-square over the image.
 
 All values are relative to the brightest pixel without the effect. Reference and library: in the
 pixel where they differ most. rms: of the differences over all pixels that were traced. Error of the

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -10,9 +9,6 @@ from lf_flame.errors import InputError
 from lf_flame.optics import diffraction
 from lf_flame.optics.aperture_response import blur_lines
 from lf_flame.optics.camera import PlenopticCamera
-
-TAIL = 1e-3
-"""Share of the light that a kernel may leave out."""
 
 SAME_PITCH = 1e-9
 """Relative difference at which pixels still tile a micro-image."""
@@ -22,22 +18,6 @@ COLUMNS_AT_ONCE = 256
 
 MOST_TILES = 2**30
 """Tiles of the whole sensor beyond which they would fill the memory."""
-
-
-@lru_cache(maxsize=16)
-def lenslet_kernel(camera: PlenopticCamera) -> tuple[np.ndarray, float]:
-    """Diffraction of a lenslet in pixels, as far as it matters: along one axis, for both.
-
-    Returns
-    -------
-    kernel : ndarray of float64, shape (odd,)
-        Of sum 1.
-    beyond : float
-        Share of the light beyond it.
-    """
-    kernel = diffraction.square_kernel(_spread_mm(camera), camera.pixel_mm, TAIL)
-    own = math.sqrt(1 - lenslet_share_leaving(camera))
-    return kernel, max(0.0, 1 - own / float(kernel[kernel.size // 2]))
 
 
 def lenslet_share_leaving(camera: PlenopticCamera) -> float:

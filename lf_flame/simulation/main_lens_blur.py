@@ -19,11 +19,14 @@ from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
 from lf_flame.simulation.bundle_shifts import beyond_mm, misplaced_mm, true_pitch_mm
-from lf_flame.simulation.lenslet_blur import TAIL, wavelength_mm
+from lf_flame.simulation.lenslet_blur import wavelength_mm
 from lf_flame.simulation.slabs import Plane
 from lf_flame.simulation.stops import neighbours
 
 Interval = tuple[float, float]
+
+TAIL = 1e-3
+"""Share of the light that a kernel may leave out."""
 
 PARTS = 8
 """Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
@@ -66,12 +69,6 @@ def main_lens_kernel(camera: PlenopticCamera) -> np.ndarray:
     spread, pitch = main_lens_spread_mm(camera), camera.lenslet_pitch_mm
     kernel = diffraction.round_kernel if _is_round(camera) else diffraction.square_kernel
     return kernel(spread, pitch, TAIL)
-
-
-def throws_beyond(camera: PlenopticCamera, distances_mm: np.ndarray, gain: float) -> np.ndarray:
-    """Share of a point's light that is thrown farther than some distances along an axis."""
-    spread = main_lens_spread_mm(camera) * gain
-    return diffraction.share_beyond(distances_mm, spread, _is_round(camera))
 
 
 def _is_round(camera: PlenopticCamera) -> bool:

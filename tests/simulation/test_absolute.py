@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from ray_tracer import draw_pixels, trace_pixels
 
+from experiments.effects.ray_tracer import draw_pixels, trace_pixels
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, Sensor, render
 
 BASE = replace(PAPER_CAMERA, views=5, lenslets=(24, 30))

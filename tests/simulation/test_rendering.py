@@ -20,6 +20,7 @@ from lf_flame import (
 from lf_flame.optics.ray_bundle import trace_footprint, trapezoid_cdf
 from lf_flame.scenes.shapes import shape_texture
 from lf_flame.simulation import rendering
+from lf_flame.simulation.planning import ray_counts
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render_plan
 
@@ -256,6 +257,7 @@ def test_two_images_that_agree_by_chance_do_not_do(small_camera, monkeypatch):
         out += {2: 1.0, 3: 1.0, 5: 1.01, 8: 1.01}.get(rays, 1.0101)
 
     monkeypatch.setattr(rendering, "trace", level)
+    monkeypatch.setattr(ray_counts, "trace", level)
     render_plan(scene, small_camera, plan, "rays")
     assert tried == [2, 3, 5, 8, 12, 12]
 

@@ -21,6 +21,7 @@ from lf_flame.simulation.bundle_shifts import (
 )
 from lf_flame.simulation.lenslet_blur import lenslet_share_leaving
 from lf_flame.simulation.main_lens_blur import main_lens_share_leaving, main_lens_spread_mm
+from lf_flame.simulation.planning.probes import measured_change
 from lf_flame.simulation.planning.scene_bounds import (
     SceneBounds,
     dimmed_inside,
@@ -29,19 +30,8 @@ from lf_flame.simulation.planning.scene_bounds import (
     smeared,
     stopped_inside,
 )
-from lf_flame.simulation.planning.spread_bounds import (
-    colour_change,
-    depth_change,
-    lenslet_blur_change,
-    main_lens_blur_change,
-    patch_change,
-)
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
-
-CLEAR = 0.25
-"""Change by the farthest move, relative to the brightest pixel, beyond which defocus is not looked
-into more closely: that would take longer than it could save."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +56,7 @@ def _defocus(bounds: SceneBounds) -> Estimate:
     A box moves rays by b/4 on average. (Circle of confusion for one view; Hahne et al., Opt.
     Express 24, 21521, 2016, give it for plenoptic cameras.)
     """
-    moved, widest = dict.fromkeys(bounds.layers, 0.0), 0.0
+    change, widest = 0.0, 0.0
     for layer, axis in product(bounds.layers, (0, 1)):
         # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
         seen = [
@@ -76,10 +66,7 @@ def _defocus(bounds: SceneBounds) -> Estimate:
         width = max(abs(footprint.pixel_width_mm) for footprint in seen)
         lenslet = min(abs(footprint.lenslet_width_mm) for footprint in seen)
         widest = max(widest, width)
-        moved[layer] += displaced(bounds, layer, axis, width / 4, lenslet)
-    change = sum(moved.values())
-    if bounds.relative(change) <= CLEAR:
-        change = sum(min(moved[layer], patch_change(bounds, layer)) for layer in bounds.layers)
+        change += displaced(bounds, layer, axis, width / 4, lenslet)
     words = f"a pixel's patch of the main lens blurs {widest:.3g} mm"
     return Estimate(bounds.relative(change), words)
 
@@ -118,7 +105,7 @@ def _thickness(bounds: SceneBounds) -> Estimate:
             moved = sum(
                 smeared(bounds, layer, axis, depth_mm=layer.thickness_mm) for axis in (0, 1)
             )
-            change += min(moved, depth_change(bounds, layer))
+            change += min(moved, measured_change(bounds, layer, "thickness"))
             change += stopped_inside(bounds, layer) * layer.texture.max()
             change += dimmed_inside(bounds, layer)
     if not thickest:
@@ -207,8 +194,7 @@ def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
     share = lenslet_share_leaving(camera)
     spread = camera.wavelength_nm * 1e-6 * camera.lenslet_focal_mm / camera.lenslet_pitch_mm
     words = f"spread {spread * 1e3:.3g} um on pixels of {camera.pixel_mm * 1e3:.3g} um"
-    change = sum(lenslet_blur_change(bounds, layer) for layer in bounds.layers)
-    return Estimate(bounds.relative(min(share * bounds.brightest_raw, change)), words)
+    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
 
 
 def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
@@ -218,8 +204,7 @@ def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
         return Estimate(0.0, "no wavelength_nm: ray optics")
     share, spread = main_lens_share_leaving(camera), main_lens_spread_mm(camera)
     words = f"spread {spread * 1e3:.3g} um on lenslets of {camera.lenslet_pitch_mm * 1e3:.4g} um"
-    change = sum(main_lens_blur_change(bounds, layer) for layer in bounds.layers)
-    return Estimate(bounds.relative(min(share * bounds.brightest_raw, change)), words)
+    return Estimate(bounds.relative(share * bounds.brightest_raw), words)
 
 
 def _lenslet_rotation(bounds: SceneBounds) -> Estimate:
@@ -251,7 +236,7 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     change = 0.0
     for layer in bounds.layers:
         moved = sum(smeared(bounds, layer, axis, focal_mm=band_mm) for axis in (0, 1))
-        change += min(moved, colour_change(bounds, layer))
+        change += min(moved, measured_change(bounds, layer, "chromatic"))
     words = f"focal length +-{band_mm / 2:.3g} mm"
     return Estimate(bounds.relative(change), words)
 

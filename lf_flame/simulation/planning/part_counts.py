@@ -3,8 +3,10 @@
 "How many slabs" in the documentation derives the bounds on what midpoints of parts leave out.
 """
 
+import math
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,8 +19,8 @@ from lf_flame.simulation.planning.absorbing_slabs import (
     KINK,
     AbsorbingSlabs,
 )
+from lf_flame.simulation.planning.probes import Probes, find_probes
 from lf_flame.simulation.planning.scene_bounds import SceneBounds, box_mm, change_rate, smeared
-from lf_flame.simulation.planning.spread_bounds import colour_change, depth_change
 from lf_flame.simulation.slabs import slab_edges
 
 SLICING_SHARE = 0.125
@@ -40,6 +42,27 @@ BOUNDARIES_BESIDE = 2
 """Boundaries of cells that an edge passes at most, beyond its travel over the width of a cell."""
 
 
+@dataclass(frozen=True)
+class Request:
+    """What the parts of a spread have to keep to.
+
+    Attributes
+    ----------
+    effect : str
+    allowance : float
+        Error that is acceptable, in the unit of the textures.
+    tolerance : float
+        Tolerance of the image from which it follows.
+    most : int, optional
+        Largest number of parts.
+    """
+
+    effect: str
+    allowance: float
+    tolerance: float
+    most: int = MOST_PARTS
+
+
 def count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float, absorption: bool) -> list[int]:
     """Count planes for each layer, so that those of all together keep within their share.
 
@@ -53,23 +76,21 @@ def count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float, absorption:
     thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
     allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
 
-    def change(layer: Layer, slabs: float) -> float:
-        moved = _sliced_change(
-            bounds,
-            layer,
-            slabs,
-            lambda axis, n: smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / n),
-        )
-        return moved if moved <= allowance else min(moved, depth_change(bounds, layer, slabs))
+    def bound(layer: Layer, slabs: float) -> float:
+        def smear(axis: int, parts: float) -> float:
+            return smeared(bounds, layer, axis, depth_mm=layer.thickness_mm / parts)
+
+        return _sliced_change(bounds, layer, slabs, smear)
 
     def count(layer: Layer) -> int:
         if not layer.thickness_mm > 0:
             return 1
-        even = partial(change, layer)
-        if not (absorption and layer.optical_thickness.any()):
-            return _count_parts(even, allowance, "thickness", tolerance)
-        crowded = _absorbing_change(bounds, layer, even)
-        return _count_parts(crowded, allowance, "thickness", tolerance, 2 * MOST_PARTS)
+        even = partial(bound, layer)
+        request = Request("thickness", allowance, tolerance)
+        if absorption and layer.optical_thickness.any():
+            crowded = _absorbing_change(bounds, layer, even)
+            return _count_parts(crowded, [], replace(request, most=2 * MOST_PARTS))
+        return _count_parts(even, find_probes(bounds, [layer], "thickness"), request)
 
     return [count(layer) for layer in scene.layers]
 
@@ -98,24 +119,18 @@ def count_colours(bounds: SceneBounds, tolerance: float) -> int:
     InputError
         As `count_slabs`.
     """
-    allowance = SLICING_SHARE * tolerance * bounds.peak
     band_mm = bounds.camera.chromatic_shift * bounds.camera.main_lens_focal_mm
 
-    def smear(layer: Layer, axis: int, colours: int) -> float:
-        return smeared(bounds, layer, axis, focal_mm=band_mm / colours)
+    def bound(colours: int) -> float:
+        def smear(layer: Layer, axis: int, parts: float) -> float:
+            return smeared(bounds, layer, axis, focal_mm=band_mm / parts)
 
-    def change(colours: int) -> float:
-        moved = [
-            _sliced_change(bounds, layer, colours, partial(smear, layer)) for layer in bounds.layers
-        ]
-        if sum(moved) <= allowance:
-            return sum(moved)
         return sum(
-            min(one, colour_change(bounds, layer, colours))
-            for one, layer in zip(moved, bounds.layers, strict=True)
+            _sliced_change(bounds, layer, colours, partial(smear, layer)) for layer in bounds.layers
         )
 
-    return _count_parts(change, allowance, "chromatic", tolerance)
+    request = Request("chromatic", SLICING_SHARE * tolerance * bounds.peak, tolerance)
+    return _count_parts(bound, find_probes(bounds, bounds.layers, "chromatic"), request)
 
 
 def _sliced_change(
@@ -148,19 +163,24 @@ def _sliced_change(
     return min(first, (kinks + curvature / CURVATURE) / parts**2)
 
 
-def _count_parts(
-    change: Callable[[int], float],
-    allowance: float,
-    effect: str,
-    tolerance: float,
-    most: int = MOST_PARTS,
-) -> int:
-    """Smallest power of 2, or half between two, whose change is within the allowance."""
-    parts = [n for n in sorted((*POWERS, *(3 * n // 2 for n in POWERS))) if n <= most]
-    enough = bisect_left(parts, True, key=lambda n: change(n) <= allowance)
-    if enough == len(parts):
+def _count_parts(bound: Callable[[int], float], probes: Sequence[Probes], request: Request) -> int:
+    """Fewest parts whose error is within the allowance, by the bound or as measured."""
+    counts = [n for n in sorted((*POWERS, *(3 * n // 2 for n in POWERS))) if n <= request.most]
+    enough = bisect_left(counts, True, key=lambda n: bound(n) <= request.allowance)
+    sure = counts[enough] if enough < len(counts) else math.inf
+    for n in POWERS if probes else ():
+        if n >= min(sure, 2 * request.most):
+            break
+        if _error(probes, n) <= request.allowance:
+            between = 3 * n // 4
+            return between if n > 2 and _error(probes, between) <= request.allowance else n
+    if sure == math.inf:
         raise InputError(
-            f"tolerance {tolerance:g} cannot be met: {effect} would need more than "
-            f"{most} parts; allow more, or force {effect} off."
+            f"tolerance {request.tolerance:g} cannot be met: {request.effect} would need more than "
+            f"{request.most} parts; allow more, or force {request.effect} off."
         )
-    return parts[enough]
+    return int(sure)
+
+
+def _error(probes: Iterable[Probes], parts: int) -> float:
+    return sum(each.error(parts) for each in probes)

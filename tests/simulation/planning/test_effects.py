@@ -119,7 +119,8 @@ def test_a_scene_that_calls_for_an_effect_gets_it(name):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_scene_that_does_not_call_for_an_effect_does_not_get_it(name):
     scene, camera = SPARES[name]
-    planned = plan_effects(scene, camera)[name]
+    # Out of focus by so little that a bound of first order leaves it out, float32 shows nothing.
+    planned = plan_effects(scene, camera, 0.01 if name == "defocus" else 1e-3)[name]
     assert not planned.kept
     quiet = {stage: False for stage in STAGES if stage != name}
     fixed = {"integrator": "rays", "rays": 60} if name == "lenslet_rotation" else {}

@@ -98,7 +98,7 @@ def draw_pixels(camera: PlenopticCamera, count: int, seed: int) -> np.ndarray:
 
 
 def image_distance(camera: PlenopticCamera) -> float:
-    """Main lens to lenslet array, in mm: 1/f = 1/a + 1/i."""
+    """Find the distance from main lens to lenslet array, in mm: 1/f = 1/a + 1/i."""
     return 1 / (1 / camera.main_lens_focal_mm - 1 / camera.focus_distance_mm)
 
 

@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ray_tracer import _airy_quantile, _radiance, _sinc2_quantile, draw_pixels, trace_pixels
 from scipy.integrate import quad
 
+from experiments.effects.ray_tracer import (
+    _airy_quantile,
+    _radiance,
+    _sinc2_quantile,
+    draw_pixels,
+    trace_pixels,
+)
 from lf_flame import PAPER_CAMERA, Layer, Scene
 
 WHITE = Scene([Layer([[0.7]], 5.0, (40.0, 40.0))])
