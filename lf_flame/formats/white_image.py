@@ -81,7 +81,7 @@ def estimate_grid(
     Raises
     ------
     InputError
-        If the image cannot be used, or shows no grid, or not the stated one.
+        If the image cannot be used, or shows no grid, or none of that pitch and layout.
 
     Examples
     --------

@@ -82,7 +82,7 @@ def read_input(source: str | Path, size: tuple[int, int]) -> NetworkInput:
     Raises
     ------
     InputError
-        If it cannot be read, has NaN or infinite values, or its aspect ratio is another one.
+        If it cannot be read, holds NaN or infinite values, or has another aspect ratio than `size`.
 
     Examples
     --------

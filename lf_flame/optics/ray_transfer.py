@@ -71,7 +71,7 @@ def chain(*elements: np.ndarray) -> np.ndarray:
 
 
 def inverse(system: np.ndarray) -> np.ndarray:
-    """Matrix of the reversed light path: ``[[D, -B], [-C, A]]``.
+    """Matrix of the reversed light path, ``[[D, -B], [-C, A]]``, of ``[[A, B], [C, D]]``.
 
     It is exact for determinant 1. Nothing is divided, so it holds for imaging (B = 0), afocal
     (C = 0) and telecentric (A or D = 0) systems.

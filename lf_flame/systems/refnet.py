@@ -31,7 +31,7 @@ BLOCKS, NARROW, WIDE = 4, 32, 128
 
 
 def build_refnet(seed: int = 0) -> keras.Model:
-    """Build the network.
+    """Build RefNet in our reading: bottleneck residual blocks, ELU, a tanh at the end.
 
     Parameters
     ----------
