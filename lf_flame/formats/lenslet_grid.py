@@ -54,7 +54,7 @@ class LensletGrid:
     Examples
     --------
     >>> from lf_flame.formats import LensletGrid
-    >>> grid = LensletGrid(pitch=10.0, centre=(29.5, 39.5))
+    >>> grid = LensletGrid(4.5, 4.5, 10.0)
     >>> grid.count((60, 80))
     (6, 8)
     """

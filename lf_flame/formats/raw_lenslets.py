@@ -94,7 +94,7 @@ def decode_raw(
     >>> from lf_flame.formats import decode_raw, grid_from_pitch
     >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
     >>> decode_raw(raw, grid_from_pitch(raw.shape, 10.0))
-    LightField(10 x 10 views of 6 x 8 pixels, grey)
+    LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
     views = _count_views(grid, views)
     image, white = less_dark(raw, white, dark)

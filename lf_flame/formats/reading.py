@@ -226,12 +226,13 @@ def read_raw(
     Examples
     --------
     >>> import numpy as np
+    >>> import tifffile
     >>> from lf_flame.formats import read_raw
     >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
-    >>> np.save("raw.npy", raw)
-    >>> light_field, grid = read_raw("raw.npy", pitch=10.0)
+    >>> tifffile.imwrite("raw.tif", raw)
+    >>> light_field, grid = read_raw("raw.tif", pitch=10.0)
     >>> light_field
-    LightField(10 x 10 views of 6 x 8 pixels, grey)
+    LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
     if Path(path).is_dir():
         raise InputError(

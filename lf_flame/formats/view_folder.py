@@ -159,7 +159,7 @@ def scan_view_folder(
     >>> light_field = LightField(np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
 
     >>> formats.write_view_folder(light_field, "views")
-    >>> formats.scan_view_folder("views").shape[:2]
+    >>> formats.scan_view_folder("views").files.shape
     (3, 3)
     """
     path = Path(path)

@@ -91,7 +91,7 @@ def estimate_grid(
     >>> white = np.cos(np.pi * (y / 10 - 0.5)) ** 2 * np.cos(np.pi * (x / 10 - 0.5)) ** 2
     >>> grid = estimate_grid(white)
     >>> round(grid.pitch, 2), grid.layout
-    (10.0, 'square')
+    (10.0, 'rectangular')
     """
     white = _as_white(white)
     if layout is not None:
