@@ -143,9 +143,8 @@ class Home:
             wrong = fault(process.wait(), 0)
             process.end()
             assert not wrong, f"{asked.line}, undisturbed: {wrong}"
-            self._wholes[asked.line] = Whole(
-                folder, list(copy.before), copy.changes(), seconds, changes
-            )
+            read, made = list(copy.before), copy.changes()
+            self._wholes[asked.line] = Whole(folder, read, made, seconds, changes)
         return self._wholes[asked.line]
 
 
