@@ -196,12 +196,12 @@ test-all: | $(INSTALLED)  ## run all tests, as CI does
 test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/_common/test_threads.py tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/projection tests/refocus/test_shift.py -m 'not jit'
 
-# MUTANTS names a package of lf_flame, or a file of it; its tests are those of the folder of that name, or
-# TESTS. EVERY=20 plants one error of twenty. A copy of the checkout is changed, never the checkout itself;
-# where it was stopped it goes on.
+# MUTANTS names a package of lf_flame, or a file of it; its tests are those of the folder, or of the file, of
+# that name, or TESTS. EVERY=20 plants one error of twenty. A copy of the checkout is changed, never the
+# checkout itself; where it was stopped it goes on.
 MUTANTS ?= optics
 EVERY ?= 1
-TESTS ?= tests/$(firstword $(subst /, ,$(MUTANTS)))
+TESTS ?= $(or $(wildcard tests/$(dir $(MUTANTS))test_$(notdir $(MUTANTS))),tests/$(firstword $(subst /, ,$(MUTANTS))))
 MUTATED := results/mutants/$(subst /,-,$(MUTANTS))-$(EVERY)
 SESSION := $(MUTATED)/session.sqlite
 IN_MUTATED := cd $(MUTATED) && export PATH=$(abspath $(BIN)):$$PATH PYTHONPATH=$$PWD &&
@@ -212,7 +212,8 @@ mutants: $(SESSION)  ## plant small errors in a package, one at a time, and list
 	$(IN_MUTATED) cr-report session.sqlite --surviving-only --show-diff && cr-rate session.sqlite
 $(SESSION): tests/mutants.toml $(shell find lf_flame/$(MUTANTS) -name '*.py') | $(INSTALLED)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --editable '.[mutants]'
-	rm -rf $(MUTATED) && mkdir -p $(MUTATED) && $(COPY)
+	rm -rf $(MUTATED) && mkdir -p $(MUTATED)
+	$(COPY)
 	sed 's:MUTANTS:$(MUTANTS):; s:TESTS:$(TESTS):' tests/mutants.toml > $(MUTATED)/mutants.toml
 	$(IN_MUTATED) cosmic-ray baseline mutants.toml && cosmic-ray init mutants.toml new.sqlite && \
 	  python -c 'import sqlite3; sqlite3.connect("new.sqlite", isolation_level=None).execute( \

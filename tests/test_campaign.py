@@ -6,6 +6,7 @@ import signal
 import time
 
 import pytest
+from campaigning import processes
 from campaigning.contents import contents, differences, is_recorded
 from campaigning.inputs import DAMAGES, damage, with_value
 from campaigning.processes import Outcome, Process, fault
@@ -68,7 +69,8 @@ def test_contents_are_compared_without_dates(tmp_path):
     assert not is_recorded(tmp_path / "a" / ".table.part")
 
 
-def test_helpers_that_outlive_their_program_are_found(tmp_path):
+def test_helpers_that_outlive_their_program_are_found(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "LOADED", [])
     (tmp_path / "parent.py").write_text(
         "import subprocess, sys, time\n"
         "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
@@ -84,7 +86,8 @@ def test_helpers_that_outlive_their_program_are_found(tmp_path):
     assert process.left_behind() == 0
 
 
-def test_a_disk_is_full_for_a_process(tmp_path):
+def test_a_disk_is_full_for_a_process(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "LOADED", [])
     (tmp_path / "writer.py").write_text(
         "with open('out', 'wb') as file:\n    file.write(bytes(5000))\n"
     )

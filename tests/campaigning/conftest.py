@@ -17,6 +17,7 @@ def pytest_addoption(parser):
     parser.addoption("--report", type=Path, help="Markdown file of what is found")
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """Of a quick campaign draw a case of each kind and command."""
     # Among all tests, where this folder is only passed by, there are no such options.

@@ -22,7 +22,7 @@ focus_distance_mm = 326.0
 lenslet_focal_mm = 0.4
 lenslet_pitch_mm = 0.112
 views = 3
-lenslets = [40, 48]
+lenslets = [24, 32]
 [[layers]]
 shape = "circle"
 depth_mm = 5.0
@@ -86,40 +86,23 @@ class Copy:
 
 @dataclass(frozen=True)
 class Whole:
-    """What an undisturbed call leaves and takes.
+    """What an undisturbed call leaves and takes."""
 
-    Attributes
-    ----------
-    folder : Path
-        With what it read and wrote.
-    outputs : dict of str
-        Description of what it wrote.
-    seconds : float
-    changes : int
-        How often its files were seen to change.
-    """
-
-    folder: Path
-    outputs: dict[str, str]
+    folder: Path  # with what it read and wrote
+    inputs: list[str]
+    outputs: dict[str, str]  # description of what it wrote
     seconds: float
-    changes: int
+    changes: int  # how often its files were seen to change
 
     @property
     def largest(self) -> int:
         """Bytes of the largest file that it wrote."""
-        return max((self.folder / name).stat().st_size for name in self.outputs)
+        paths = [self.folder / name for name in self.outputs]
+        return max(path.stat().st_size for path in paths if path.is_file())
 
 
 class Home:
-    """The files that commands read, and what undisturbed calls make of them.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to make them.
-    quick : bool
-        Whether to train no networks.
-    """
+    """The files that commands read, and what undisturbed calls make of them."""
 
     def __init__(self, folder: Path, quick: bool):
         self.quick, self._aside, self._wholes = quick, folder, {}
@@ -150,11 +133,6 @@ class Home:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 (shutil.copytree if source.is_dir() else shutil.copy2)(source, target)
 
-    def inputs(self, asked: Call) -> list[str]:
-        """List the files that a call reads."""
-        with self.copy(asked) as copy:
-            return list(copy.before)
-
     def whole(self, asked: Call) -> Whole:
         """Make a call undisturbed, once."""
         if asked.line not in self._wholes:
@@ -165,7 +143,8 @@ class Home:
             wrong = fault(process.wait(), 0)
             process.end()
             assert not wrong, f"{asked.line}, undisturbed: {wrong}"
-            self._wholes[asked.line] = Whole(folder, copy.changes(), seconds, changes)
+            read, made = list(copy.before), copy.changes()
+            self._wholes[asked.line] = Whole(folder, read, made, seconds, changes)
         return self._wholes[asked.line]
 
 

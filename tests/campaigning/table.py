@@ -7,32 +7,17 @@ from dataclasses import dataclass
 class Call:
     """A call of a command on the small files of `campaigning.home`.
 
-    Parameters
-    ----------
-    line : str
-        Words as typed behind ``lf-flame``, or behind ``python -m`` from ``experiments`` on. A word
-        that begins with ``out`` names an output; one that names a file of the home, an input.
-    also : str
-        Inputs that those name in turn.
-    goes_on : bool
-        Whether a call that fails leaves what is done, and the next one goes on from it.
-    once : bool
-        Whether it refuses an output that exists, even one of its own.
-    learns : bool
-        Whether it needs TensorFlow, or a network; the quick campaign leaves it out.
-    timed : bool
-        Whether it measures seconds, so that two results have the same names alone.
-    minutes : bool
-        Whether it works for minutes and no option makes it shorter: nothing waits for its result.
+    Its line is typed behind ``lf-flame``, or behind ``python -m`` from ``experiments`` on. A word
+    that begins with ``out`` names an output; one that names a file of the home, an input.
     """
 
     line: str
-    also: str = ""
-    goes_on: bool = False
-    once: bool = False
-    learns: bool = False
-    timed: bool = False
-    minutes: bool = False
+    also: str = ""  # inputs that those name in turn
+    goes_on: bool = False  # a call that fails leaves what is done, and the next one goes on from it
+    once: bool = False  # it refuses an output that exists, even one of its own
+    learns: bool = False  # it needs TensorFlow, or a network; the quick campaign leaves it out
+    timed: bool = False  # it measures seconds, so that two results have the same names alone
+    minutes: bool = False  # nothing makes it shorter, so nothing waits for its result
 
     @property
     def words(self) -> list[str]:
@@ -108,7 +93,7 @@ CALLS = (
     Call(f"{TRAIN} --out out", goes_on=True, learns=True),
     Call(f"{SYSTEM} --out out", "shapes.toml", goes_on=True, learns=True),
     Call("export runs/shapes --out out.keras", learns=True),
-    Call("predict picture.png lenslets.tif --model runs/shapes --out out", learns=True),
+    Call("predict picture.png --model runs/shapes --out out", learns=True),
     Call("predict picture.png --model net.keras --out out", "net.json", learns=True),
     Call("verify data.zarr refocused simulated emission"),
     Call("verify runs net.keras", "net.json", learns=True),
@@ -139,15 +124,14 @@ CALLS = (
     Call("experiments dataset-making --out out", minutes=True),
 )  # fmt: skip
 
+# Commands that the campaign leaves alone, and why.
 UNTRIED = {
     "experiments results": "calls the other experiments, for hours",
     "experiments texts": "writes into the documents of the checkout",
     "experiments screenshots": "needs a browser",
 }
-"""Commands that the campaign leaves alone, and why."""
-
+# Names of the parameters by which commands are told what to write.
 WRITING = {"out", "target", "figure", "single_file", "save", "work"}
-"""Names of the parameters by which commands are told what to write."""
 
 
 def registered() -> dict:
