@@ -269,7 +269,7 @@ def test_an_unsettled_correction_is_said(grid, flames_in_line, monkeypatch):
     monkeypatch.setattr(module, "MOST_FITS", 1)
     options = {"strength": 0.01, "optical_thickness": flames_in_line.tau}
     found = reconstruct(flames_in_line.with_noise(0.01), grid, **options)
-    assert any("not settled" in warning for warning in found.warnings)
+    assert any("not converged" in warning for warning in found.warnings)
 
 
 def test_a_strength_that_is_given_is_kept(grid, flames_in_line):

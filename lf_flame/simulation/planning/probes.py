@@ -69,7 +69,7 @@ class Probes:
             middles = (np.arange(parts) + 0.5) / parts
             chunks = np.array_split(middles, math.ceil(parts / CHUNK))
             self._images[parts] = [
-                sum(self._integrate(chunk, blur) for chunk in chunks) / parts
+                np.add.reduce([self._integrate(chunk, blur) for chunk in chunks]) / parts
                 for blur in self._blurs
             ]
         return self._images[parts]
@@ -190,7 +190,7 @@ def _choose(camera: PlenopticCamera, layer: Layer, axis: int) -> np.ndarray:
         Numbers of (view, lenslet), in this order.
     """
     low, high = layer.extent_mm(layer.texture, axis)
-    lit = np.False_
+    lit: np.ndarray | np.bool_ = np.False_
     for depth_mm, focal_mm in focus_spread(camera, layer):
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
         centres, reach = footprint.centres_mm, footprint.half_width_mm
