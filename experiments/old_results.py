@@ -51,7 +51,11 @@ def age(name: str, revision: str) -> str:
 
 @cloup.command()
 def results() -> None:
-    """List each committed result with its revision and the commits since that changed its code."""
+    """List each committed result with its revision and the commits since that changed its code.
+
+    A result whose code has changed may still hold: read the commits, or make it anew by its target
+    (`make help`, experiments/README.md) and copy it to experiments/results.
+    """
     for record in sorted(REFERENCE.glob("**/*.json")):
         name = str(record.relative_to(REFERENCE))
         revision = json.loads(record.read_text(encoding="utf-8"))["git_revision"]

@@ -68,12 +68,12 @@ def test_regions_at_two_depths_are_both_sharp_and_the_rest_is_not(two_depths, de
     ("region", "slopes", "words"),
     [
         ((0, 5, 0, 50), (-1, 1), "11 pixels or more along each side, got 5 x 50"),
-        ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 pixels of the views, got"),
+        ((0, 61, 0, 50), (-1, 1), "inside the 60 x 120 lenslets, got"),
         ((0, 50, 0, 50), (1, 1), "two rising numbers, got 1 and 1"),
         ((0, 50, 0, 50), (0, np.inf), "two rising numbers, got 0 and inf"),
         ((0, 50, 0, 50), (-np.inf, 0), "two rising numbers, got -inf and 0"),
-        ((0, 50, 0), (-1, 1), "four whole numbers, got"),
-        ((0, 50, 0, 5.5), (-1, 1), "four whole numbers, got"),
+        ((0, 50, 0), (-1, 1), "four whole numbers inside"),
+        ((0, 50, 0, 5.5), (-1, 1), "four whole numbers inside"),
     ],
 )
 def test_bad_input_is_one_sentence(two_depths, region, slopes, words):

@@ -56,7 +56,7 @@ def test_the_adjoint_of_a_plane_in_focus_is_the_photograph():
     grid = FrustumGrid(camera, [0.0])
     views = np.random.default_rng(3).random((5, 5, 8, 10)).astype(np.float32)
     back = ProjectionOperator(grid).rmatvec(views.ravel()).reshape(grid.shape)
-    wanted = 25 * shift_and_sum(views, 0.0)
+    wanted = 25 * shift_and_sum(views, [0.0])
     assert grid.crop(back) == pytest.approx(wanted, rel=1e-5)
 
 
