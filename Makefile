@@ -210,7 +210,8 @@ mutants: $(SESSION)  ## plant small errors in a package, one at a time, and list
 	$(COPY)
 	$(IN_MUTATED) cosmic-ray exec mutants.toml session.sqlite
 	$(IN_MUTATED) cr-report session.sqlite --surviving-only --show-diff && cr-rate session.sqlite
-$(SESSION): tests/mutants.toml $(shell find lf_flame/$(MUTANTS) -name '*.py') | $(INSTALLED)
+MUTABLE := $(wildcard lf_flame/$(MUTANTS) lf_flame/$(MUTANTS)/*.py lf_flame/$(MUTANTS)/*/*.py)
+$(SESSION): tests/mutants.toml $(filter %.py,$(MUTABLE)) | $(INSTALLED)
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --editable '.[mutants]'
 	rm -rf $(MUTATED) && mkdir -p $(MUTATED)
 	$(COPY)

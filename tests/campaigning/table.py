@@ -108,12 +108,12 @@ CALLS = (
     Call("experiments depth-test runs/shapes --samples 1 --out out", "data.zarr", learns=True),
     Call(
         "experiments compare runs --data shapes.toml --light-fields 1 --electrons 10 --out out",
-        "data.zarr", learns=True, timed=True,
+        "data.zarr", learns=True, timed=True, minutes=True,
     ),
     Call(
         "experiments system-scenes --config systems.toml --system refocusnet --light-fields 2 "
         "--held-out 1 --scored 1 --work out-work --out out",
-        "shapes.toml", goes_on=True, learns=True,
+        "shapes.toml", goes_on=True, learns=True, minutes=True,
     ),
     Call("experiments latency runs/shapes --repeats 3 --out out", learns=True, minutes=True),
     Call("experiments costs --run runs --out out", learns=True, minutes=True),
