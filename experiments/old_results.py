@@ -26,7 +26,6 @@ CODE = {
     "dataset_making": f"{LEARNING} experiments/dataset_making",
     "effects": f"{SIMULATION} experiments/effects",
     "hard_cases": f"{LEARNING} lf_flame/tomography experiments/hard_cases",
-    "mutants": "lf_flame",
     "refocus": REFOCUSING,
     "regions": f"{REFOCUSING} lf_flame/systems",
     "screenshots": "lf_flame/viewer experiments/screenshots",
