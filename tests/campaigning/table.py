@@ -126,7 +126,7 @@ CALLS = (
 
 # Commands that the campaign leaves alone, and why.
 UNTRIED = {
-    "experiments results": "calls the other experiments, for hours",
+    "experiments results": "lists, and writes nothing",
     "experiments screenshots": "needs a browser",
 }
 # Names of the parameters by which commands are told what to write.
