@@ -334,8 +334,8 @@ def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
     views = np.random.default_rng(0).random(shape, np.float32)
     numba.set_num_threads(THREADS[-1])
     calls = [
-        partial(refocus, views, np.linspace(-2, 2, planes), *way)
-        for way in METHODS.values()
+        partial(refocus, views, np.linspace(-2, 2, planes), interpolation=how, method=method)
+        for how, method in METHODS.values()
         for planes in (few, many)
     ]
     clocks = [partial(seconds, call) for call in calls]
