@@ -41,7 +41,7 @@ AXES = ("v", "u", "t", "s", "channel")
 """Axis names of an `xarray.DataArray`, in the order of `LightField.views`."""
 
 
-def _in_order(views: Any) -> Any:
+def in_order(views: Any) -> Any:
     """Bring the axes of an `xarray.DataArray` into the order of `AXES`; leave anything else.
 
     Raises
@@ -103,7 +103,7 @@ class LightField:
     weights: np.ndarray | None = None
 
     def __post_init__(self):
-        views = np.asarray(_in_order(self.views))
+        views = np.asarray(in_order(self.views))
         if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
             raise InputError(
                 f"A light field needs views[v, u, t, s] with at least one element, real-valued, "

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError, LightField
+from lf_flame import InputError, LightField, shift_and_sum
 
 
 def test_raw_and_views_round_trip_exactly(rng):
@@ -61,6 +61,11 @@ def test_named_axes_go_in_and_come_out(rng):
     named = xarray.DataArray(views, dims=("v", "u", "t", "s", "channel"))
     turned = LightField(named.transpose("channel", "s", "u", "t", "v"))
     np.testing.assert_array_equal(turned.views, views)
+    # Functions that take views alone know the names too.
+    mean = turned.photograph
+    np.testing.assert_allclose(
+        shift_and_sum(named.transpose("channel", "s", "u", "t", "v"), 0.0), mean, rtol=1e-5
+    )
     out = turned.to_xarray()
     assert out.dims == named.dims
     np.testing.assert_array_equal(out.sel(v=-1.0, u=2.0), views[0, 4])

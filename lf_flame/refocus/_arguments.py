@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField, as_view_weights
+from lf_flame.lightfield import LightField, as_view_weights, in_order
 
 Views = LightField | ArrayLike
 """A light field, or its views alone."""
@@ -22,7 +22,7 @@ READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 
 def as_views(views: Views) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; NaN and infinity are not checked."""
-    views = views.views if isinstance(views, LightField) else np.asarray(views)
+    views = views.views if isinstance(views, LightField) else np.asarray(in_order(views))
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
             f"A light field needs views[v, u, t, s] with at least one element, real-valued, "

@@ -1,1 +1,1 @@
-"""What decides which effects of a scene are simulated, and how finely, before a pixel is made."""
+"""Decisions on which effects of a scene are simulated, and how finely, before a pixel is made."""

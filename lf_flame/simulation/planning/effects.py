@@ -33,6 +33,9 @@ from lf_flame.simulation.planning.scene_bounds import (
 from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
+MEASURED = ", measured on some pixels, doubled"
+"""Words where a change is no bound: see `lf_flame.simulation.planning.probes`."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -41,7 +44,8 @@ class Estimate:
     Attributes
     ----------
     bound : float
-        Largest relative change of the image; 0 where the effect does not arise.
+        Largest relative change of the image, derived, or measured on some of its pixels where the
+        criterion says so; 0 where the effect does not arise.
     criterion : str
         Why, with its numbers.
     """
@@ -98,19 +102,22 @@ def _self_absorption(bounds: SceneBounds) -> Estimate:
 
 def _thickness(bounds: SceneBounds) -> Estimate:
     """Each slab of a thick layer moves on the image from where its middle plane would be."""
-    change, thickest = 0.0, 0.0
+    change, thickest, by_pixels = 0.0, 0.0, False
     for layer in bounds.layers:
         if layer.thickness_mm > 0:
             thickest = max(thickest, layer.thickness_mm)
             moved = sum(
                 smeared(bounds, layer, axis, depth_mm=layer.thickness_mm) for axis in (0, 1)
             )
-            change += min(moved, measured_change(bounds, layer, "thickness"))
+            measured = measured_change(bounds, layer, "thickness")
+            change, by_pixels = change + min(moved, measured), by_pixels or measured < moved
             change += stopped_inside(bounds, layer) * layer.texture.max()
             change += dimmed_inside(bounds, layer)
     if not thickest:
         return Estimate(0.0, "no layer has a thickness_mm")
-    return Estimate(bounds.relative(change), f"{thickest:.3g} mm thick")
+    return Estimate(
+        bounds.relative(change), f"{thickest:.3g} mm thick{MEASURED if by_pixels else ''}"
+    )
 
 
 def _cos4(bounds: SceneBounds) -> Estimate:
@@ -233,11 +240,12 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
     if not camera.chromatic_shift:
         return Estimate(0.0, "no chromatic_shift")
     band_mm = camera.chromatic_shift * camera.main_lens_focal_mm
-    change = 0.0
+    change, by_pixels = 0.0, False
     for layer in bounds.layers:
         moved = sum(smeared(bounds, layer, axis, focal_mm=band_mm) for axis in (0, 1))
-        change += min(moved, measured_change(bounds, layer, "chromatic"))
-    words = f"focal length +-{band_mm / 2:.3g} mm"
+        measured = measured_change(bounds, layer, "chromatic")
+        change, by_pixels = change + min(moved, measured), by_pixels or measured < moved
+    words = f"focal length +-{band_mm / 2:.3g} mm{MEASURED if by_pixels else ''}"
     return Estimate(bounds.relative(change), words)
 
 

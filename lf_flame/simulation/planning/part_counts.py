@@ -44,7 +44,7 @@ BOUNDARIES_BESIDE = 2
 
 @dataclass(frozen=True)
 class Request:
-    """What the parts of a spread have to keep to.
+    """Limits on the parts of a spread of depth or colour.
 
     Attributes
     ----------

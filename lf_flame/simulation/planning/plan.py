@@ -46,7 +46,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True)
 class EffectPlan:
-    """What will be simulated, and what not, and why; `print` shows it as a table.
+    """Plan of the effects that are simulated and left out, with reasons; `print` shows a table.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class EffectPlan:
 
     @property
     def not_separable(self) -> dict[str, str]:
-        """What stands between the scene and images without a light field: effect and reason.
+        """Effects, each with the reason, for which refocused images need a light field.
 
         Empty where light only adds, along y and along x apart: refocused images are then projected
         straight from the scene (`lf_flame.projection`).
