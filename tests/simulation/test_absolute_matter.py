@@ -86,7 +86,7 @@ def test_a_thick_slit_stands_and_spreads_as_its_geometry_says(depth):
     """The mean over its depths, pixel by pixel; then its middle and its width in each view."""
     thick, half, camera = 8.0, 0.15, small(5, (5, 40))
     slit = Layer([[1.0]], depth, (60.0, 2 * half), thickness_mm=thick)
-    image = by_rays(Scene([slit]), camera, tolerance=0.02, rays=100)[2, :, 2]
+    image = by_rays(Scene([slit]), camera, tolerance=0.01, rays=100)[2, :, 2]
     z, weight = np.polynomial.legendre.leggauss(40)
     expected = sum(
         share

@@ -159,8 +159,8 @@ def test_authors_weights_give_the_authors_figures(slope):
     every, four, drawn = (
         stack[0, 12:-12, 12:-12]
         for stack in (
-            shift_and_sum(views, slope),
-            shift_and_sum(views, slope, weights=weights),
+            shift_and_sum(views, [slope]),
+            shift_and_sum(views, [slope], weights=weights),
             system.refocus(views, slope),
         )
     )
