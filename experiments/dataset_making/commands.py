@@ -14,7 +14,7 @@ from lf_flame.commands.options import FOLDER
 @click.option("--samples", type=click.IntRange(min=64), default=1600, show_default=True)
 @click.option("--processes", type=click.IntRange(1, 64), help="Default: one per core.")
 @click.option("--rounds", type=click.IntRange(min=1), default=3, show_default=True)
-@click.option("--kills", type=click.IntRange(min=0), default=20, show_default=True)
+@click.option("--kills", type=click.IntRange(min=0), default=5, show_default=True)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of kills.")
 def dataset_making(
     out: Path, samples: int, processes: int | None, rounds: int, kills: int, seed: int

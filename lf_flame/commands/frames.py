@@ -15,7 +15,7 @@ from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
-from lf_flame.formats.reading import ARRAY_SUFFIXES
+from lf_flame.formats.reading import ARRAY_SUFFIXES, plan_raw
 from lf_flame.lightfield import LightField
 
 
@@ -114,15 +114,17 @@ def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others."""
     if reading.white is not None or reading.pitch is not None:
-        first, grid = formats.read_raw(
-            path, reading.white, reading.pitch, reading.layout, reading.views, dark=reading.dark
+        plan, first = plan_raw(
+            path,
+            reading.white,
+            reading.pitch,
+            reading.layout,
+            reading.views,
+            dark=reading.dark,
+            bayer=reading.bayer,
         )
-        click.echo(f"{printable(path)}: {reading.describe_grid(grid)}", err=True)
-        white, dark = (
-            None if name is None else read_image(name) for name in (reading.white, reading.dark)
-        )
-        decode = partial(formats.decode_raw, grid=grid, views=reading.views, white=white, dark=dark)
-        return lambda path: decode(read_image(path)), first
+        click.echo(f"{printable(path)}: {reading.describe_grid(plan.grid)}", err=True)
+        return lambda path: plan.decode(read_image(path)), plan.decode(first)
     if path.is_dir():
         folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
         click.echo(folder.describe(), err=True)

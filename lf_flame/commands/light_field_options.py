@@ -55,6 +55,11 @@ READING = cloup.option_group(
         type=click.Choice(["rectangular", "hexagonal"]),
         help="Layout of the lenslets of a raw image (default: found in the white image).",
     ),
+    cloup.option(
+        "--bayer",
+        type=click.Choice(["rggb", "bggr", "grbg", "gbrg"], case_sensitive=False),
+        help="Colours of the upper left 2 x 2 pixels of a raw image of a colour sensor.",
+    ),
 )
 """Options for reading a light field."""
 
@@ -176,6 +181,7 @@ class Reading:
     pitch: float | None = None
     layout: str | None = None
     dark: Path | None = None
+    bayer: str | None = None
 
     def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
         """Take the number of views from a camera, unless it is given or the source is a folder."""
@@ -205,12 +211,22 @@ class Reading:
             )
             with progress.stage(f"Reading {printable(source)}"):
                 light_field, grid = formats.read_raw(
-                    source, self.white, self.pitch, self.layout, self.views, dark=self.dark
+                    source,
+                    self.white,
+                    self.pitch,
+                    self.layout,
+                    self.views,
+                    dark=self.dark,
+                    bayer=self.bayer,
                 )
             click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
         elif source.is_dir():
             _refuse_options(
-                f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes
+                f"the folder {source}",
+                views=self.views,
+                layout=self.layout,
+                axes=self.axes,
+                bayer=self.bayer,
             )
             folder = formats.scan_view_folder(source, self.order, grid=self.grid)
             click.echo(folder.describe(), err=True)
@@ -219,7 +235,9 @@ class Reading:
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
-            _refuse_options(f"{source} without --white or --pitch", layout=self.layout)
+            _refuse_options(
+                f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer
+            )
             light_field = formats.read_light_field(
                 source, self.views, self.order, grid=self.grid, axes=self.axes, dark=self.dark
             )

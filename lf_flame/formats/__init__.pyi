@@ -1,4 +1,5 @@
 from .arrays import read_array as read_array
+from .decode_plan import DecodePlan as DecodePlan
 from .lenslet_grid import LensletGrid as LensletGrid
 from .lenslet_grid import grid_from_pitch as grid_from_pitch
 from .lenslet_image import read_lenslet_image as read_lenslet_image

@@ -35,7 +35,8 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
+    image : ndarray, shape (rows, columns, channels)
+        Image without its black level; one in colour is no mosaic.
     grid : LensletGrid
     name : str
         Name of the image, for the message.
@@ -46,7 +47,9 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
         If, at the centres of the micro-images, the four pixels of each 2 x 2 differ in a way
         that no grey micro-image does.
     """
-    sums = _phase_sums(image, grid.centres(image.shape))
+    if image.shape[2] != 1:
+        return
+    sums = _phase_sums(image[..., 0], grid.centres(image.shape))
     if not np.all(sums > 0):  # too few lenslets, or no light
         return
     logs = np.log(sums)
@@ -59,8 +62,8 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     shown = ", ".join(f"{level:.2f}" for level in levels.flat)
     raise InputError(
         f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
-        f"have mean levels in the ratio {shown}; subtract the dark image, demosaic the raw and the "
-        f"white image without gamma or white balance, and give them in colour."
+        f"have mean levels in the ratio {shown}; decode it as a raw image "
+        f"and state the colours of the upper left four pixels, row by row, as bayer rggb."
     )
 
 

@@ -4,13 +4,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
+from lf_flame.formats.decode_plan import DecodePlan, less_dark
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
-from lf_flame.formats.raw_lenslets import decode_raw, less_dark
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import scan_view_folder
 from lf_flame.formats.view_order import Grid, arranged, find_order
@@ -190,13 +192,14 @@ def read_raw(
     views: int | None = None,
     *,
     dark: str | Path | None = None,
+    bayer: str | None = None,
 ) -> tuple[LightField, LensletGrid]:
     """Read and decode the raw lenslet image of any plenoptic camera.
 
     Parameters
     ----------
     path : str or Path
-        Raw image, demosaiced if it is in colour.
+        Raw image: grey, in colour, or a Bayer mosaic.
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
         divided.
@@ -210,6 +213,8 @@ def read_raw(
         pitch.
     dark : str or Path, optional
         Image without light, which is subtracted from both raw and white image.
+    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
 
     Returns
     -------
@@ -234,17 +239,43 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
+    plan, image = plan_raw(path, white, pitch, layout, views, dark=dark, bayer=bayer)
+    return plan.decode(image), plan.grid
+
+
+def plan_raw(
+    path: str | Path,
+    white: str | Path | None = None,
+    pitch: float | None = None,
+    layout: str | None = None,
+    views: int | None = None,
+    *,
+    dark: str | Path | None = None,
+    bayer: str | None = None,
+) -> tuple[DecodePlan, np.ndarray]:
+    """Read a raw image, and plan its decoding and that of others by the same camera.
+
+    Parameters and errors are those of `read_raw`.
+
+    Returns
+    -------
+    DecodePlan
+    ndarray of float32
+        The raw image.
+    """
     if Path(path).is_dir():
         raise InputError(
             f"A white image and a pitch decode a raw image, but {path} is a folder of views."
         )
     image = read_image(path)
     white_image, black = (None if name is None else read_image(name) for name in (white, dark))
-    level = less_dark(image, white_image, black)[1]
-    if level is not None:
-        grid = estimate_grid(level, pitch, layout)
+    if white_image is not None:
+        grid = estimate_grid(less_dark(white_image, black, "white"), pitch, layout)
     elif pitch is not None:
         grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
     else:
         raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
-    return decode_raw(image, grid, views, white_image, dark=black), grid
+    plan = DecodePlan(
+        grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
+    )
+    return plan, image

@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from lf_flame.formats import decode_raw, estimate_grid
+from lf_flame import InputError, LightField
+from lf_flame.formats import LensletGrid, decode_raw, estimate_grid
 from lf_flame.refocus import find_sharpest_slope
 
 PITCH, SUB = 15, 3
 
 
-def raw_of_a_plane(slope, hexagonal, rows=18, columns=20):
+def raw_of_a_plane(slope, hexagonal, rows=18, columns=20, seed=1):
     """Raw and white image: a pixel shows the plane where the ray through its lenslet meets it.
 
     The plane is a sum of waves of 4 to 8 lenslets; it moves by `slope` pitches for each pixel.
     """
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     row_pitch = PITCH * (np.sqrt(3) / 2 if hexagonal else 1)
     shape = int(row_pitch * (rows + 1) + PITCH), int(PITCH * (columns + 2.5))
     y, x = (((np.arange(n * SUB) + 0.5) / SUB - 0.5 - PITCH - 0.25) for n in shape)
@@ -51,3 +52,48 @@ def test_views_of_neighbours_and_dark_ones_do_not_move_a_slope(hexagonal, slope)
     truth = slope * (2 / np.sqrt(3) if hexagonal else 1)
     found = find_sharpest_slope(light_field, np.linspace(-1, 1, 41))
     assert found.slope == pytest.approx(truth, rel=0.005)
+
+
+LEVELS = (0.52, 1.0, 0.61)
+"""White behind a sensor's red, green and blue filters."""
+
+
+def mosaic(colours, pattern):
+    """Sensor image of three colour planes, with an even number of rows and columns."""
+    out = np.zeros([n // 2 * 2 for n in colours[0].shape])
+    for place, colour in enumerate(pattern):
+        at = np.s_[place // 2 :: 2, place % 2 :: 2]
+        number = "rgb".index(colour)
+        out[at] = LEVELS[number] * colours[number][: out.shape[0], : out.shape[1]][at]
+    return out
+
+
+@pytest.mark.parametrize("hexagonal", [True, False])
+@pytest.mark.parametrize(("pattern", "slope"), [("rggb", -0.32), ("gbrg", 0.6)])
+def test_each_colour_of_a_mosaic_is_decoded_from_its_own_pixels(pattern, slope, hexagonal):
+    """Red, green and blue show planes of their own, at slopes of their own."""
+    slopes = (slope, -slope / 2, slope / 3)
+    raws, whites = zip(
+        *(raw_of_a_plane(one, hexagonal, seed=k) for k, one in enumerate(slopes)), strict=True
+    )
+    raw, white = mosaic(raws, pattern), mosaic(whites, pattern)
+    light_field = decode_raw(raw, estimate_grid(white), white=white, bayer=pattern)
+    assert light_field.views.shape[4] == 3
+    middle = light_field.views[7, 7].mean(axis=(0, 1))
+    np.testing.assert_allclose(middle / 0.5, np.array(LEVELS) * middle[1] / 0.5, rtol=0.03)
+    for channel, one in enumerate(slopes):
+        truth = one * (2 / np.sqrt(3) if hexagonal else 1)
+        alone = LightField(light_field.views[..., channel], weights=light_field.weights)
+        found = find_sharpest_slope(alone, np.linspace(-1, 1, 41)).slope
+        assert found == pytest.approx(truth, rel=0.01, abs=0.002)
+
+
+def test_a_mosaic_is_stated_as_what_it_can_be():
+    grid = LensletGrid(7, 7, 10)
+    for raw, pattern, message in (
+        (np.ones((60, 60)), "rgbg", "bayer must be one of rggb, bggr, grbg, gbrg, got 'rgbg'"),
+        (np.ones((60, 60, 3)), "rggb", r"one channel, got an image of shape \(60, 60, 3\)"),
+        (np.ones((61, 60)), "rggb", "even number of rows and of columns"),
+    ):
+        with pytest.raises(InputError, match=message):
+            decode_raw(raw, grid, bayer=pattern)

@@ -1,0 +1,423 @@
+"""The plan by which raw lenslet images of one camera are resampled into views.
+
+It is made once for a grid, a white and a dark image, and then decodes any number of frames.
+"""
+
+import math
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame._common.arrays import centred
+from lf_flame.errors import InputError
+from lf_flame.formats._decode_kernels import MARGIN, filter_columns, filter_rows, resample
+from lf_flame.formats.bayer import check_bayer, lattices
+from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.mosaic import refuse_mosaic
+from lf_flame.lightfield import LightField
+
+LEAST_LIT = 0.5
+"""Smallest brightness, relative to its micro-image's centre, of a pixel that counts as lit.
+
+A darker pixel is partly outside the image of the aperture; its light comes from its inner part.
+Scaled to full brightness, it would pull the slope of sharpest focus towards 0.
+"""
+
+SHARED, SHARED_IN_MOSAIC = 0.5, 1.5
+"""Mean overlap, in pixels, of a part with a pixel that it shares with a neighbouring part. In a
+mosaic the next pixel of a colour is up to two pixels away."""
+
+LEAST_LEVEL = 0.05
+"""Smallest centre brightness, relative to the median, of a micro-image that is trusted."""
+
+STEPS = 256
+"""Number of steps per pixel in a table of weights; linear interpolation errs by 4e-6."""
+
+
+MOVE = 1 / 128
+"""Distance in pixels over which weights change linearly with it; they err by 2e-5."""
+
+NARROW = 1e-3
+"""Breadth of a box, in pixels, below which averaging over it changes nothing."""
+
+
+class Weights(NamedTuple):
+    """Weights of the coefficients beside a position."""
+
+    values: np.ndarray
+    """Table of float32, shape (fractions, taps)."""
+    start: float
+    """Distance of the first coefficient: the largest whole number up to a position plus this."""
+    steps: int
+    """Number of fractions per pixel."""
+
+
+class Array(NamedTuple):
+    """The lenslets, in pixels of a lattice."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    pitch: float
+    row_pitch: float
+    offset: float
+    """Offset of odd rows, in pitches."""
+    cos: float
+    sin: float
+    part_down: np.ndarray
+    """Centres of the parts of a micro-image, from its centre."""
+    part_along: np.ndarray
+    lines: int
+    """Number of pixel rows that the parts of a micro-image need."""
+    block: int
+    """Number of parts along that a rotated array moves down by less than `MOVE`."""
+    together: int
+    """Number of pixel rows over which it moves a column by less than `MOVE`."""
+    slack: float
+
+
+class Places(NamedTuple):
+    """Lattices of pixels of one colour, each with the padded position of lenslet (0, 0)."""
+
+    left: np.ndarray
+    top: np.ndarray
+    channel: np.ndarray
+    share: np.ndarray
+    """Share of a lattice in its channel."""
+
+
+class Joined(NamedTuple):
+    """Linear interpolation along the rows of a hexagonal array, (parity of the row, column)."""
+
+    left: np.ndarray
+    share: np.ndarray
+
+
+class DecodePlan:
+    """Plan for decoding the raw images of one camera.
+
+    A micro-image is divided into views x views equal parts, so that a slope does not depend on its
+    number of pixels. A view's pixel is the mean radiance of its part: the integral of the
+    parabolic spline that has the pixels' means (Zerroukat, Wood and Staniforth 2006). This
+    conserves light and reproduces the pixels where parts coincide with them. It does not widen the
+    views, unlike linear interpolation, which lowers the slope of sharpest focus by some per cent.
+    Like any sharp interpolation it may overshoot at a micro-image's rim. Parts of a rotated array
+    have their true centres; they are parallelograms, upright to first order in the rotation.
+
+    The pixels of each colour of a Bayer mosaic are interpolated linearly by themselves, without a
+    demosaic: no light moves between colours, and none further than two pixels. This blurs detail
+    of a micro-image that is finer than some pixels. It changes slopes by up to 1 %.
+
+    A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
+    and along each row linear interpolation removes the offset of every other row and changes the
+    column distance from the pitch to the row distance. Slopes of the result are in row distances
+    per view: 2 / sqrt(3) times those in pitches per view.
+
+    Views with light that is not their own lenslet's get weight 0: their parts are nearer to a
+    neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
+    image. Their light would change a slope by some per cent.
+
+    Parameters
+    ----------
+    grid : LensletGrid
+        Positions of the micro-images, from `estimate_grid` or `grid_from_pitch`.
+    shape : (int, int) or (int, int, int)
+        Shape of the raw images: rows, columns and, for colour, channels.
+    views : int, optional
+        Number of views along each axis. Default: the largest odd number not above the rounded
+        pitch.
+    white : array_like, shape as raw, or without channels; optional
+        White image (flat field), by which the views are divided, relative to the median of its
+        central view (in each channel). Pixels darker than half the centre of their micro-image are
+        divided by that half, so that the dark rim stays dark. Default: no division.
+    dark : array_like, shape as raw, or without channels; optional
+        Image without light, in the same units. It is subtracted from both raw and white image,
+        because each contains the sensor's black level. Default: black is 0.
+    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
+
+    Attributes
+    ----------
+    weights : ndarray of bool, shape (views, views)
+        Whether each view counts.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or no micro-image lies whole in the image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.formats import DecodePlan, grid_from_pitch
+    >>> frames = np.random.default_rng(1).uniform(size=(3, 60, 80))
+    >>> plan = DecodePlan(grid_from_pitch((60, 80), 10.0), shape=(60, 80))
+    >>> [plan.decode(frame).shape for frame in frames]
+    [(9, 9, 6, 8), (9, 9, 6, 8), (9, 9, 6, 8)]
+    """
+
+    def __init__(
+        self,
+        grid: LensletGrid,
+        *,
+        shape: tuple[int, ...],
+        views: int | None = None,
+        white: ArrayLike | None = None,
+        dark: ArrayLike | None = None,
+        bayer: str | None = None,
+    ):
+        if len(shape) not in (2, 3):
+            raise InputError(
+                f"shape must be that of raw images, (rows, columns[, channels]), got {shape}."
+            )
+        self.grid, self.shape = grid, tuple(shape)
+        self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
+        self.views = views = _count_views(grid, views)
+        self._black = (
+            None if dark is None else _fitting(dark, "dark", self.shape).astype(np.float32)
+        )
+        step = 1 if bayer is None else 2
+        self._rows, columns = grid.block(self.shape)
+        self._array, self._across, self._along = _geometry(grid, views, step, self._rows, columns)
+        hexagonal = grid.layout == "hexagonal"
+        self._joined = _joined(grid, len(columns)) if hexagonal else None
+        self._gain = None
+        lit = np.ones((views, views), bool)
+        if white is not None:
+            self._refuse_mosaic(white, "white")
+            parts = self._parts(_fitting(white, "white", self.shape))
+            lit, self._gain = _lit(parts), _gain(parts)
+        self.weights = _counted(grid, lit, step)
+        self._is_new = True
+
+    def decode(self, raw: ArrayLike) -> LightField:
+        """Decode one raw image.
+
+        Parameters
+        ----------
+        raw : array_like, shape as planned
+            Image, linear in radiance, of any real type.
+
+        Returns
+        -------
+        LightField
+            Views of the largest block of whole micro-images, with the weights of views.
+
+        Raises
+        ------
+        InputError
+            If the image has another shape, is not finite, or, being the first, shows the 2 x 2
+            pattern of a mosaic that is not stated.
+        """
+        image = as_image(raw, "raw")
+        if image.shape != (*self.shape, 1)[:3]:
+            raise InputError(
+                f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
+            )
+        if self._is_new:
+            self._refuse_mosaic(image, "raw")
+            self._is_new = False
+        views = self._parts(image, self._gain, self._joined)
+        coloured = len(self.shape) == 3 or self.bayer is not None
+        weights = None if self.weights.all() else self.weights.astype(np.float32)
+        return LightField.trusted(views if coloured else views[..., 0], weights=weights)
+
+    def _refuse_mosaic(self, image: np.ndarray, name: str) -> None:
+        if self.bayer is None:
+            refuse_mosaic(less_dark(image, self._black, name), self.grid, name)
+
+    def _parts(
+        self,
+        image: np.ndarray,
+        gain: np.ndarray | None = None,
+        joined: Joined | None = None,
+    ) -> np.ndarray:
+        """Resample an image into the parts of its micro-images: (v, u, row, column, channel)."""
+        black = self._black
+        if black is not None and black.shape[2] > image.shape[2]:
+            image = np.repeat(image, black.shape[2], axis=2)
+        colours = lattices(self.bayer, image.shape)
+        step = 1 if self.bayer is None else 2
+        height, width = (n // step for n in image.shape[:2])
+        coefficients = np.empty((len(colours), height + 2 * MARGIN, width + 2 * MARGIN), np.float32)
+        flat = image.reshape(image.shape[0], -1)
+        if black is not None:
+            black = np.ascontiguousarray(np.broadcast_to(black, image.shape)).reshape(flat.shape)
+        channels = image.shape[2] if self.bayer is None else 3
+        for one, out in zip(colours, coefficients, strict=True):
+            first = (one.top, one.left * image.shape[2] + one.index)
+            filter_rows(flat, black, first, (step, step * image.shape[2]), step == 1, out)
+            if step == 1:
+                filter_columns(out)
+        places = Places(
+            left=np.array([(self.grid.x0 - one.left) / step + MARGIN for one in colours]),
+            top=np.array([(self.grid.y0 - one.top) / step + MARGIN for one in colours]),
+            channel=np.array([one.channel for one in colours]),
+            share=np.array([one.share for one in colours], np.float32),
+        )
+        columns = self._array.columns.size if joined is None else joined.left.shape[1]
+        out = np.empty((self.views, self.views, len(self._rows), columns, channels), np.float32)
+        if gain is not None:
+            gain = np.ascontiguousarray(np.broadcast_to(gain, (*gain.shape[:4], channels)))
+        across, along = self._across, self._along
+        taps, taps_down = ((0,) * one.values.shape[1] for one in (along, across))
+        resample(
+            coefficients, places, self._array, across, along, taps, taps_down, gain, joined, out
+        )
+        return out
+
+
+def as_image(image: ArrayLike, name: str) -> np.ndarray:
+    """Check an image and give it as contiguous (rows, columns, channels)."""
+    image = np.asarray(image)
+    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "uif":
+        raise InputError(
+            f"A {name} lenslet image must be grey or coloured, (rows, columns[, channels]), "
+            f"got an array of shape {image.shape} and type {image.dtype}."
+        )
+    bad = 0 if image.dtype.kind != "f" else np.count_nonzero(~np.isfinite(image))
+    if bad:
+        raise InputError(
+            f"A {name} lenslet image must be finite, got {bad} NaN or infinite pixels."
+        )
+    if image.dtype not in (np.uint8, np.uint16):
+        image = image.astype(np.float32, copy=False)
+    return np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
+
+
+def _fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Check a white or dark image, which may be grey where the raw images are coloured."""
+    image = as_image(image, name)
+    if image.shape not in ((*shape, 1)[:3], (*shape[:2], 1)):
+        raise InputError(
+            f"The {name} image must have the raw image's shape {shape}, got {image.shape}."
+        )
+    return image
+
+
+def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
+    """Subtract a dark image, which may be grey; gives float64 (rows, columns, channels).
+
+    Raises
+    ------
+    InputError
+        If one is not an image, or their rows and columns differ.
+    """
+    image = as_image(image, name)
+    return image if dark is None else image - _fitting(dark, "dark", image.shape).astype(float)
+
+
+def _count_views(grid: LensletGrid, views: int | None) -> int:
+    if views is None:
+        pixels = round(grid.pitch)
+        return pixels - 1 + pixels % 2
+    if not 1 <= views <= 2 * grid.pitch or views != int(views):
+        raise InputError(
+            f"views must be a whole number from 1 to twice the {grid.pitch:.4g} pixels under a "
+            f"lenslet, got {views}."
+        )
+    return int(views)
+
+
+def _geometry(
+    grid: LensletGrid, views: int, step: int, rows: np.ndarray, columns: np.ndarray
+) -> tuple[Array, Weights, Weights]:
+    """Lenslets in pixels of a lattice, and the weights across and along their rows.
+
+    Resampling runs along the pixel rows first and down after: a part is as wide as its distance to
+    the next along a pixel row, and as high as that along a pixel column.
+    """
+    cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
+    height, width = (side / views for side in grid.window)
+    across = _weights(height * cos, step, 1 + 2 * MOVE)
+    array = Array(
+        rows=rows,
+        columns=columns,
+        pitch=grid.pitch / step,
+        row_pitch=grid.row_pitch / step,
+        offset=0.5 if grid.layout == "hexagonal" else 0.0,
+        cos=cos,
+        sin=sin,
+        part_down=height * centred(views) / step,
+        part_along=width * centred(views) / step,
+        lines=int(cos * height * (views - 1) / step) + across.values.shape[1],
+        block=1 + int(MOVE / max(abs(sin) * width / step, MOVE / views)),
+        together=1 + int(MOVE / max(abs(sin / cos), MOVE / MARGIN**2)),
+        slack=MOVE,
+    )
+    return array, across, _weights(width / cos, step)
+
+
+def _weights(part: float, step: int, beyond: float = 0.0) -> Weights:
+    """Tabulate the kernel for positions up to 1 + `beyond` pixels after the first coefficient's.
+
+    On the full lattice, the parabolic B-spline is averaged over the part. Pixels two apart, which
+    are interpolated linearly, are already averaged over one pixel of the part.
+    """
+    boxes = [1.0, 1.0, 1.0, part] if step == 1 else [1.0, 1.0, max(part - 1, 0.0) / step]
+    boxes = [box for box in boxes if box > NARROW]
+    reach = sum(boxes) / 2
+    fractions = np.arange(int((1 + beyond) * STEPS) + 2) / STEPS
+    taps = math.ceil(2 * reach + beyond)
+    values = _kernel(fractions[:, None] + reach - 1 - np.arange(taps), boxes)
+    return Weights(values.astype(np.float32), 1 - reach, STEPS)
+
+
+def _kernel(distance: np.ndarray, boxes: list[float]) -> np.ndarray:
+    """Boxes of these breadths, convolved: B-splines, averaged (de Boor 2001, chapter 9)."""
+    powers = np.zeros(distance.shape)
+    for signs in product((-1, 1), repeat=len(boxes)):
+        knot = np.dot(signs, boxes) / 2
+        powers += np.prod(signs) * np.maximum(distance + knot, 0.0) ** (len(boxes) - 1)
+    return powers / math.factorial(len(boxes) - 1) / np.prod(boxes)
+
+
+def _joined(grid: LensletGrid, columns: int) -> Joined:
+    """Interpolate a hexagonal array to a square grid that both kinds of rows share."""
+    spacing = grid.row_pitch / grid.pitch
+    count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
+    if count < 1:
+        raise InputError(
+            f"A hexagonal array needs at least two whole lenslets along a row, got {columns}."
+        )
+    place = 0.5 + spacing * np.arange(count) - np.array([[0.0], [0.5]])  # in pitches along the row
+    left = np.minimum(place.astype(int), columns - 2)
+    return Joined(left, (place - left).astype(np.float32))
+
+
+def _counted(grid: LensletGrid, lit: np.ndarray, step: int) -> np.ndarray:
+    """Find the views that are lit and belong to their own lenslet: bool, shape (v, u)."""
+    views = len(lit)
+    own = lit & grid.own_views(views)
+    if grid.on_pixels and step == 1:
+        return own
+    alone = lit & grid.own_views(views, SHARED if step == 1 else SHARED_IN_MOSAIC)
+    # With few views, those at the rim are needed, even if they share some light.
+    fewest = own.sum() / 2 if step == 1 else 9
+    return alone if alone.sum() >= fewest else own
+
+
+def _lit(white: np.ndarray) -> np.ndarray:
+    """Find the views that are mostly lit in a white image's parts: bool, shape (v, u)."""
+    level = np.array([[np.median(view.mean(axis=2)) for view in row] for row in white])
+    return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
+
+
+def _gain(white: np.ndarray) -> np.ndarray:
+    """Median of the white image's central view over its parts, bounded for dark pixels.
+
+    It replaces the parts, to save memory.
+    """
+    middle = white[white.shape[0] // 2, white.shape[1] // 2].copy()
+    level = np.median(middle, axis=(0, 1))
+    if not np.all(level > 0):
+        raise InputError(
+            f"The white image must be bright in the middle of its micro-images, "
+            f"got a median there of {level.min():g}."
+        )
+    least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
+    for row in white:
+        for view in row:
+            np.divide(level, np.maximum(view, least, out=view), out=view)
+    return white
