@@ -11,7 +11,7 @@ from lf_flame.formats.images import read_image
 from lf_flame.formats.lenslet_grid import LensletGrid
 from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES, LytroPicture, read_lytro
 from lf_flame.formats.lytro_white import find_white
-from lf_flame.formats.raw_lenslets import decode_raw, less_dark
+from lf_flame.formats.raw_lenslets import decode_raw
 from lf_flame.formats.white_image import estimate_grid
 from lf_flame.lightfield import LightField
 
@@ -62,24 +62,26 @@ def read_lytro_views(
         If a file cannot be read, or the white or dark image does not fit the picture.
     """
     picture = read_lytro(path)
-    found = None if white is None else _as_white(white, picture)
-    if found is None and picture.white_image is not None:
-        found = picture.white_image.radiance
     black = None if dark is None else _as_mosaic(dark, picture, "dark")
-    raw, level = less_dark(picture.radiance, found, black)
-    if level is not None:
-        grid = estimate_grid(_levelled(level[..., 0]))
+    flat = None if white is None else _as_white(white, picture)
+    if flat is None and picture.white_image is not None:
+        flat = picture.white_image.radiance
+    raw = picture.radiance
+    if flat is not None:
+        grid = estimate_grid(_levelled(_less(flat, black)))
     else:
-        grid, origin = _grid_without_white(raw[..., 0], picture)
-        number = picture.metadata.serial or "SERIAL"
+        grid, origin = _grid_without_white(_less(raw, black), picture)
         LOGGER.warning(
             f"{printable(path)}: vignetting is not corrected, and outer views are too dark, as no "
             f"white image is given (--white with a MOD_*.RAW, its folder or caldata-"
-            f"{printable(number, 40)}.tar); {origin}."
+            f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); {origin}."
         )
-    return decode_raw(
-        picture.radiance, grid, views, found, dark=black, bayer=picture.metadata.bayer
-    ), grid
+    bayer = picture.metadata.bayer
+    return decode_raw(raw, grid, views, flat, dark=black, bayer=bayer), grid
+
+
+def _less(image: np.ndarray, black: np.ndarray | None) -> np.ndarray:
+    return image if black is None else image - black
 
 
 def _as_white(white: str | Path, picture: LytroPicture) -> np.ndarray:

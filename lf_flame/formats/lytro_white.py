@@ -130,7 +130,7 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             f"{picture.source} does not say which white image fits it (serial number, zoom and "
             f"focus step): name one white image instead of {where}."
         )
-    with _white_files(where) as files:
+    with white_files(where) as files:
         fitting = [one for one in files if _is_alike(one.metadata, facts)]
         for one in sorted(fitting, key=lambda one: _distance(one.metadata, facts)):
             white = one.read()
@@ -165,9 +165,24 @@ def _distance(white: LytroMetadata, facts: LytroMetadata) -> tuple[float, float]
     return away(white.zoom_step, facts.zoom_step), away(white.focus_step, facts.focus_step)
 
 
+def holds_white_files(folder: Path) -> bool:
+    """Whether a folder, or one inside it, holds white images of a Lytro camera, or archives."""
+    inside = _listed(folder)
+    paths = inside + [path for one in inside if one.is_dir() for path in _listed(one)]
+    return any(PAIRED.fullmatch(path.name) or ARCHIVE.fullmatch(path.name) for path in paths)
+
+
 @contextmanager
-def _white_files(where: Path) -> Iterator[list[WhiteFile]]:
-    """White images in a folder, in its folders and archives, or in an archive."""
+def white_files(where: Path) -> Iterator[list[WhiteFile]]:
+    """Find the white images in a folder, in its folders and archives, or in an archive.
+
+    Archives stay open during the block, so that pixels can be read.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or there are too many.
+    """
     with ExitStack() as opened:
         if not where.is_dir():
             yield opened.enter_context(_archived(where))
