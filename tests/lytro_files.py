@@ -67,9 +67,9 @@ def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), 
     }
 
 
-def jpeg(height=12, width=16):
+def jpeg(height=12, width=16, colour=(200, 120, 40)):
     file = io.BytesIO()
-    Image.new("RGB", (width, height), (200, 120, 40)).save(file, "JPEG")
+    Image.new("RGB", (width, height), colour).save(file, "JPEG")
     return file.getvalue()
 
 

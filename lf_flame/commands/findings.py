@@ -39,7 +39,10 @@ class Found:
     def text(self, source: Path) -> str:
         """Describe it in lines: kind, facts, what is missing, and the next command."""
         lines = [f"{printable(source)}: {self.kind}"]
-        lines += [f"  {name:<{WIDTH}}{printable(fact)}" for name, fact in self.facts.items()]
+        lines += [
+            f"  {printable(name, 40):<{WIDTH}}{printable(fact)}"
+            for name, fact in self.facts.items()
+        ]
         lines += [f"note: {printable(one, LONGEST)}" for one in self.notes]
         lines += [f"missing: {printable(one, LONGEST)}" for one in self.missing]
         return "\n".join(

@@ -27,13 +27,14 @@ def lytro_picture(source: Path) -> Found:
     if (size := _thumbnail_size(file)) is not None:
         found.facts["thumbnail"] = size
     for one in file.products:
-        many = f"{one.count} images" if one.count > 1 else "one image"
-        found.facts[one.kind] = f"{many}, {one.packing or 'unknown packing'}; not read"
+        found.facts[one.kind] = one.describe()
     if not file.has_raw:
         found.missing.append(
-            "the raw image: this is a processed file, and its pictures are not read as a light "
-            "field; export the raw picture (.lfr, or .lfp) from the camera's library."
+            "the raw image: a processed file has no views; export the raw picture (.lfr, or .lfp) "
+            "from the camera's library."
         )
+        if any(one.is_read for one in file.products):
+            found.notes.append("lf_flame.formats.read_lytro_products reads its images and maps.")
         return found
     return _with_white(found, file, source)
 

@@ -6,6 +6,7 @@ from .lenslet_image import write_lenslet_image as write_lenslet_image
 from .lytro_metadata import LytroMetadata as LytroMetadata
 from .lytro_picture import LytroPicture as LytroPicture
 from .lytro_picture import read_lytro as read_lytro
+from .lytro_products import read_lytro_products as read_lytro_products
 from .lytro_white import find_white as find_white
 from .movie import write_movie as write_movie
 from .raw_lenslets import decode_raw as decode_raw

@@ -9,7 +9,7 @@ import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_grid import LensletGrid
-from lf_flame.formats.nested_values import NestedValues
+from lf_flame.formats.nested_values import NestedValues, tables
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 """Bayer patterns: the colours of the upper left 2 x 2 pixels, row by row."""
@@ -165,11 +165,11 @@ def _unwrapped(values: dict[str, Any]) -> tuple[dict, dict, dict]:
     frames = NestedValues(values, "").find(
         "master/picture/frameArray", "picture/frameArray", "frames"
     )
-    first = frames[0] if isinstance(frames, list) and frames else {}
-    holder = first.get("frame") if isinstance(first, dict) else None
+    first = next(iter(tables(frames)), {})
+    holder = first.get("frame")
     holder = holder if isinstance(holder, dict) else values
     parts = holder.get("metadata", holder), holder.get("privateMetadata")
-    tags = first.get("parameters") if isinstance(first, dict) else None
+    tags = first.get("parameters")
     frame, private, tags = (x if isinstance(x, dict) else {} for x in (*parts, tags))
     return frame, private, tags
 

@@ -19,35 +19,14 @@ from lf_flame.formats.lytro import (
 )
 from lf_flame.formats.lytro_metadata import LytroMetadata, parse_metadata
 from lf_flame.formats.lytro_pixels import BYTES_A_PIXEL, read_packed, unpack
-from lf_flame.formats.nested_values import NestedValues
+from lf_flame.formats.lytro_products import LytroProduct, find_products
+from lf_flame.formats.nested_values import NestedValues, tables
 
 LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")
 """File endings of pictures of Lytro cameras, in lower or upper case."""
 
 DESCRIPTIONS = (".json", ".JSON", ".txt", ".TXT")
 """File endings of the metadata beside a ``.raw`` file."""
-
-MOST_STACKED = 1000
-"""Largest number of entries of a refocused stack that are looked at."""
-
-
-@dataclass(frozen=True)
-class LytroProduct:
-    """Result of the maker's program that a processed file holds.
-
-    Attributes
-    ----------
-    kind : str
-        Kind in the maker's words, such as ``refocusStack`` or ``depthMap``.
-    count : int
-        Number of images.
-    packing : str
-        Packing of the images, such as ``jpeg`` or ``h264``; empty if it is not stated.
-    """
-
-    kind: str
-    count: int
-    packing: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +87,7 @@ class LytroFile:
         self.container = container = open_container(path)
         self._table = NestedValues(container.table, path)
         frames = self._table.find("picture/frameArray", "frames")
-        first = frames[0] if isinstance(frames, list) and frames else {}
-        refs = first.get("frame") if isinstance(first, dict) else None
+        refs = next(iter(tables(frames)), {}).get("frame")
         self._refs = refs if isinstance(refs, dict) else {}
         if self._held("metadataRef"):
             private = self._held("privateMetadataRef")
@@ -118,6 +96,8 @@ class LytroFile:
                 path,
                 container.read_json(self._refs["privateMetadataRef"]) if private else None,
             )
+        elif isinstance(self._refs.get("metadata"), dict):  # of a processed file
+            self.metadata = parse_metadata(self._refs, path)
 
     def _held(self, name: str) -> bool:
         """Whether the frame refers to a section by this name, and the container holds it."""
@@ -135,24 +115,23 @@ class LytroFile:
 
     @property
     def products(self) -> list[LytroProduct]:
-        """Results of the maker's program in the file, which are not read."""
-        found = self._table.find("picture/accelerationArray", "accelerations")
-        views = self._table.find("views")
-        for view in views[:MOST_STACKED] if isinstance(views, list) else []:
-            more = view.get("accelerations") if isinstance(view, dict) else None
-            found = (found or []) + (more if isinstance(more, list) else [])
-        entries = found[:MOST_STACKED] if isinstance(found, list) else []
-        return [_product(one) for one in entries if isinstance(one, dict)]
+        """Results of the maker's program in the file."""
+        return [] if self.container is None else find_products(self.container)
 
     def thumbnail(self) -> bytes | None:
-        """Bytes of the largest thumbnail, which are not checked; None if there is none."""
-        listed = self._table.find("thumbnails", "thumbnailArray", "picture/thumbnailArray")
-        entries = [NestedValues(one, self.path) for one in listed or [] if isinstance(one, dict)]
-        held = [one for one in entries if self.container and one.find("imageRef") in self.container]
-        if self.container is None or not held:
+        """Bytes of a JPEG preview, which are not checked; None if there is none.
+
+        It is the largest thumbnail, or the refocused image with the focus nearest to 0.
+        """
+        if self.container is None:
             return None
-        largest = max(held, key=lambda one: one.number("width") or 0)
-        return self.container.read(largest.text("imageRef"))
+        listed = tables(self._table.find("thumbnails", "thumbnailArray", "picture/thumbnailArray"))
+        entries = [NestedValues(one, self.path) for one in listed]
+        found = [(-(one.number("width") or 0), one.text("imageRef")) for one in entries]
+        for product in self.products:
+            found += [(abs(focus or 0), name) for name, focus in product.pictures]
+        held = [one for one in found if one[1] in self.container]
+        return self.container.read(min(held)[1]) if held else None
 
     def read(self) -> LytroPicture:
         """Unpack the picture, and the white image that the file holds.
@@ -240,18 +219,3 @@ def _description(path: Path) -> dict[str, Any]:
         f"{path} is packed pixels without a description: put the camera's metadata beside it as "
         f"{path.with_suffix('.json').name} (Lytro), or export the image as PNG or TIFF."
     )
-
-
-def _product(entry: dict[str, Any]) -> LytroProduct:
-    """Kind and number of images of an entry among the maker's results."""
-    values = NestedValues(entry, "")
-    images = values.find(
-        "vendorContent/imageArray", "vendorContent/blockOfImages/metadataArray", "perImage"
-    )
-    packing = values.text(
-        "vendorContent/blockOfImages/representation", "vendorContent/depthMap/representation"
-    )
-    if not packing and isinstance(images, list) and images and isinstance(images[0], dict):
-        packing = NestedValues(images[0], "").text("representation")
-    kind = values.text("type", "kind").removeprefix("com.lytro.acceleration.")
-    return LytroProduct(kind or "unnamed", len(images) if isinstance(images, list) else 1, packing)

@@ -5,6 +5,14 @@ from typing import Any
 
 from lf_flame.errors import InputError
 
+MOST = 1000
+"""Largest number of tables of a list that are looked at."""
+
+
+def tables(found: Any) -> list[dict[str, Any]]:
+    """Tables in a list; none in anything else."""
+    return [one for one in found[:MOST] if isinstance(one, dict)] if isinstance(found, list) else []
+
 
 class NestedValues:
     """Values in nested tables, each at the first of several paths that leads to one."""

@@ -1,6 +1,7 @@
 """What `lf-flame info` says of files, and the previews that it writes."""
 
 import io
+import json
 
 import lytro_files as own
 import numpy as np
@@ -94,16 +95,21 @@ def test_white_images(told, tmp_path):
 
 
 def test_processed_pictures(told, tmp_path):
-    stack = {
-        "type": "com.lytro.acceleration.refocusStack",
-        "vendorContent": {"imageArray": [{"representation": "jpeg"}] * 4},
-    }
-    write_picture(tmp_path / "a.lfp", "F01", more={"accelerationArray": [stack]})
-    data = (tmp_path / "a.lfp").read_bytes()
-    assert "refocusStack  4 images, jpeg; not read" in told("a.lfp")
-    (tmp_path / "b.lfp").write_bytes(data.replace(b"imageRef", b"otherRef", 1))
-    with pytest.raises(InputError, match="not as its SHA-1"):
-        told("b.lfp")
+    """Which hold the metadata of the raw picture, and images that serve as a preview."""
+    image = own.jpeg(20, 30)
+    listed = [{"imageRef": own.name_of(image), "focus": 0.5}]
+    entry = {"kind": "focusStack\x1b[1m", "representation": "jpeg", "perImage": listed}
+    frame = {"metadata": own.metadata("ILLUM", (8, 12)),
+             "privateMetadata": {"camera": {"serialNumber": "451"}}}  # fmt: skip
+    table = {"frames": [{"frame": frame}], "views": [{"accelerations": [entry]}]}
+    data = own.START + own.section(b"LFM", json.dumps(table).encode()) + own.section(b"LFC", image)
+    (tmp_path / "a.lfp").write_bytes(data)
+    said = told("a.lfp", "--thumbnail", "a.jpg")
+    assert "ILLUM, serial number 451" in said
+    assert "focusStack?[1m1 images, jpeg" in said
+    assert "missing: the raw image" in said
+    assert "read_lytro_products reads" in said
+    assert (tmp_path / "a.jpg").read_bytes() == image
 
 
 def test_other_light_fields(told, tmp_path, rng):
