@@ -66,22 +66,17 @@ def read_lytro_views(
     flat = None if white is None else _as_white(white, picture)
     if flat is None and picture.white_image is not None:
         flat = picture.white_image.radiance
-    raw = picture.radiance
     if flat is not None:
-        grid = estimate_grid(_levelled(_less(flat, black)))
+        grid = estimate_grid(_levelled(flat))
     else:
-        grid, origin = _grid_without_white(_less(raw, black), picture)
+        grid, origin = _grid_without_white(picture)
         LOGGER.warning(
             f"{printable(path)}: vignetting is not corrected, and outer views are too dark, as no "
             f"white image is given (--white with a MOD_*.RAW, its folder or caldata-"
             f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); {origin}."
         )
     bayer = picture.metadata.bayer
-    return decode_raw(raw, grid, views, flat, dark=black, bayer=bayer), grid
-
-
-def _less(image: np.ndarray, black: np.ndarray | None) -> np.ndarray:
-    return image if black is None else image - black
+    return decode_raw(picture.radiance, grid, views, flat, dark=black, bayer=bayer), grid
 
 
 def _as_white(white: str | Path, picture: LytroPicture) -> np.ndarray:
@@ -123,7 +118,7 @@ def _warn_of_camera(other: LytroPicture, picture: LytroPicture, name: str) -> No
         )
 
 
-def _grid_without_white(raw: np.ndarray, picture: LytroPicture) -> tuple[LensletGrid, str]:
+def _grid_without_white(picture: LytroPicture) -> tuple[LensletGrid, str]:
     """Grid of a picture, and where it comes from, for a sentence."""
     stated = picture.metadata.grid
     if stated is None:
@@ -132,7 +127,7 @@ def _grid_without_white(raw: np.ndarray, picture: LytroPicture) -> tuple[Lenslet
             f"image of the camera."
         )
     try:
-        found = estimate_grid(_levelled(raw), stated.pitch, stated.layout)
+        found = estimate_grid(_levelled(picture.radiance), stated.pitch, stated.layout)
     except InputError:
         return stated, "the lenslets are where the metadata place them, as the picture shows none"
     if not _agrees(found, stated):

@@ -237,7 +237,7 @@ class _Member(tarfile.TarInfo):
 def _archived(path: Path) -> Iterator[list[WhiteFile]]:
     """White images in an archive, which is read without writing any file.
 
-    Only plain files named as white images count: no links, and no packed or sparse files.
+    Only plain files named as white images count: no links.
     """
     with readable(path, TAR_ERRORS, "is no archive of white images"):
         archive = tarfile.open(path, "r:", tarinfo=_Member, errorlevel=2)  # noqa: SIM115
@@ -249,7 +249,7 @@ def _archived(path: Path) -> Iterator[list[WhiteFile]]:
                     raise InputError(f"{path} has more than {MOST_MEMBERS} members.")
                 place = PurePosixPath(member.name)
                 named = PAIRED.fullmatch(place.name)
-                if named and member.isreg() and not member.issparse():
+                if named and member.isreg():
                     key = str(place.parent / named[1].upper())
                     pairs.setdefault(key, {})[named[2].upper()] = member
         whole = [pair for pair in pairs.values() if len(pair) == 2]
