@@ -214,7 +214,7 @@ def parse_table(text: str, source: str | Path) -> dict[str, Any]:
     InputError
         If it is no such JSON, or is too deep.
     """
-    values = parse_json(text, source)
+    values = parse_json(text.removeprefix("\ufeff"), source)  # a byte order mark
     if not isinstance(values, dict):
         raise InputError(f"{source} cannot be read: its metadata must hold names and values.")
     return values

@@ -116,7 +116,8 @@ def test_a_raw_file_is_read_with_the_metadata_beside_it(tmp_path, rng):
     np.testing.assert_array_equal(picture.mosaic, mosaic)
     assert picture.metadata.serial == "A102"
     (tmp_path / "b.raw").write_bytes(packed)
-    (tmp_path / "b.json").write_text(json.dumps(own.metadata("F01", (6, 8))))
+    text = json.dumps(own.metadata("F01", (6, 8)))
+    (tmp_path / "b.json").write_text(text, encoding="utf-8-sig")
     np.testing.assert_array_equal(read_lytro(tmp_path / "b.raw").mosaic, mosaic)
     (tmp_path / "b.raw").write_bytes(packed[:-1])
     with pytest.raises(InputError, match="must hold 72 bytes, 6 x 8 pixels of 12 bits .* got 71"):
