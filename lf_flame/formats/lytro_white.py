@@ -137,9 +137,8 @@ def find_white(picture: LytroPicture, where: str | Path) -> LytroPicture:
             if white.mosaic.mean() < LEAST_MEAN * (2**facts.bits - 1):
                 continue
             LOGGER.info(
-                f"White image {printable(one.name)}: zoom step {one.metadata.zoom_step:g}, focus "
-                f"step {one.metadata.focus_step:g} (picture: {facts.zoom_step:g}, "
-                f"{facts.focus_step:g})"
+                f"White image {printable(one.name)}, at zoom and focus step "
+                f"{_steps(one.metadata)}; the picture's are {_steps(facts)}"
             )
             return white
         serials = sorted({one.metadata.serial or "unknown" for one in files})
@@ -156,13 +155,15 @@ def _is_alike(white: LytroMetadata, facts: LytroMetadata) -> bool:
     return form and white.serial.upper() == facts.serial.upper() and not white.is_dark
 
 
-def _distance(white: LytroMetadata, facts: LytroMetadata) -> tuple[float, float]:
-    """Distance in zoom steps, then in focus steps."""
+def _distance(white: LytroMetadata, facts: LytroMetadata) -> tuple[float, ...]:
+    """Distance in zoom steps, then in focus steps; infinite if one is not stated."""
+    pairs = ((white.zoom_step, facts.zoom_step), (white.focus_step, facts.focus_step))
+    return tuple(abs((inf if one is None else one) - (other or 0)) for one, other in pairs)
 
-    def away(one: float | None, other: float | None) -> float:
-        return inf if one is None or other is None else abs(one - other)
 
-    return away(white.zoom_step, facts.zoom_step), away(white.focus_step, facts.focus_step)
+def _steps(metadata: LytroMetadata) -> str:
+    steps = (metadata.zoom_step, metadata.focus_step)
+    return " and ".join("unknown" if step is None else f"{step:g}" for step in steps)
 
 
 def holds_white_files(folder: Path) -> bool:

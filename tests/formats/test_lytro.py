@@ -329,7 +329,14 @@ def test_dark_white_images_and_dark_frames_are_left_out(tmp_path, rng):
         for ending, data in zip(("TXT", "RAW"), pair, strict=True):
             (tmp_path / f"MOD_{k:04d}.{ending}").write_bytes(data)
     assert np.all(find_white(picture, tmp_path).mosaic == 501)
+    facts = own.metadata("F01", (6, 8), zoom=None)
+    text, packed = own.white_pair("F01", facts, np.full((6, 8), 502))
+    (tmp_path / "MOD_0003.TXT").write_bytes(text)
+    (tmp_path / "MOD_0003.RAW").write_bytes(packed)
+    assert np.all(find_white(picture, tmp_path).mosaic == 501)
     (tmp_path / "MOD_0002.TXT").unlink()
+    assert np.all(find_white(picture, tmp_path).mosaic == 502)  # the only one left
+    (tmp_path / "MOD_0003.TXT").unlink()
     with pytest.raises(InputError, match=r"no white image for .*a.lfp, of camera B5143909630"):
         find_white(picture, tmp_path)
 

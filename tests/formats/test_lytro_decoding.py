@@ -154,7 +154,7 @@ def test_white_and_dark_images_from_elsewhere(tmp_path, said):
         light_field, _ = read_raw(tmp_path / "a.lfr", white, views=VIEWS, dark=dark)
         np.testing.assert_allclose(light_field.views, expected.views, atol=6e-4)
     assert "White image" in said()
-    assert "zoom step -297, focus step 309" in said()
+    assert "at zoom and focus step -297 and 309; the picture's are -297 and 309" in said()
     with pytest.raises(InputError, match="must be a raw file of the camera"):
         read_raw(tmp_path / "a.lfr", tmp_path, dark=tmp_path / "dark.png")
 
