@@ -11,6 +11,7 @@ from lf_flame.commands import (
     axisymmetric,
     datasets,
     flicker,
+    info,
     light_fields,
     networks,
     profiles,
@@ -31,6 +32,7 @@ A first tour:
   lf-flame camera                   the camera of the paper in numbers
   lf-flame plan SCENE.toml          which physical effects a scene needs
   lf-flame simulate SCENE.toml      your own scene, as pictures
+  lf-flame info FILE                what a file is, and which command comes next
   lf-flame refocus FOLDER           any light field, refocused
   lf-flame view FOLDER              the same, with a focus slider in the browser
 
@@ -43,6 +45,7 @@ SECTIONS = [
         "Light fields",
         [
             viewer.demo,
+            info.info,
             viewer.view,
             light_fields.refocus,
             light_fields.refocus_regions,

@@ -14,8 +14,10 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
-from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
-from lf_flame.formats.reading import ARRAY_SUFFIXES, plan_raw
+from lf_flame.formats.images import IMAGE_SUFFIXES
+from lf_flame.formats.lytro_decoding import is_lytro
+from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
+from lf_flame.formats.reading import ARRAY_SUFFIXES, plan_raw, read_frame
 from lf_flame.lightfield import LightField
 
 
@@ -61,7 +63,7 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
     kinds: dict[str, list[Path]] = {}
     for path in folder.iterdir():
         kind = "folder" if path.is_dir() else path.suffix.lower()
-        known = kind in ("folder", *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
+        known = kind in ("folder", *ARRAY_SUFFIXES, *IMAGE_SUFFIXES, *LYTRO_SUFFIXES)
         if known and not path.name.startswith(".") and path.resolve() not in not_frames:
             kinds.setdefault(kind, []).append(path)
     if not kinds:
@@ -113,7 +115,7 @@ def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]
 
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others."""
-    if reading.white is not None or reading.pitch is not None:
+    if reading.white is not None or reading.pitch is not None or is_lytro(path):
         plan, first = plan_raw(
             path,
             reading.white,
@@ -124,7 +126,7 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
             bayer=reading.bayer,
         )
         click.echo(f"{printable(path)}: {reading.describe_grid(plan.grid)}", err=True)
-        return lambda path: plan.decode(read_image(path)), plan.decode(first)
+        return lambda path: plan.decode(read_frame(path)), plan.decode(first)
     if path.is_dir():
         folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
         click.echo(folder.describe(), err=True)

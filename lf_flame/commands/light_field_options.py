@@ -42,7 +42,10 @@ READING = cloup.option_group(
     ),
     cloup.option("--axes", help="Meaning of the axes of an array, as vuts, tsvu or ntsc."),
     cloup.option(
-        "--white", type=FILE, help="White image (flat field), to decode a raw lenslet image."
+        "--white",
+        type=UsablePath(exists=True, path_type=Path),
+        help="White image (flat field), to decode a raw lenslet image; for a Lytro picture also a "
+        "folder of white images, or caldata-SERIAL.tar.",
     ),
     cloup.option(
         "--dark",

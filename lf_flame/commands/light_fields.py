@@ -54,7 +54,8 @@ def refocus(source, camera, out, **options):
 
     SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), an array
     (.npy, .npz), a TIFF of many pages, a lenslet image with N x N pixels under each lenslet
-    (--views N; Lytro's ESLF is one), or a raw lenslet image (--white or --pitch).
+    (--views N; Lytro's ESLF is one), a raw lenslet image (--white or --pitch), or a raw picture of
+    a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is.
 
     \b
       lf-flame refocus buddha                              at the sharpest slope

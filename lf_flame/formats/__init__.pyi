@@ -4,6 +4,11 @@ from .lenslet_grid import LensletGrid as LensletGrid
 from .lenslet_grid import grid_from_pitch as grid_from_pitch
 from .lenslet_image import read_lenslet_image as read_lenslet_image
 from .lenslet_image import write_lenslet_image as write_lenslet_image
+from .lytro_metadata import LytroMetadata as LytroMetadata
+from .lytro_picture import LytroPicture as LytroPicture
+from .lytro_picture import read_lytro as read_lytro
+from .lytro_products import read_lytro_products as read_lytro_products
+from .lytro_white import find_white as find_white
 from .movie import write_movie as write_movie
 from .raw_lenslets import decode_raw as decode_raw
 from .reading import read_light_field as read_light_field

@@ -13,7 +13,7 @@ class Lattice(NamedTuple):
 
     top: int
     left: int
-    index: int
+    source: int
     """Index in the image's last axis."""
     channel: int
     """Channel of the light field."""

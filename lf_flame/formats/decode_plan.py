@@ -223,7 +223,7 @@ class DecodePlan:
         weights = None if self.weights.all() else self.weights.astype(np.float32)
         return LightField.trusted(views if coloured else views[..., 0], weights=weights)
 
-    def _refuse_mosaic(self, image: np.ndarray, name: str) -> None:
+    def _refuse_mosaic(self, image: ArrayLike, name: str) -> None:
         if self.bayer is None:
             refuse_mosaic(less_dark(image, self._black, name), self.grid, name)
 
@@ -246,7 +246,7 @@ class DecodePlan:
             black = np.ascontiguousarray(np.broadcast_to(black, image.shape)).reshape(flat.shape)
         channels = image.shape[2] if self.bayer is None else 3
         for one, out in zip(colours, coefficients, strict=True):
-            first = (one.top, one.left * image.shape[2] + one.index)
+            first = (one.top, one.left * image.shape[2] + one.source)
             filter_rows(flat, black, first, (step, step * image.shape[2]), step == 1, out)
             if step == 1:
                 filter_columns(out)

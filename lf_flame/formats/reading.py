@@ -13,6 +13,8 @@ from lf_flame.formats.decode_plan import DecodePlan, less_dark
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
+from lf_flame.formats.lytro_decoding import is_lytro, plan_lytro
+from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES, read_lytro
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import scan_view_folder
 from lf_flame.formats.view_order import Grid, arranged, find_order
@@ -21,10 +23,6 @@ from lf_flame.lightfield import LightField
 
 ARRAY_SUFFIXES = (".npy", ".npz")
 
-_LYTRO = (
-    "a container of a Lytro camera, which is not read: export its ESLF image (read with --views "
-    "14), or its raw image as PNG or TIFF (read with --white)."
-)
 _MATLAB = (
     "a MATLAB file, which is not read: save its array views[v, u, t, s] as .npy "
     "(scipy.io.loadmat or h5py, then numpy.save)."
@@ -34,7 +32,6 @@ _HDF5 = (
     "numpy.save)."
 )
 CONTAINERS = {
-    **dict.fromkeys((".lfp", ".lfr", ".lfx", ".raw"), _LYTRO),
     ".mat": _MATLAB,
     **dict.fromkeys((".h5", ".hdf5"), _HDF5),
 }
@@ -57,6 +54,7 @@ def read_light_field(
     a folder                          `read_view_folder`, one image for each view
     ``.npy``, ``.npz``                `read_array`
     ``.tif``, ``.tiff`` of many pages `read_view_stack`
+    ``.lfp``, ``.lfr``, ``.raw``      `read_raw`, a raw picture of a Lytro camera
     any other image                   `read_lenslet_image`, N x N pixels to a lenslet
     ================================  ==============================================
 
@@ -105,6 +103,11 @@ def read_light_field(
         raise InputError(
             f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)}), not of {path}."
         )
+    if is_lytro(path):
+        if order is not None or grid is not None:
+            raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
+        plan, image = plan_lytro(path, None, views, dark=dark)
+        return plan.decode(image)
     if path.is_dir():
         folder = scan_view_folder(path, order, grid=grid)
         light_field = folder.read(progress)
@@ -133,7 +136,8 @@ def read_light_field(
             raise InputError(f"{path} is {kind}")
         raise InputError(
             f"{path} is no light field: it must be a folder of views, an array "
-            f"({', '.join(ARRAY_SUFFIXES)}) or an image ({', '.join(IMAGE_SUFFIXES)})."
+            f"({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a Lytro "
+            f"picture ({', '.join(LYTRO_SUFFIXES)})."
         )
     return _arranged(light_field, order)
 
@@ -199,10 +203,12 @@ def read_raw(
     Parameters
     ----------
     path : str or Path
-        Raw image: grey, in colour, or a Bayer mosaic.
+        Raw image: grey, in colour, or a Bayer mosaic; or a raw picture of a Lytro camera, as in
+        `read_lytro`, decoded into views in the camera's colours.
     white : str or Path, optional
         White image (flat field), in which the micro-images are found and by which the views are
-        divided.
+        divided. For a Lytro picture also a folder or archive of the camera's, as in `find_white`;
+        default: the one in the picture's file; without one the metadata place the lenslets.
     pitch : float, optional
         Distance between micro-images in pixels. With a white image a rough value suffices. Without
         one it is required, and the array is assumed to be upright and centred in the image.
@@ -243,6 +249,11 @@ def read_raw(
     return plan.decode(image), plan.grid
 
 
+def read_frame(path: str | Path) -> np.ndarray:
+    """Read a raw image for `DecodePlan.decode`, linear in radiance."""
+    return read_lytro(path).radiance if is_lytro(path) else read_image(path)
+
+
 def plan_raw(
     path: str | Path,
     white: str | Path | None = None,
@@ -263,6 +274,13 @@ def plan_raw(
     ndarray of float32
         The raw image.
     """
+    if is_lytro(path):
+        if any(option is not None for option in (pitch, layout, bayer)):
+            raise InputError(
+                f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
+                f"its own."
+            )
+        return plan_lytro(path, white, views, dark=dark)
     if Path(path).is_dir():
         raise InputError(
             f"A white image and a pitch decode a raw image, but {path} is a folder of views."

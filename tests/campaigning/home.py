@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 
+import lytro_files
 import numpy as np
 from PIL import Image
 
@@ -164,6 +165,9 @@ def _write_inputs(folder: Path) -> None:
         "card": np.full((8, 8), 128), "picture": rng.integers(0, 255, (96, 192)), "white": white,
         "raw": white * np.kron(rng.uniform(0.2, 1.0, (16, 20)), np.ones((10, 10))),
     }  # fmt: skip
+    packed = lytro_files.pack(rng.integers(64, 1024, (8, 12)), 10)
+    facts = lytro_files.metadata("ILLUM", (8, 12))
+    (folder / "photo.lfr").write_bytes(lytro_files.container("ILLUM", facts, packed))
     # A column of light that flickers, as lenslet images of 3 x 3 views.
     y, x = np.indices((24, 24))
     (folder / "frames").mkdir()

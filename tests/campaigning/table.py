@@ -70,6 +70,8 @@ CALLS = (
     Call("plan scene.toml --tolerance 0.01", "card.png"),
     Call("simulate scene.toml --out out", "card.png"),
     Call("demo --single-file out.html --save out.npy"),
+    Call("info views --thumbnail out.png"),
+    Call("info photo.lfr --thumbnail out.jpg"),
     Call("view light_field.npy --single-file out.html"),
     Call("refocus views --slope 0.5 --sweep -1 1 --map -1 1 --out out"),
     Call("refocus views --camera scene.toml --depth-mm 2 --f-number 4 --out out"),
@@ -130,7 +132,7 @@ UNTRIED = {
     "experiments screenshots": "needs a browser",
 }
 # Names of the parameters by which commands are told what to write.
-WRITING = {"out", "target", "figure", "single_file", "save", "work"}
+WRITING = {"out", "target", "figure", "single_file", "save", "work", "thumbnail"}
 
 
 def registered() -> dict:

@@ -12,6 +12,7 @@ import pytest
 import tifffile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lytro_files import metadata
 from PIL import Image
 
 from experiments import __main__
@@ -163,6 +164,12 @@ def write_headers(path):
     np.savez(path, **{f"array_{k}" * 3: np.zeros(1) for k in range(10_000)})
 
 
+def write_large_raw(path):
+    """A raw picture of 65,536 x 65,536 pixels by its metadata."""
+    path.write_bytes(bytes(99))
+    path.with_suffix(".json").write_text(json.dumps(metadata("ILLUM", (1 << 16, 1 << 16))))
+
+
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
@@ -173,6 +180,10 @@ def write_headers(path):
         ("pickled.npy", lambda path: np.save(path, np.array([{}])), "no plain array of numbers"),
         ("odd.tif", write_odd_tiff, ""),
         ("a.txt", lambda path: path.write_text(""), "is no light field"),
+        ("text.lfr", lambda path: path.write_text("text"), "no container of a Lytro camera"),
+        ("pipe.lfr", os.mkfifo, "must be a regular file, and is a pipe"),
+        ("alone.raw", lambda path: path.write_bytes(bytes(99)), "without a description"),
+        ("large.raw", write_large_raw, "would need 68.7 GB of memory, and 0.5 GB are allowed"),
     ],
     ids=lambda value: str(value)[:20],
 )  # fmt: skip
@@ -181,6 +192,26 @@ def test_light_fields(refuse, tmp_path, monkeypatch, command, name, write, words
     monkeypatch.setenv(LIMIT, "0.5")
     write(tmp_path / name)
     assert words in refuse(command, name, *(["out.npy"] if command == "convert" else []))
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("text.lfr", lambda path: path.write_text("text"), "no container of a Lytro camera"),
+        ("pipe.raw", os.mkfifo, "must be a regular file, and is a pipe"),
+        ("text.tar", lambda path: path.write_text("text"), "is no archive of white images"),
+        ("pipe.tar", os.mkfifo, "must be a regular file, and is a pipe"),
+        ("pipe.png", os.mkfifo, "must be a regular file, and is a pipe"),
+        ("text.npz", lambda path: path.write_text("no archive"), "no NumPy file of plain arrays"),
+        ("empty", Path.mkdir, "empty holds no two images"),
+        ("pipe", os.mkfifo, "is no light field"),
+        ("none", lambda path: None, "no such file or folder"),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_files_of_which_nothing_is_known(refuse, tmp_path, name, write, words):
+    write(tmp_path / name)
+    assert words in refuse("info", name, "--thumbnail", "out.png")
 
 
 def test_a_folder_of_large_views(refuse, tmp_path, monkeypatch):

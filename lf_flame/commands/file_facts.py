@@ -1,0 +1,156 @@
+"""Facts of files: what a file is, what is missing to read it, and which command comes next.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lf_flame.commands.findings import Found, typed
+from lf_flame.commands.lytro_facts import lytro_picture, lytro_white_files
+from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+MIDDLE = 512
+"""Side in pixels of the central part of an image in which lenslets are looked for."""
+
+MOST_NAMED = 5
+"""Largest number of files of a folder that are named."""
+
+
+def describe(source: Path) -> Found:
+    """Find out what a file or folder is.
+
+    Raises
+    ------
+    InputError
+        If it is nothing that the package knows, or cannot be read.
+    """
+    from lf_flame.formats.images import IMAGE_SUFFIXES
+    from lf_flame.formats.lytro_decoding import is_lytro
+    from lf_flame.formats.lytro_white import holds_white_files
+
+    if is_lytro(source):
+        return lytro_picture(source)
+    if source.suffix.lower() == ".tar" or (source.is_dir() and holds_white_files(source)):
+        return lytro_white_files(source)
+    if source.is_dir():
+        return _folder(source)
+    if source.suffix.lower() in IMAGE_SUFFIXES:
+        return _image(source)
+    return _views(source)
+
+
+def _folder(source: Path) -> Found:
+    """Folder of views."""
+    from lf_flame._common.pixels import read_shape
+    from lf_flame.formats import scan_view_folder
+    from lf_flame.formats.coding import notes_on_coding
+
+    try:
+        folder = scan_view_folder(source)
+    except InputError as error:
+        return _other_folder(source, error)
+    rows, columns, channels = read_shape(folder.files.flat[0])
+    found = Found("folder with one image for each view")
+    v, u = folder.files.shape
+    colour = "grey" if channels < 3 else "colour"
+    found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
+    found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
+    if folder.left_out:
+        found.facts["left out"] = f"{folder.left_out} other files"
+    found.notes += notes_on_coding(source)
+    found.command = typed("refocus", source)
+    return found
+
+
+def _other_folder(source: Path, error: InputError) -> Found:
+    """Folder without views, which may hold single files to be looked at."""
+    from lf_flame.formats.images import IMAGE_SUFFIXES
+    from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
+    from lf_flame.formats.reading import ARRAY_SUFFIXES
+
+    known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
+    paths = sorted(path for path in source.iterdir() if path.suffix.lower() in known)
+    if not paths:
+        raise error
+    found = Found("folder of single files")
+    more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
+    found.facts["files"] = ", ".join(path.name for path in paths[:MOST_NAMED]) + more
+    found.command = typed("info", paths[0])
+    return found
+
+
+def _image(source: Path) -> Found:
+    """Raw image, lenslet image or stack of pages."""
+    from lf_flame.formats import estimate_grid, read_focal_stack
+    from lf_flame.formats.images import TIFF_SUFFIXES, read_image
+    from lf_flame.formats.mosaic import refuse_mosaic
+    from lf_flame.formats.stacks import is_stack
+
+    if source.suffix.lower() in TIFF_SUFFIXES and is_stack(source):
+        pages, slopes = read_focal_stack(source)
+        if slopes is None:
+            return _views(source)
+        held = f"{len(pages)}, at slopes from {slopes.min():g} to {slopes.max():g}"
+        return Found("stack of refocused images", {"images": held})
+    image = read_image(source)
+    found = Found("image")
+    colour = "grey" if image.ndim == 2 else "colour"
+    found.facts["pixels"] = f"{image.shape[0]} x {image.shape[1]}, {colour}"
+    found.facts["values"] = f"{image.min():.4g} to {image.max():.4g}"
+    try:
+        grid = estimate_grid(_middle(image))
+    except InputError:
+        found.facts["lenslets"] = "none are seen"
+        found.missing.append(_how_to_decode(image.shape))
+        found.command = typed("refocus", source, "--white", "WHITE.png")
+        return found
+    found.facts["lenslets"] = grid.describe()
+    views = round(grid.pitch)
+    on_pixels = abs(grid.pitch - views) < 0.02 and abs(grid.rotation) < 1e-3
+    if grid.layout == "rectangular" and on_pixels and not any(n % views for n in image.shape[:2]):
+        found.kind = "lenslet image"
+        found.command = typed("refocus", source, "--views", str(views))
+        return found
+    found.kind = "raw image of a plenoptic camera, or its white image"
+    if image.ndim == 2:
+        try:
+            refuse_mosaic(_middle(image), grid, "raw")
+        except InputError as error:
+            found.notes.append(str(error))
+    found.missing.append("the white image (flat field) of the camera, in the same form.")
+    found.command = typed("refocus", source, "--white", "WHITE.png")
+    return found
+
+
+def _how_to_decode(shape: tuple[int, ...]) -> str:
+    fit = [str(n) for n in range(2, 65) if not any(side % n for side in shape[:2])]
+    return (
+        f"what shows the lenslets: the white image of a raw image (--white), or the number of "
+        f"pixels under a lenslet of a lenslet image (--views: {', '.join(fit) or 'none fits'})."
+    )
+
+
+def _middle(image: "np.ndarray") -> "np.ndarray":
+    """Central part of an image, in which lenslets are looked for quickly."""
+    starts = [max(0, (n - MIDDLE) // 4 * 2) for n in image.shape[:2]]
+    return image[tuple(slice(start, start + MIDDLE) for start in starts)]
+
+
+def _views(source: Path) -> Found:
+    """Any other file, which is read as a light field."""
+    from lf_flame import formats
+
+    light_field = formats.read_light_field(source)
+    v, u, t, s, *channels = light_field.views.shape
+    found = Found("light field")
+    colour = f"{channels[0]} channels" if channels else "grey"
+    found.facts["views"] = f"{v} x {u}, of {t} x {s} pixels, {colour}"
+    found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"
+    if light_field.uncounted:
+        found.facts["weights"] = light_field.uncounted
+    found.command = typed("refocus", source)
+    return found

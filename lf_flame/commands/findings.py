@@ -1,0 +1,55 @@
+"""Findings about a file: its kind, facts, what is missing, and the next command."""
+
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lf_flame._common.printable import printable
+
+WIDTH = 14
+"""Number of letters of the names of facts."""
+
+LONGEST = 600
+"""Largest number of letters of a sentence."""
+
+
+@dataclass
+class Found:
+    """What a file is.
+
+    Attributes
+    ----------
+    kind : str
+    facts : dict of str to str
+        Facts by name, in the order in which they are printed.
+    notes : list of str
+        What the user should know, one sentence each.
+    missing : list of str
+        What is missing to read it, one sentence each.
+    command : str
+        Command to type next; empty if there is none.
+    """
+
+    kind: str
+    facts: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    command: str = ""
+
+    def text(self, source: Path) -> str:
+        """Describe it in lines: kind, facts, what is missing, and the next command."""
+        lines = [f"{printable(source)}: {self.kind}"]
+        lines += [
+            f"  {printable(name, 40):<{WIDTH}}{printable(fact)}"
+            for name, fact in self.facts.items()
+        ]
+        lines += [f"note: {printable(one, LONGEST)}" for one in self.notes]
+        lines += [f"missing: {printable(one, LONGEST)}" for one in self.missing]
+        return "\n".join(
+            lines + ([f"next: {printable(self.command, LONGEST)}"] if self.command else [])
+        )
+
+
+def typed(*words: str | Path) -> str:
+    """Command line, with its words quoted for a shell."""
+    return f"lf-flame {' '.join(shlex.quote(str(word)) for word in words)}"

@@ -1,0 +1,264 @@
+"""Metadata of a frame of a Lytro camera: sensor, lens, lenslets and colour, from JSON."""
+
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.bayer import PATTERNS
+from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.nested_values import NestedValues, tables
+
+ENDIANNESS = {10: "little", 12: "big"}
+"""Byte order of packed pixels by their number of bits: 10 in the Illum, 12 in the F01."""
+
+LAYOUTS = {"hexUniformRowMajor": "hexagonal", "squareUniform": "rectangular"}
+"""Layout of the lenslets by its name in the metadata."""
+
+LARGEST_SIDE = 1 << 16
+"""Largest number of rows and of columns of a frame."""
+
+GAMMA = 0.4
+"""Exponent of the maker's pictures where the metadata state none: that of the Illum."""
+
+
+@dataclass(frozen=True, eq=False)
+class LytroColour:
+    """Colours of a picture, as the camera found them.
+
+    Attributes
+    ----------
+    gains : ndarray of float64, shape (3,)
+        White balance: factors on red, green and blue.
+    matrix : ndarray of float64, shape (3, 3)
+        Matrix from the camera's balanced red, green and blue to linear sRGB.
+    gamma : float
+        Exponent of the maker's pictures, below 1.
+    """
+
+    gains: np.ndarray
+    matrix: np.ndarray
+    gamma: float
+
+    def render(self, image: np.ndarray) -> np.ndarray:
+        """Picture for display, 0 to 1, from linear colours of the camera, shape (..., 3).
+
+        Values above 1 are clipped, as the maker's program does.
+        """
+        linear = np.clip(image * self.gains, 0, 1) @ self.matrix.T
+        return np.clip(linear, 0, 1).astype(np.float32) ** np.float32(self.gamma)
+
+
+@dataclass(frozen=True, eq=False)
+class LytroMetadata:
+    """Facts of a frame; what the file does not say is None, or empty.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Number of rows and columns of the frame.
+    bits : int
+        Number of bits of a packed pixel, 10 or 12.
+    bayer : str
+        Colours of the upper left 2 x 2 pixels, row by row: rggb, bggr, grbg or gbrg.
+    black, white : ndarray of float64, shape (2, 2)
+        Levels of no light and of full scale of the upper left 2 x 2 pixels.
+    grid : LensletGrid or None
+        Lenslets where the metadata place them.
+    colour : LytroColour or None
+    model, serial, firmware, date : str
+        Names of camera and time; `serial` is the camera's number.
+    zoom_step, focus_step : float or None
+        Positions of the lens's motors, by which white images are chosen.
+    exposure_s, iso, f_number, focal_mm : float or None
+    orientation : int
+        EXIF orientation in which the picture is shown; pixels stay as the sensor has them.
+    is_dark : bool
+        Whether the frame was taken without light.
+    """
+
+    shape: tuple[int, int]
+    bits: int
+    bayer: str
+    black: np.ndarray
+    white: np.ndarray
+    grid: LensletGrid | None
+    colour: LytroColour | None
+    model: str
+    serial: str
+    firmware: str
+    date: str
+    zoom_step: float | None
+    focus_step: float | None
+    exposure_s: float | None
+    iso: float | None
+    f_number: float | None
+    focal_mm: float | None
+    orientation: int
+    is_dark: bool
+
+    @property
+    def packed_size(self) -> int:
+        """Number of bytes of the packed pixels."""
+        return self.shape[0] * self.shape[1] * self.bits // 8
+
+
+def parse_metadata(
+    values: dict[str, Any], source: str | Path, private: dict[str, Any] | None = None
+) -> LytroMetadata:
+    """Take the facts out of the metadata of a frame of either camera.
+
+    Parameters
+    ----------
+    values : dict
+        Metadata of the frame, or a table that wraps them, as in the ``.TXT`` of a white image.
+    source : str or Path
+        Name of the file, for messages.
+    private : dict, optional
+        Private metadata, with the serial number, if they are stored apart.
+
+    Raises
+    ------
+    InputError
+        If a value that is needed to read the pixels is missing, or any value cannot be used.
+    """
+    frame, inner, tags = _unwrapped(values)
+    tree, hidden = NestedValues(frame, source), NestedValues(private or inner, source)
+    rows, columns = (
+        round(tree.within(2, LARGEST_SIDE, f"image/{side}")) for side in ("height", "width")
+    )
+    names = _mosaic(tree)
+    black, white = (_levels(tree, level, names) for level in ("black", "white"))
+    if not np.all(white > black):
+        raise tree.error("image/pixelFormat/white", "must be above black", white.tolist())
+    metres = tree.number("devices/lens/focalLength")
+    return LytroMetadata(
+        shape=(rows, columns),
+        bits=_bits(tree, rows * columns),
+        bayer="".join(name[0] for name in names.flat),
+        black=black,
+        white=white,
+        grid=_grid(tree, rows, columns),
+        colour=_colour(tree),
+        model=tree.text("camera/model"),
+        serial=hidden.text("camera/serialNumber") or tree.text("camera/serialNumber"),
+        firmware=tree.text("camera/firmware"),
+        date=tree.text("devices/clock/zuluTime"),
+        zoom_step=tree.number("devices/lens/zoomStep"),
+        focus_step=tree.number("devices/lens/focusStep"),
+        exposure_s=tree.number("devices/shutter/frameExposureDuration"),
+        iso=tree.number("image/iso", "devices/sensor/iso"),
+        f_number=tree.number("devices/lens/fNumber"),
+        focal_mm=None if metres is None else 1e3 * metres,
+        orientation=round(tree.number("image/orientation") or 1),
+        is_dark=NestedValues(tags, source).find("vendorContent/com.lytro.tags/darkFrame") is True,
+    )
+
+
+def _unwrapped(values: dict[str, Any]) -> tuple[dict, dict, dict]:
+    """Metadata, private metadata and parameters of the first frame of a table that wraps them."""
+    frames = NestedValues(values, "").find(
+        "master/picture/frameArray", "picture/frameArray", "frames"
+    )
+    first = next(iter(tables(frames)), {})
+    holder = first.get("frame")
+    holder = holder if isinstance(holder, dict) else values
+    parts = holder.get("metadata", holder), holder.get("privateMetadata")
+    tags = first.get("parameters")
+    frame, private, tags = (x if isinstance(x, dict) else {} for x in (*parts, tags))
+    return frame, private, tags
+
+
+def _mosaic(tree: NestedValues) -> np.ndarray:
+    """Names r, gr, gb, b of the upper left 2 x 2 pixels, from the tile and its first pixel."""
+    places = [f"{place}/mosaic" for place in ("image", "image/rawDetails", "devices/sensor")]
+    tile = tree.text(*(f"{place}/tile" for place in places))
+    first = tree.text(*(f"{place}/upperLeftPixel" for place in places))
+    rows = [[name.strip() for name in row.split(",")] for row in tile.split(":")]
+    if sorted(sum(rows, [])) == ["b", "gb", "gr", "r"] and [len(row) for row in rows] == [2, 2]:
+        names = np.array(rows)
+        for shift in np.ndindex(2, 2):
+            rolled = np.roll(names, shift, (0, 1))
+            if rolled[0, 0] == first and "".join(name[0] for name in rolled.flat) in PATTERNS:
+                return rolled
+    raise tree.error(places[0], "must be a Bayer mosaic of r, gr, gb and b", f"{tile}; {first}")
+
+
+def _levels(tree: NestedValues, level: str, names: np.ndarray) -> np.ndarray:
+    """Black or white levels of the upper left 2 x 2 pixels, float64."""
+    places = [f"{place}/pixelFormat/{level}" for place in ("image", "image/rawDetails")]
+    levels = [
+        tree.within(0, 65535, *(f"{place}/{name}" for place in places)) for name in names.flat
+    ]
+    return np.array(levels).reshape(2, 2)
+
+
+def _bits(tree: NestedValues, pixels: int) -> int:
+    """Find the number of bits of a packed pixel; only the cameras' own packings are known."""
+    places = ("image/pixelPacking", "image/rawDetails/pixelPacking")
+    bits = tree.number(*(f"{place}/bitsPerPixel" for place in places))
+    order = tree.text(*(f"{place}/endianness" for place in places))
+    shift = tree.number(*(f"{place[:-7]}Format/rightShift" for place in places)) or 0
+    if bits not in ENDIANNESS or order != ENDIANNESS[int(bits)] or shift:
+        got = f"{bits} bits, {order or 'no byte order'}, shifted by {shift:g}"
+        raise tree.error(places[0], "must be 10 bits little or 12 bits big, not shifted", got)
+    group = PIXELS_A_GROUP[int(bits)]
+    if pixels % group:
+        raise tree.error("image", f"must have a multiple of {group} pixels", pixels)
+    return int(bits)
+
+
+PIXELS_A_GROUP = {10: 4, 12: 2}
+"""Number of pixels that are packed into whole bytes together, by their number of bits."""
+
+
+def _grid(tree: NestedValues, rows: int, columns: int) -> LensletGrid | None:
+    """Lenslets where the metadata place them, if they do.
+
+    The micro-images are farther apart than the lenslets: light comes from the exit pupil, at the
+    distance Z, and the sensor is z behind the lenslets, so their pitch is (Z + z) / Z times the
+    lenslets'.
+    """
+    layout = LAYOUTS.get(tree.text("devices/mla/tiling"))
+    lens, pixel = tree.number("devices/mla/lensPitch"), tree.number("devices/sensor/pixelPitch")
+    if layout is None or not lens or not pixel:
+        return None
+    pupil = tree.number("devices/lens/exitPupilOffset/z")
+    behind = tree.number("devices/mla/sensorOffset/z") or 0.0
+    pitch = lens / pixel * ((pupil + behind) / pupil if pupil else 1.0)
+    across, down = (tree.number(f"devices/mla/scaleFactor/{axis}") or 1.0 for axis in "xy")
+    right, below = (tree.number(f"devices/mla/sensorOffset/{axis}") or 0.0 for axis in "xy")
+    try:
+        return LensletGrid(
+            x0=(columns - 1) / 2 + right / pixel,
+            y0=(rows - 1) / 2 + below / pixel,
+            pitch=pitch * across,
+            rotation=tree.number("devices/mla/rotation") or 0.0,
+            layout=layout,
+            row_pitch=pitch * down * (sqrt(3) / 2 if layout == "hexagonal" else 1.0),
+        )
+    except InputError as error:
+        raise InputError(f"{tree.source}: devices/mla of the Lytro metadata: {error}") from None
+
+
+def _colour(tree: NestedValues) -> LytroColour | None:
+    """White balance, matrix to sRGB and gamma, if the metadata state them."""
+    gains = [tree.number(f"image/color/whiteBalanceGain/{name}") for name in ("r", "gr", "gb", "b")]
+    matrix = tree.find("image/color/ccm", "image/color/ccmRgbToSrgbArray")
+    if None in gains or matrix is None:
+        return None
+    if not (
+        isinstance(matrix, list)
+        and len(matrix) == 9
+        and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in matrix)
+    ):
+        raise tree.error("image/color/ccm", "must be 9 numbers", matrix)
+    red, green_r, green_b, blue = (gain for gain in gains if gain is not None)
+    return LytroColour(
+        gains=np.array([red, (green_r + green_b) / 2, blue]),
+        matrix=np.array(matrix, float).reshape(3, 3),
+        gamma=tree.number("image/color/gamma") or GAMMA,
+    )

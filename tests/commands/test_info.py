@@ -1,0 +1,186 @@
+"""What `lf-flame info` says of files, and the previews that it writes."""
+
+import io
+import json
+
+import lytro_files as own
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from lf_flame import InputError, LightField
+from lf_flame.commands.cli import commands
+from lf_flame.formats import write_focal_stack, write_lenslet_image, write_light_field
+from lf_flame.formats.images import write_image
+
+
+@pytest.fixture
+def told(tmp_path, monkeypatch):
+    """What the command prints about a file in the working folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        result = CliRunner().invoke(commands, ["info", *words])
+        if result.exception is not None:
+            raise result.exception
+        return result.stdout
+
+    return call
+
+
+def write_picture(path, model="ILLUM", **options):
+    mosaic = np.full((8, 12), 300)
+    facts = options.pop("facts", own.metadata(model, mosaic.shape))
+    packed = own.pack(mosaic, own.SIDES[model][0])
+    path.write_bytes(own.container(model, facts, packed, **options))
+
+
+def test_a_lytro_picture(told, tmp_path):
+    write_picture(tmp_path / "my photo.lfr")
+    said = told("my photo.lfr")
+    for words in (
+        "picture of a Lytro camera",
+        "5 sections, all as their SHA-1",
+        "ILLUM, serial number B5143909630, firmware 1.1.1 (23)",
+        "12 x 8 pixels of 10 bits, grbg mosaic, black 64, white 1023",
+        "0.004 s, f/2.2, ISO 80, 2015-05-17T13:31:37.412Z",
+        "24.2 mm, zoom step -297, focus step 309",
+        "hexagonal lenslets, pitch 14.005 pixels",
+        "JPEG of 16 x 12 pixels",
+        "missing: a white image of this camera",
+        "next: lf-flame refocus 'my photo.lfr' --white caldata-B5143909630.tar",
+    ):
+        assert words in said
+    write_picture(tmp_path / "b.lfp", "F01", white=own.pack(np.full((8, 12), 2000), 12))
+    said = told("b.lfp")
+    assert "black 168, white 4095" in said
+    assert "white image   in the file" in said
+    assert "missing" not in said
+    assert said.endswith("next: lf-flame refocus b.lfp\n")
+
+
+def test_text_from_a_file_steers_no_terminal(told, tmp_path):
+    facts = own.metadata("ILLUM", (8, 12))
+    facts["camera"]["model"] = "\x1b[31mred\nnext: rm -r /"
+    facts["devices"]["clock"]["zuluTime"] = "x" * 5000
+    write_picture(tmp_path / "a.lfr", facts=facts, serial="\x1b]0;title\x07 ; rm -r /")
+    said = told("a.lfr")
+    assert "\x1b" not in said
+    assert "\nnext: rm" not in said
+    assert max(map(len, said.splitlines())) < 700
+    assert "--white 'caldata-?]0;title? ; rm -r /.tar'" in said
+
+
+def test_white_images(told, tmp_path):
+    files = {}
+    for k, zoom in enumerate((-700, -300, -300)):
+        facts = own.metadata("ILLUM", (8, 12), zoom, 100 + k)
+        pair = own.white_pair("ILLUM", facts, np.full((8, 12), 700))
+        files |= dict(zip((f"MOD_{k:04d}.TXT", f"MOD_{k:04d}.RAW"), pair, strict=True))
+    (tmp_path / "caldata-B5.tar").write_bytes(own.tar_of(files))
+    (tmp_path / "sn").mkdir()
+    for name, data in files.items():
+        (tmp_path / "sn" / name).write_bytes(data)
+    for source in ("caldata-B5.tar", "sn"):
+        said = told(source)
+        assert "3, 12 x 8 pixels of 10 bits" in said
+        assert "cameras       B5143909630" in said
+        assert "2, from -700 to -300" in said
+        assert "3, from 100 to 102" in said
+        assert f"next: lf-flame refocus PICTURE.lfr --white {source}" in said
+    (tmp_path / "other.tar").write_bytes(own.tar_of({"a.txt": b"x"}))
+    with pytest.raises(InputError, match="other.tar holds no white images of a Lytro camera"):
+        told("other.tar")
+
+
+def test_processed_pictures(told, tmp_path):
+    """Which hold the metadata of the raw picture, and images that serve as a preview."""
+    image = own.jpeg(20, 30)
+    listed = [{"imageRef": own.name_of(image), "focus": 0.5}]
+    entry = {"kind": "focusStack\x1b[1m", "representation": "jpeg", "perImage": listed}
+    frame = {"metadata": own.metadata("ILLUM", (8, 12)),
+             "privateMetadata": {"camera": {"serialNumber": "451"}}}  # fmt: skip
+    table = {"frames": [{"frame": frame}], "views": [{"accelerations": [entry]}]}
+    data = own.START + own.section(b"LFM", json.dumps(table).encode()) + own.section(b"LFC", image)
+    (tmp_path / "a.lfp").write_bytes(data)
+    said = told("a.lfp", "--thumbnail", "a.jpg")
+    assert "ILLUM, serial number 451" in said
+    assert "focusStack?[1m1 images, jpeg" in said
+    assert "missing: the raw image" in said
+    assert "read_lytro_products reads" in said
+    assert (tmp_path / "a.jpg").read_bytes() == image
+
+
+def test_other_light_fields(told, tmp_path, rng):
+    light_field = LightField(rng.uniform(size=(3, 3, 20, 30)))
+    write_light_field(light_field, tmp_path / "views")
+    write_light_field(light_field, tmp_path / "a.npz")
+    write_focal_stack(rng.uniform(size=(4, 5, 6)), [0, 1, 2, 3], tmp_path / "stack.tif")
+    said = told("views")
+    assert "3 x 3, of 20 x 30 pixels, grey" in said
+    assert said.endswith("next: lf-flame refocus views\n")
+    assert "3 x 3, of 20 x 30 pixels, grey" in told("a.npz")
+    assert "4, at slopes from 0 to 3" in told("stack.tif")
+    (tmp_path / "a.txt").write_text("text")
+    for name, words in (("a.txt", "no light field"), ("none", "no such file")):
+        with pytest.raises(InputError, match=words):
+            told(name)
+
+
+def lenslets(pitch, side):
+    y, x = np.indices((side, side)) % pitch - (pitch - 1) / 2
+    return np.clip(pitch / 2 - np.hypot(y, x), 0.05, 1)
+
+
+def test_raw_and_lenslet_images(told, tmp_path, rng):
+    light_field = LightField(rng.uniform(size=(5, 5, 20, 30)))
+    write_lenslet_image(light_field, tmp_path / "plain.png")
+    scene = np.kron(rng.uniform(0.5, 1, (12, 12)), np.ones((12, 12)))
+    write_image(tmp_path / "on.png", np.rint(60000 * scene * lenslets(12, 144)).astype(np.uint16))
+    raw = np.rint(60000 * lenslets(12.3, 200)).astype(np.uint16)
+    write_image(tmp_path / "raw.png", raw)
+    said = told("on.png")
+    assert "lenslet image" in said
+    assert "next: lf-flame refocus on.png --views 12" in said
+    said = told("raw.png")
+    assert "rectangular lenslets, pitch 12.3" in said
+    assert "next: lf-flame refocus raw.png --white WHITE.png" in said
+    assert "--views: 2, 5, 10, 25, 50" in told("plain.png")
+    assert "next: lf-flame info on.png" in told(".")
+    mosaic = raw.copy()
+    mosaic[::2, ::2] //= 3
+    write_image(tmp_path / "mosaic.png", mosaic)
+    assert "note: The raw image is a colour mosaic (Bayer)" in told("mosaic.png")
+
+
+def test_previews(told, tmp_path, rng):
+    write_picture(tmp_path / "a.lfr")
+    told("a.lfr", "--thumbnail", "a.jpg")
+    assert (tmp_path / "a.jpg").read_bytes() == own.jpeg()
+    told("a.lfr", "--thumbnail", "a.png")
+    with Image.open(io.BytesIO(own.jpeg())) as image, Image.open(tmp_path / "a.png") as written:
+        assert written.format == "PNG"
+        np.testing.assert_array_equal(np.asarray(written), np.asarray(image))
+    views = rng.uniform(size=(3, 3, 20, 30)).astype(np.float32)
+    np.save(tmp_path / "a.npy", views)
+    told("a.npy", "--thumbnail", "b.png")
+    with Image.open(tmp_path / "b.png") as written:
+        expected = np.rint(255 * views.mean(axis=(0, 1)))
+        assert np.abs(np.asarray(written) - expected).max() <= 1
+    for target, words in (("a.gif", "must end in"), ("a.npy", "must end in")):
+        with pytest.raises(InputError, match=words):
+            told("a.npy", "--thumbnail", target)
+    (tmp_path / "c.png").write_bytes((tmp_path / "b.png").read_bytes())
+    with pytest.raises(InputError, match="is read, and cannot be replaced"):
+        told("c.png", "--thumbnail", "c.png")
+
+
+def test_a_thumbnail_that_is_no_jpeg_is_not_written(told, tmp_path, monkeypatch):
+    for data in (b"MZ" + bytes(300), own.jpeg()[:200], b""):
+        monkeypatch.setattr(own, "jpeg", lambda data=data: data)
+        write_picture(tmp_path / "a.lfr")
+        assert "holds a thumbnail that is no JPEG" in told("a.lfr")
+        with pytest.raises(InputError, match="holds a thumbnail that is no JPEG"):
+            told("a.lfr", "--thumbnail", "a.jpg")
+        assert not (tmp_path / "a.jpg").exists()

@@ -1,0 +1,416 @@
+"""Pictures of Lytro cameras: containers, packed pixels, metadata and white images."""
+
+import io
+import json
+import struct
+import tarfile
+from math import sqrt
+
+import lytro_files as own
+import numpy as np
+import pytest
+from PIL import Image
+
+from lf_flame import InputError
+from lf_flame.formats import find_white, read_lytro, read_lytro_products
+from lf_flame.formats.lytro_picture import LytroFile
+
+MODELS = ("F01", "ILLUM")
+
+
+def levels(rng, model, shape=(6, 8), low=0):
+    return rng.integers(low, own.SIDES[model][4] + 1, shape, np.uint16)
+
+
+def written(folder, model, mosaic, facts=None, name="a.lfp", **options):
+    facts = facts or own.metadata(model, mosaic.shape)
+    path = folder / name
+    path.write_bytes(own.container(model, facts, own.pack(mosaic, own.SIDES[model][0]), **options))
+    return path
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_level_comes_out_of_a_container(tmp_path, rng, model):
+    mosaic, white = levels(rng, model), levels(rng, model)
+    packed = own.pack(white, own.SIDES[model][0])
+    picture = read_lytro(written(tmp_path, model, mosaic, name="a.LFR", white=packed))
+    assert picture.mosaic.dtype == np.uint16
+    np.testing.assert_array_equal(picture.mosaic, mosaic)
+    np.testing.assert_array_equal(picture.white_image.mosaic, white)
+    black, full = own.SIDES[model][3:]
+    expected = (mosaic.astype(float) - black) / (full - black)
+    np.testing.assert_allclose(picture.radiance, expected, atol=2e-7)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_any_bytes_are_unpacked_as_by_imageio(tmp_path, rng, monkeypatch, model):
+    lytro = pytest.importorskip("imageio.plugins.lytro")
+    bits, shape = own.SIDES[model][0], (6, 40)
+    monkeypatch.setattr(lytro, f"LYTRO_{model}_IMAGE_SIZE", shape)  # it takes whole frames alone
+    packed = rng.bytes(shape[0] * shape[1] * bits // 8)
+    (tmp_path / "a.raw").write_bytes(packed)
+    (tmp_path / "a.json").write_text(json.dumps(own.metadata(model, shape)))
+    reader = lytro.LytroF01RawFormat if model == "F01" else lytro.LytroIllumRawFormat
+    theirs = reader.rearrange_bits(np.frombuffer(packed, np.uint8).astype(np.uint16))
+    mosaic = read_lytro(tmp_path / "a.raw").mosaic
+    np.testing.assert_array_equal(mosaic, np.rint(theirs * (2**bits - 1)))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_metadata_of_both_cameras(tmp_path, rng, model):
+    path = written(tmp_path, model, levels(rng, model))
+    facts = LytroFile(path).metadata
+    assert facts.shape == (6, 8)
+    assert (facts.model, facts.serial, facts.firmware) == (model, "B5143909630", "1.1.1 (23)")
+    assert facts.bayer == {"F01": "bggr", "ILLUM": "grbg"}[model]
+    assert (facts.zoom_step, facts.focus_step, facts.f_number) == (-297, 309, 2.2)
+    assert (facts.exposure_s, facts.iso) == (0.004, {"F01": 200, "ILLUM": 80}[model])
+    assert facts.focal_mm == pytest.approx(24.2)
+    assert facts.date.startswith("2015-05-17")
+    assert facts.colour.gamma == {"F01": 0.41666, "ILLUM": 0.4}[model]
+    grey = np.full((2, 2, 3), 0.3) / facts.colour.gains
+    np.testing.assert_allclose(facts.colour.render(grey), 0.3**facts.colour.gamma, rtol=1e-6)
+    red = facts.colour.render(np.array([0.3, 0.1, 0.1]) / facts.colour.gains)
+    np.testing.assert_allclose(red ** (1 / facts.colour.gamma), [0.5, 0.02, 0.06], atol=1e-6)
+
+
+@pytest.mark.parametrize("first", ["r", "gr", "gb", "b"])
+def test_patterns_and_levels_begin_at_the_upper_left_pixel(tmp_path, rng, first):
+    facts = own.metadata("ILLUM", (6, 8))
+    facts["image"]["mosaic"]["upperLeftPixel"] = first
+    facts["image"]["pixelFormat"]["black"] = {"r": 10, "gr": 20, "gb": 30, "b": 40}
+    facts = LytroFile(written(tmp_path, "ILLUM", levels(rng, "ILLUM"), facts)).metadata
+    names = {"r": "r gr gb b", "gr": "gr r b gb", "gb": "gb b r gr", "b": "b gb gr r"}[
+        first
+    ].split()
+    assert facts.bayer == "".join(name[0] for name in names)
+    expected = [{"r": 10, "gr": 20, "gb": 30, "b": 40}[name] for name in names]
+    np.testing.assert_array_equal(facts.black.ravel(), expected)
+
+
+def test_lenslets_lie_where_the_metadata_place_them(tmp_path, rng):
+    """Positions in metres on the sensor: two lattice vectors, stretched, turned, then shifted."""
+    facts = own.metadata("ILLUM", (40, 60), pitch=14.3, offset=(3.0, -2.0), rotation=-0.02)
+    grid = LytroFile(
+        written(tmp_path, "ILLUM", levels(rng, "ILLUM", (40, 60)), facts)
+    ).metadata.grid
+    pitch = 14.3 * 1.4e-6 * (0.0973 + 3.7e-5) / 0.0973
+    rows, columns = np.mgrid[-3:4, -3:4]
+    across = pitch * (columns + np.where(rows % 2, 0.5, 0.0))
+    down = pitch * rows * sqrt(3) / 2 * 1.0003
+    x = np.cos(-0.02) * across - np.sin(-0.02) * down + 3.0 * 1.4e-6
+    y = np.sin(-0.02) * across + np.cos(-0.02) * down - 2.0 * 1.4e-6
+    found_y, found_x = grid.position(rows, columns)
+    np.testing.assert_allclose(found_x - 29.5, x / 1.4e-6, atol=1e-6)
+    np.testing.assert_allclose(found_y - 19.5, y / 1.4e-6, atol=1e-6)
+
+
+def test_a_raw_file_is_read_with_the_metadata_beside_it(tmp_path, rng):
+    mosaic = levels(rng, "F01")
+    text, packed = own.white_pair("F01", own.metadata("F01", (6, 8)), mosaic, "A102")
+    (tmp_path / "MOD_0007.RAW").write_bytes(packed)
+    with pytest.raises(InputError, match="without a description: .* beside it as MOD_0007.json"):
+        read_lytro(tmp_path / "MOD_0007.RAW")
+    (tmp_path / "MOD_0007.TXT").write_bytes(text)
+    picture = read_lytro(tmp_path / "MOD_0007.RAW")
+    np.testing.assert_array_equal(picture.mosaic, mosaic)
+    assert picture.metadata.serial == "A102"
+    (tmp_path / "b.raw").write_bytes(packed)
+    text = json.dumps(own.metadata("F01", (6, 8)))
+    (tmp_path / "b.json").write_text(text, encoding="utf-8-sig")
+    np.testing.assert_array_equal(read_lytro(tmp_path / "b.raw").mosaic, mosaic)
+    (tmp_path / "b.raw").write_bytes(packed[:-1])
+    with pytest.raises(InputError, match="must hold 72 bytes, 6 x 8 pixels of 12 bits .* got 71"):
+        read_lytro(tmp_path / "b.raw")
+
+
+def test_damaged_containers_are_refused(tmp_path, rng):
+    whole = written(tmp_path, "ILLUM", levels(rng, "ILLUM")).read_bytes()
+    jpeg = whole.index(b"\xff\xd8\xff")
+    huge = whole[:24] + struct.pack(">Q", 2**63) + whole[32:]
+    long = whole[:24] + struct.pack(">Q", len(whole)) + whole[32:]
+    for _, data, told in (
+        ("one byte", whole[:jpeg] + b"\xfe" + whole[jpeg + 1 :], "damaged: .* not as its SHA-1"),
+        ("other", b"\x89PNG" + whole[4:], "no container of a Lytro camera"),
+        ("empty", b"", "no container of a Lytro camera"),
+        ("header", whole[:16], "no table of contents"),
+        ("cut", whole[:-40], "is cut: its section at byte"),
+        ("before the table", whole[: whole.index(b"\x89LFM")], "no table of contents"),
+        ("huge", huge, "should have 9,223,372,036,854,775,808 bytes"),
+        ("long", long, "is cut"),
+        ("shifted", whole[:16] + b"\0" + whole[16:], "no section of a container begins"),
+        ("no name", whole[:32] + b"md5-" + whole[36:], "has no SHA-1 for name"),
+    ):
+        (tmp_path / "a.lfr").write_bytes(data)
+        with pytest.raises(InputError, match=told):
+            read_lytro(tmp_path / "a.lfr")
+
+
+def test_empty_sections_and_zeros_at_the_end_do_no_harm(tmp_path, rng):
+    mosaic = levels(rng, "F01")
+    whole = written(tmp_path, "F01", mosaic).read_bytes()
+    short = b"\x89LFC\r\n\x1a\n" + bytes(8)
+    for data in (
+        whole[:16] + short + whole[16:],
+        whole + own.section(b"LFC", b""),
+        whole + bytes(64),
+    ):
+        (tmp_path / "a.lfp").write_bytes(data)
+        np.testing.assert_array_equal(read_lytro(tmp_path / "a.lfp").mosaic, mosaic)
+
+
+def table_only(table, *contents):
+    text = table if isinstance(table, bytes) else json.dumps(table).encode()
+    return (
+        own.START + own.section(b"LFM", text) + b"".join(own.section(b"LFC", x) for x in contents)
+    )
+
+
+def test_odd_tables_of_contents_are_refused(tmp_path):
+    facts = json.dumps(own.metadata("ILLUM", (6, 8))).encode()
+    own_name = {"metadataRef": own.name_of(facts), "imageRef": own.name_of(facts)}
+    for data, told in (
+        (table_only(b"[" * 100_000), "nest deeper than 64"),
+        (table_only(b'{"a": 1, "a": 2}'), "twice"),
+        (table_only(b"\xff\xfe{}"), "no UTF-8"),
+        (table_only(b"[1, 2]"), "must hold names and values"),
+        (table_only(b"{" + b" " * (1 << 22) + b"}"), "4,194,306 bytes, and 4,194,304 are the most"),
+        (table_only({}), "holds no raw image"),
+        (table_only({"frames": {"frame": 1}}), "holds no raw image"),
+        (table_only({"frames": [7]}), "holds no raw image"),
+        (table_only({"frames": [{"frame": {"metadataRef": ["a"]}}]}), "holds no raw image"),
+        (table_only({"frames": [{"frame": {"metadataRef": "sha1-0"}}]}), "holds no raw image"),
+        (table_only({"frames": [{"frame": own_name}]}, facts), "must hold 60 bytes"),
+        (
+            table_only({"frames": [{"frame": {"metadataRef": own.name_of(b"\0\1")}}]}, b"\0\1"),
+            "is not a JSON file",
+        ),
+    ):
+        (tmp_path / "a.lfr").write_bytes(data)
+        with pytest.raises(InputError, match=told):
+            read_lytro(tmp_path / "a.lfr")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "told"),
+    [
+        ("image/height", 7.5e9, "image/height must be a number from 2 to 65536"),
+        ("image/height", "6", "must be a number, got '6'"),
+        ("image/height", None, "got nothing"),
+        ("image/width", 7, "multiple of 4 pixels"),
+        ("image/pixelPacking/bitsPerPixel", 14, "10 bits little or 12 bits big"),
+        ("image/pixelPacking/endianness", "big", "10 bits little or 12 bits big"),
+        ("image/pixelFormat/rightShift", 2, "shifted by 2"),
+        ("image/pixelFormat/white/r", 64, "must be above black"),
+        ("image/pixelFormat/black/gb", -1, "must be a number from 0 to 65535"),
+        ("image/mosaic/tile", "r,gr:b,gb", "must be a Bayer mosaic"),
+        ("image/mosaic/tile", "r,g:g,b", "must be a Bayer mosaic"),
+        ("image/mosaic/upperLeftPixel", "x", "must be a Bayer mosaic"),
+        ("image/color/ccm", [1, 2, 3], "must be 9 numbers"),
+        ("devices/mla/rotation", 3.0, "rotation must lie within pi/4"),
+        ("devices/mla/lensPitch", 1e-9, "pitch must be at least 1 pixel"),
+        ("devices/sensor/pixelPitch", True, "must be a number, got True"),
+    ],
+)
+def test_metadata_that_cannot_be_used_are_refused(tmp_path, rng, path, value, told):
+    facts = own.metadata("ILLUM", (6, 8))
+    *names, last = path.split("/")
+    inner = facts
+    for name in names:
+        inner = inner[name]
+    inner[last] = value
+    with pytest.raises(InputError, match=rf"a\.lfp: .*{told}"):
+        read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM"), facts))
+
+
+def processed(model, images, depth):
+    """A file of the maker's program, in the form of either camera: refocused images and a map."""
+    listed = [{"imageRef": own.name_of(data), **focus} for data, focus in images]
+    size = {"height": depth.shape[0], "width": depth.shape[1]}
+    data = depth.astype("<f4").tobytes()
+    place = {"imageRef": own.name_of(data), "representation": "raw"}
+    video = {"blockOfImages": {"representation": "h264", "metadataArray": [{"lambda": 1.0}] * 7}}
+    if model == "F01":
+        listed = [one | {"representation": "jpeg"} for one in listed]
+        entries = [("edofParallax", video), ("refocusStack", {"imageArray": listed}),
+                   ("depthMap", size | {"depthMap": place})]  # fmt: skip
+        kinds = [{"type": f"com.lytro.acceleration.{kind}", "vendorContent": content}
+                 for kind, content in entries]  # fmt: skip
+        table = {"picture": {"frameArray": [], "accelerationArray": [7, *kinds]}}
+    else:
+        place |= size | {"representation": "packedFloat"}
+        entry = {"kind": "focusStack", "representation": "jpeg", "perImage": listed}
+        table = {"frames": [], "views": [{"accelerations": [entry | {"depthMap": place}]}]}
+    return table_only(table, data, *{data for data, _ in images})
+
+
+@pytest.mark.parametrize(("model", "key"), [("F01", "lambda"), ("ILLUM", "focus")])
+def test_refocused_images_and_depth_of_processed_files(tmp_path, rng, model, key):
+    depth = rng.normal(size=(5, 7)).astype(np.float32)
+    images = [(own.jpeg(12, 16, (k, 200, 30)), {key: 1.5 - k}) for k in range(3)]
+    (tmp_path / "a.lfp").write_bytes(processed(model, images, depth))
+    found = read_lytro_products(tmp_path / "a.lfp")
+    np.testing.assert_array_equal(found.depth, depth)
+    np.testing.assert_array_equal(found.focus, [1.5, 0.5, -0.5])
+    for image, (data, _) in zip(found.images, images, strict=True):
+        np.testing.assert_array_equal(image, np.asarray(Image.open(io.BytesIO(data))))
+    assert LytroFile(tmp_path / "a.lfp").thumbnail() in (images[1][0], images[2][0])
+    with pytest.raises(InputError, match="holds no raw image of the sensor .*Stack"):
+        read_lytro(tmp_path / "a.lfp")
+
+
+def test_processed_files_that_cannot_be_read_are_refused(tmp_path, rng):
+    depth, path = np.ones((5, 7)), tmp_path / "a.lfp"
+    one, other = own.jpeg(), own.jpeg(14, 16)
+    for images, told in (
+        ([(one, {}), (other, {})], "must be of one size"),
+        ([(b"GIF89a" + bytes(99), {})], "holds an image that is no JPEG"),
+        ([(one[:300], {})], "holds an image that is no JPEG"),
+        ([(one, {"lambda": "near"})], "lambda must be a number, got 'near'"),
+    ):
+        path.write_bytes(processed("F01", images, depth))
+        with pytest.raises(InputError, match=told):
+            read_lytro_products(path)
+    path.write_bytes(table_only({"picture": {"accelerationArray": [{"type": 1}, []]}}))
+    with pytest.raises(InputError, match="must hold refocused images in JPEG .* unnamed: empty"):
+        read_lytro_products(path)
+    video = processed("F01", [], depth).replace(b'"raw"', b'"row"')
+    head = video.index(b"{")
+    end = video.index(b"\x89LFC")
+    path.write_bytes(table_only(video[head:end].rstrip(b"\0")))
+    with pytest.raises(InputError, match="edofParallax: 7 images, h264; not read"):
+        read_lytro_products(path)
+
+
+STEPS = ((-300, 100), (-300, 320), (-280, 309), (-900, 309))
+
+
+def white_set(rng, model="ILLUM", serial="B5143909630"):
+    """White images of a camera at the steps above, and their mosaics."""
+    files, mosaics = {}, []
+    for k, (zoom, focus) in enumerate(STEPS):
+        mosaics.append(levels(rng, model, low=own.SIDES[model][4] // 2))
+        facts = own.metadata(model, (6, 8), zoom, focus)
+        pair = own.white_pair(model, facts, mosaics[-1], serial)
+        files |= dict(zip((f"MOD_{k:04d}.TXT", f"mod_{k:04d}.raw"), pair, strict=True))
+    return files, mosaics
+
+
+@pytest.mark.parametrize("place", ["folder", "inside", "archive", "archives"])
+def test_the_white_image_is_chosen_by_serial_zoom_and_focus(tmp_path, rng, place):
+    """The nearest zoom step counts first: -300 beside -297, not -280 with the very focus step."""
+    files, mosaics = white_set(rng)
+    others, _ = white_set(rng, serial="B0000000000")
+    where = tmp_path / "cal"
+    where.mkdir()
+    if place.startswith("archive"):
+        for serial, members in (("B5143909630", files), ("B0", others)):
+            inner = {f"unitdata/{name}": data for name, data in members.items()}
+            (where / f"caldata-{serial}.tar").write_bytes(own.tar_of(inner))
+        where = where / "caldata-B5143909630.tar" if place == "archive" else where
+    else:
+        for folder, members in (("", files), ("other", others)):
+            inside = where / folder if place == "folder" else where / f"sn-{folder}"
+            inside.mkdir(exist_ok=True)
+            for name, data in members.items():
+                (inside / name).write_bytes(data)
+    picture = read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM")))
+    np.testing.assert_array_equal(find_white(picture, where).mosaic, mosaics[1])
+    closer = own.metadata("ILLUM", (6, 8), zoom=-285, focus=100)
+    picture = read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM"), closer))
+    np.testing.assert_array_equal(find_white(picture, where).mosaic, mosaics[2])
+
+
+def test_dark_white_images_and_dark_frames_are_left_out(tmp_path, rng):
+    picture = read_lytro(written(tmp_path, "F01", levels(rng, "F01")))
+    for k, (level, is_dark) in enumerate([(499, False), (3000, True), (501, False)]):
+        facts = own.metadata("F01", (6, 8), focus=309 + k)
+        pair = own.white_pair("F01", facts, np.full((6, 8), level), dark=is_dark)
+        for ending, data in zip(("TXT", "RAW"), pair, strict=True):
+            (tmp_path / f"MOD_{k:04d}.{ending}").write_bytes(data)
+    assert np.all(find_white(picture, tmp_path).mosaic == 501)
+    facts = own.metadata("F01", (6, 8), zoom=None)
+    text, packed = own.white_pair("F01", facts, np.full((6, 8), 502))
+    (tmp_path / "MOD_0003.TXT").write_bytes(text)
+    (tmp_path / "MOD_0003.RAW").write_bytes(packed)
+    assert np.all(find_white(picture, tmp_path).mosaic == 501)
+    (tmp_path / "MOD_0002.TXT").unlink()
+    assert np.all(find_white(picture, tmp_path).mosaic == 502)  # the only one left
+    (tmp_path / "MOD_0003.TXT").unlink()
+    with pytest.raises(InputError, match=r"no white image for .*a.lfp, of camera B5143909630"):
+        find_white(picture, tmp_path)
+
+
+def test_white_images_that_do_not_fit_are_refused(tmp_path, rng):
+    picture = read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM")))
+    (tmp_path / "none").mkdir()
+    with pytest.raises(InputError, match=r"none holds no white image .* 6 x 8 pixels, got none"):
+        find_white(picture, tmp_path / "none")
+    files, _ = white_set(rng, serial="B0000000000")
+    (tmp_path / "caldata.tar").write_bytes(own.tar_of(files))
+    with pytest.raises(InputError, match="got 4 white images of camera B0000000000"):
+        find_white(picture, tmp_path / "caldata.tar")
+    unknown = own.metadata("ILLUM", (6, 8), zoom=None)
+    picture = read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM"), unknown))
+    with pytest.raises(InputError, match="does not say which white image fits it"):
+        find_white(picture, tmp_path / "caldata.tar")
+
+
+def odd_archives(files):
+    """Archives that a stranger may have made: links, other folders, bombs, damage."""
+    text, packed = files["MOD_0001.TXT"], files["mod_0001.raw"]
+
+    def linked(kind):
+        file = io.BytesIO()
+        with tarfile.open(fileobj=file, mode="w") as archive:
+            member = tarfile.TarInfo("MOD_0001.RAW")
+            member.type, member.linkname = kind, "/etc/passwd"
+            archive.addfile(member)
+            member = tarfile.TarInfo("MOD_0001.TXT")
+            member.size = len(text)
+            archive.addfile(member, io.BytesIO(text))
+        return file.getvalue()
+
+    whole = own.tar_of({"MOD_0001.TXT": text, "MOD_0001.RAW": packed})
+    minus = bytearray(whole)
+    minus[124:136] = b"\xff" * 10 + b"\xfe\x00"  # a negative size, base 256
+    minus[148:156] = b" " * 8
+    minus[148:156] = f"{sum(minus[:512]):06o}\0 ".encode()
+    return {
+        "symbolic link": (linked(tarfile.SYMTYPE), "got none"),
+        "hard link": (linked(tarfile.LNKTYPE), "got none"),
+        "device": (linked(tarfile.CHRTYPE), "got none"),
+        "large text": (own.tar_of({"MOD_0001.TXT": bytes(1 << 19), "MOD_0001.RAW": packed}),
+                       "524,288 bytes, and 262,144 are the most"),
+        "large pixels": (own.tar_of({"MOD_0001.TXT": text, "MOD_0001.RAW": bytes(1 << 20)}),
+                         "must hold 60 bytes"),
+        "no JSON": (own.tar_of({"MOD_0001.TXT": b"{", "MOD_0001.RAW": packed}), "not a JSON file"),
+        "deep": (own.tar_of({"MOD_0001.TXT": b"[" * 9999, "MOD_0001.RAW": packed}), "nest deeper"),
+        "many": (own.tar_of({f"MOD_{k:05d}.{x}": b"" for k in range(2001) for x in ("TXT", "RAW")}),
+                 "holds 2001 white images, and 2000 are the most"),
+        "negative size": (bytes(minus), "a size is negative"),
+        "cut": (whole[:700], "damaged|got none"),
+        "gzip": (b"\x1f\x8b\x08" + bytes(600), "damaged"),
+        "text": (b"no archive" * 100, "damaged"),
+        "empty": (b"", "damaged"),
+    }  # fmt: skip
+
+
+def test_odd_archives_of_white_images_are_refused(tmp_path, rng):
+    picture = read_lytro(written(tmp_path, "ILLUM", levels(rng, "ILLUM")))
+    for data, told in odd_archives(white_set(rng)[0]).values():
+        (tmp_path / "caldata.tar").write_bytes(data)
+        with pytest.raises(InputError, match=told):
+            find_white(picture, tmp_path / "caldata.tar")
+
+
+def test_names_in_an_archive_lead_nowhere(tmp_path, rng):
+    files, mosaics = white_set(rng)
+    (tmp_path / "in").mkdir()
+    names = {f"../../{name}": data for name, data in files.items()}
+    names |= {"/tmp/MOD_9999.TXT": b"{}", "../evil": b"x"}
+    (tmp_path / "in" / "caldata.tar").write_bytes(own.tar_of(names))
+    picture = read_lytro(written(tmp_path / "in", "ILLUM", levels(rng, "ILLUM")))
+    found = find_white(picture, tmp_path / "in" / "caldata.tar")
+    np.testing.assert_array_equal(found.mosaic, mosaics[1])
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a.lfp", "caldata.tar", "in"]

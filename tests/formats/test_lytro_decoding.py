@@ -1,0 +1,179 @@
+"""From the file of a Lytro camera to views: slopes, colours, lenslets, white images.
+
+The scene is a plane of colours under round lenslets in a hexagonal array, by geometry of its own:
+a pixel sees the plane where the ray through its lenslet's centre meets it.
+"""
+
+import logging
+
+import lytro_files as own
+import numpy as np
+import pytest
+
+from lf_flame import InputError
+from lf_flame.formats import read_light_field, read_raw
+from lf_flame.refocus import find_sharpest_slope
+
+SHAPE, PITCH, TURN, OFFSET, VIEWS = (300, 330), 14.286, 0.004, (2.4, -3.1), 13
+PUPIL = (0.0973 + 3.7e-5) / 0.0973
+COLOURS = {"r": 0.5, "g": 0.9, "b": 0.35}
+
+
+def nearest_lenslet(offset=OFFSET):
+    """For each pixel: centre of its lenslet, and the pixel's distance from it, as x + iy."""
+    y, x = np.indices(SHAPE)
+    middle = complex((SHAPE[1] - 1) / 2 + offset[0], (SHAPE[0] - 1) / 2 + offset[1])
+    z = (x + 1j * y - middle) * np.exp(-1j * TURN) / (PITCH * PUPIL)
+    step = np.sqrt(3) / 2 * 1.0003
+    best = np.full(SHAPE, np.inf + 0j)
+    for down in (0, 1):
+        row = np.floor(z.imag / step) + down
+        place = np.round(z.real - row % 2 / 2) + row % 2 / 2
+        away = z - (place + 1j * step * row)
+        best = np.where(np.abs(away) < np.abs(best), away, best)
+    away = best * np.exp(1j * TURN) * PITCH * PUPIL
+    return x + 1j * y - away, away
+
+
+def texture(place):
+    """Smooth colourless texture from 0.2 to 0.8 with details of three lenslets and more."""
+    place = place / (PITCH * PUPIL)
+    waves = (1.9 + 0.3j, 0.4 - 1.7j, 1.2 + 1.3j, -0.9 + 0.5j)
+    return 0.5 + 0.075 * sum(
+        np.sin((place * wave.conjugate()).real + k) for k, wave in enumerate(waves)
+    )
+
+
+def frames(model, slope, offset=OFFSET):
+    """Raw and white image of the camera in levels; a slope in row distances per view."""
+    centre, away = nearest_lenslet(offset)
+    rows = PITCH * PUPIL * np.sqrt(3) / 2 * 1.0003
+    seen = centre - slope * rows / (PITCH * PUPIL / VIEWS) * away
+    disc = np.clip(0.47 * PITCH - np.abs(away) + 0.5, 0, 1)
+    middle = complex(SHAPE[1] / 2, SHAPE[0] / 2)
+    fall_off = 1 - 0.2 * np.abs(centre - middle) ** 2 / 220**2
+    tile = {"F01": ["bg", "gr"], "ILLUM": ["gr", "bg"]}[model]
+    i, j = np.indices(SHAPE) % 2
+    colour = np.array([[COLOURS[name] for name in row] for row in tile])[i, j]
+    _, _, _, black, white = own.SIDES[model]
+    to_levels = lambda light: np.rint(black + (white - black) * light).astype(int)  # noqa: E731
+    return to_levels(disc * fall_off * colour * texture(seen)), to_levels(
+        0.9 * disc * fall_off * colour
+    )
+
+
+def facts(model, offset=OFFSET):
+    return own.metadata(model, SHAPE, pitch=PITCH, offset=offset, rotation=TURN)
+
+
+def write_picture(path, model, slope, white=False, stated=OFFSET):
+    raw, flat = frames(model, slope)
+    bits = own.SIDES[model][0]
+    packed = own.pack(flat, bits) if white else None
+    path.write_bytes(own.container(model, facts(model, stated), own.pack(raw, bits), white=packed))
+
+
+@pytest.fixture
+def said(caplog):
+    """What the library tells its user."""
+    caplog.set_level(logging.INFO, "lf_flame")
+    return lambda: " ".join(record.getMessage() for record in caplog.records)
+
+
+def measured(light_field, slope):
+    green = light_field.views[..., 1]
+    weights = light_field.weights
+    return find_sharpest_slope(
+        green, np.linspace(slope - 0.3, slope + 0.3, 13), weights=weights
+    ).slope
+
+
+@pytest.mark.parametrize(("model", "slope"), [("F01", 0.8), ("ILLUM", -0.6)])
+def test_slope_and_colours_with_the_white_image_of_the_file(tmp_path, said, model, slope):
+    write_picture(tmp_path / "a.lfr", model, slope, white=True)
+    light_field, grid = read_raw(tmp_path / "a.lfr", views=VIEWS)
+    assert grid.layout == "hexagonal"
+    assert grid.pitch == pytest.approx(PITCH * PUPIL, abs=0.01)
+    assert measured(light_field, slope) == pytest.approx(slope, rel=0.01)
+    means = light_field.views[5:8, 5:8, 3:-3, 3:-3].mean(axis=(0, 1, 2, 3))
+    np.testing.assert_allclose(means / means[1], [5 / 9, 1, 3.5 / 9], rtol=0.02)
+    assert "vignetting" not in said()
+
+
+def test_a_picture_of_a_uniform_card_is_uniform(tmp_path):
+    """At half the light of the white image, whose fall-off is a fifth."""
+    flat = frames("ILLUM", 0.0)[1]
+    half = np.rint(64 + (flat - 64) / 2).astype(int)
+    data = own.container("ILLUM", facts("ILLUM"), own.pack(half, 10), white=own.pack(flat, 10))
+    (tmp_path / "a.lfr").write_bytes(data)
+    light_field = read_light_field(tmp_path / "a.lfr", VIEWS)
+    views = light_field.views[light_field.weights > 0]
+    assert np.ptp(np.median(views, axis=0), axis=(0, 1)).max() < 0.01 * views.max()
+    assert views.mean(axis=(0, 1, 2)) / views.mean() == pytest.approx(
+        np.array([0.5, 0.9, 0.35]) / 0.5833, rel=0.02
+    )
+
+
+def test_slope_without_a_white_image(tmp_path, said):
+    """The metadata are 1.5 pixels off; the picture itself shows where the lenslets are."""
+    write_picture(tmp_path / "a.lfp", "ILLUM", 0.8, stated=(OFFSET[0] + 1.2, OFFSET[1] - 0.9))
+    light_field = read_light_field(tmp_path / "a.lfp", VIEWS)
+    assert measured(light_field, 0.8) == pytest.approx(0.8, rel=0.01)
+    assert "vignetting is not corrected" in said()
+    assert "found in the picture, 1.5 pixels from the metadata's" in said()
+
+
+def test_the_metadata_place_the_lenslets_of_a_dark_picture(tmp_path, said):
+    packed = own.pack(np.full(SHAPE, 64), 10)
+    (tmp_path / "a.lfr").write_bytes(own.container("ILLUM", facts("ILLUM"), packed))
+    light_field, grid = read_raw(tmp_path / "a.lfr", views=VIEWS)
+    np.testing.assert_array_equal(light_field.views, 0)
+    assert (grid.x0, grid.y0) == pytest.approx((164.5 + OFFSET[0], 149.5 + OFFSET[1]))
+    assert "where the metadata place them, as the picture shows none" in said()
+
+
+def test_white_and_dark_images_from_elsewhere(tmp_path, said):
+    """A folder of white images, and a dark frame instead of the black level."""
+    raw, flat = frames("ILLUM", 0.8)
+    packed = own.pack(raw + 30, 10)
+    (tmp_path / "a.lfr").write_bytes(own.container("ILLUM", facts("ILLUM"), packed))
+    for name, mosaic in (("MOD_0003", flat + 30), ("dark", np.full(SHAPE, 94))):
+        text, packed = own.white_pair("ILLUM", facts("ILLUM"), mosaic)
+        (tmp_path / f"{name}.TXT").write_bytes(text)
+        (tmp_path / f"{name}.RAW").write_bytes(packed)
+    write_picture(tmp_path / "b.lfr", "ILLUM", 0.8, white=True)
+    expected, _ = read_raw(tmp_path / "b.lfr", views=VIEWS)
+    dark = tmp_path / "dark.RAW"
+    for white in (tmp_path, tmp_path / "MOD_0003.RAW"):
+        light_field, _ = read_raw(tmp_path / "a.lfr", white, views=VIEWS, dark=dark)
+        np.testing.assert_allclose(light_field.views, expected.views, atol=6e-4)
+    assert "White image" in said()
+    assert "at zoom and focus step -297 and 309; the picture's are -297 and 309" in said()
+    with pytest.raises(InputError, match="must be a raw file of the camera"):
+        read_raw(tmp_path / "a.lfr", tmp_path, dark=tmp_path / "dark.png")
+
+
+def test_white_images_that_do_not_fit_are_refused_or_noted(tmp_path, said):
+    write_picture(tmp_path / "a.lfr", "ILLUM", 0.8)
+    write_picture(tmp_path / "b.lfp", "F01", 0.8)
+    with pytest.raises(
+        InputError, match="must be a mosaic like .*a.lfr, grbg of shape .* got bggr"
+    ):
+        read_raw(tmp_path / "a.lfr", tmp_path / "b.lfp")
+    text, packed = own.white_pair("ILLUM", facts("ILLUM"), frames("ILLUM", 0)[1], serial="B2")
+    (tmp_path / "w.TXT").write_bytes(text)
+    (tmp_path / "w.RAW").write_bytes(packed)
+    read_raw(tmp_path / "a.lfr", tmp_path / "w.RAW", views=VIEWS)
+    assert "is of camera B2, the picture of B5143909630" in said()
+
+
+@pytest.mark.parametrize("options", [{"pitch": 12.0}, {"layout": "hexagonal"}])
+def test_what_a_lytro_picture_states_itself_is_not_taken(tmp_path, options):
+    write_picture(tmp_path / "a.lfr", "ILLUM", 0.8)
+    with pytest.raises(InputError, match="do not apply to the Lytro picture"):
+        read_raw(tmp_path / "a.lfr", **options)
+    for name, value in (("order", "row,col"), ("grid", "3x3")):
+        with pytest.raises(InputError, match="do not apply to the Lytro picture"):
+            read_light_field(tmp_path / "a.lfr", **{name: value})
+    with pytest.raises(InputError, match="axes are those of an array"):
+        read_light_field(tmp_path / "a.lfr", axes="vuts")

@@ -1,0 +1,134 @@
+"""Files of Lytro cameras, written without a line of the package: containers, raw files, archives.
+
+Metadata have the names and the places that those of real pictures have, of an F01 and of an Illum.
+"""
+
+import hashlib
+import io
+import json
+import struct
+import tarfile
+
+import numpy as np
+from PIL import Image
+
+SIDES = {"F01": (12, "big", "b", 168, 4095), "ILLUM": (10, "little", "gr", 64, 1023)}
+"""Bits, byte order, first pixel, black and white level of both cameras."""
+
+
+def pack(mosaic, bits):
+    """Pixels as the camera packs them, by way of single binary digits."""
+    digits = mosaic.reshape(-1, 1) >> np.arange(bits - 1, -1, -1) & 1
+    if bits == 12:
+        return np.packbits(digits).tobytes()
+    high, low = digits[:, :8].reshape(-1, 32), digits[:, 8:].reshape(-1, 4, 2)[:, ::-1]
+    return np.packbits(np.hstack([high, low.reshape(-1, 8)])).tobytes()
+
+
+def metadata(model, shape, zoom=-297, focus=309, pitch=14.0, offset=(0.0, 0.0), rotation=0.0):
+    """Metadata of a frame; the pitch is that of the lenslets, in pixels, without the pupil."""
+    bits, endianness, first, black, white = SIDES[model]
+    form = {
+        "pixelPacking": {"bitsPerPixel": bits, "endianness": endianness},
+        "pixelFormat": {
+            "rightShift": 0,
+            "black": dict.fromkeys(("r", "gr", "gb", "b"), black),
+            "white": dict.fromkeys(("r", "gr", "gb", "b"), white),
+        },
+        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": first},
+    }
+    old, matrix = model == "F01", [2.0, -0.8, -0.2, -0.4, 1.7, -0.3, -0.2, -0.7, 1.9]
+    colour = {"whiteBalanceGain": {"r": 1.4, "gr": 1.0, "gb": 1.0, "b": 1.2}}
+    colour |= {"ccmRgbToSrgbArray": matrix, "gamma": 0.41666} if old else {"ccm": matrix}
+    image = {"height": shape[0], "width": shape[1], "orientation": 1, "color": colour}
+    image |= {"rawDetails": form} if old else form | {"iso": 80}
+    return {
+        "image": image,
+        "camera": {"make": "Lytro, Inc.", "model": model, "firmware": "1.1.1 (23)"},
+        "devices": {
+            "clock": {"zuluTime": "2015-05-17T13:31:37.412Z"},
+            "sensor": {"pixelPitch": 1.4e-6, **({"iso": 200} if old else {})},
+            "shutter": {"frameExposureDuration": 0.004},
+            "mla": {
+                "tiling": "hexUniformRowMajor",
+                "lensPitch": pitch * 1.4e-6,
+                "rotation": rotation,
+                "scaleFactor": {"x": 1.0, "y": 1.0003},
+                "sensorOffset": {"x": offset[0] * 1.4e-6, "y": offset[1] * 1.4e-6, "z": 3.7e-5},
+            },
+            "lens": {
+                "fNumber": 2.2,
+                "focalLength": 0.0242,
+                "zoomStep": zoom,
+                "focusStep": focus,
+                "exitPupilOffset": {"z": 0.0973},
+            },
+        },
+    }
+
+
+def jpeg(height=12, width=16, colour=(200, 120, 40)):
+    file = io.BytesIO()
+    Image.new("RGB", (width, height), colour).save(file, "JPEG")
+    return file.getvalue()
+
+
+def name_of(data):
+    return "sha1-" + hashlib.sha1(data).hexdigest()
+
+
+def section(kind, data, name=None, length=None):
+    """A section with its header, up to the next multiple of 16 bytes."""
+    head = b"\x89" + kind + b"\r\n\x1a\n" + struct.pack(">II", 0, length or len(data))
+    head += (name or name_of(data)).encode() + bytes(35)
+    assert len(head) == 96
+    return head + data + bytes(-len(data) % 16)
+
+
+START = b"\x89LFP\r\n\x1a\n" + struct.pack(">II", 1, 0)
+
+
+def container(model, facts, packed, serial="B5143909630", white=None, more=None):
+    """A container with the table of contents first (F01) or last (Illum)."""
+    private = json.dumps({"camera": {"serialNumber": serial}}).encode()
+    contents = {
+        "metadataRef": json.dumps(facts).encode(),
+        "privateMetadataRef": private,
+        "imageRef": packed,
+        **({} if white is None else {"modulationDataRef": white}),
+    }
+    thumbnail = jpeg()
+    frame = {"frame": {key: name_of(data) for key, data in contents.items()}}
+    seen = [{"width": 16, "height": 12, "imageRef": name_of(thumbnail)}]
+    if model == "F01":
+        table = {"picture": {"frameArray": [frame], **(more or {})}, "thumbnailArray": seen}
+    else:
+        table = {"frames": [frame], "thumbnails": seen, **(more or {})}
+    sections = [section(b"LFC", data) for data in (*contents.values(), thumbnail)]
+    head = section(b"LFM", json.dumps(table).encode())
+    return START + b"".join([head, *sections] if model == "F01" else [*sections, head])
+
+
+def white_pair(model, facts, mosaic, serial="B5143909630", dark=False):
+    """Metadata and pixels of a white image of the camera's own set, MOD_*.TXT and MOD_*.RAW."""
+    frame = {
+        "frame": {
+            "privateMetadata": {"camera": {"serialNumber": serial}},
+            "metadata": facts,
+            "imageRef": "unknown",
+        },
+        "parameters": {"vendorContent": {"com.lytro.tags": {"darkFrame": dark}}},
+    }
+    text = json.dumps({"master": {"picture": {"frameArray": [frame]}}})
+    return text.encode(), pack(mosaic, SIDES[model][0])
+
+
+def tar_of(members):
+    """An archive of plain files, {name: data}."""
+    file = io.BytesIO()
+    with tarfile.open(fileobj=file, mode="w") as archive:
+        for name, data in members.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            archive.addfile(member, io.BytesIO(data))
+    return file.getvalue()
