@@ -14,10 +14,11 @@ from scipy import ndimage
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
 from lf_flame.formats import read_light_field, read_raw, write_view_folder
+from lf_flame.formats.grid_fit import _peaks, flattened
 from lf_flame.formats.images import write_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.raw_lenslets import decode_raw
-from lf_flame.formats.white_image import _flattened, _peaks, estimate_grid
+from lf_flame.formats.white_image import estimate_grid
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
 from lf_flame.refocus.focus_map import TRUSTED
 
@@ -109,6 +110,15 @@ def test_small_and_touching_micro_images_are_found(radius, layout, rng):
     assert farthest(found, true, (400, 420)) < 0.02
 
 
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_a_grid_of_many_lenslets_is_found_from_some_of_them(layout, rng):
+    true, shape = LensletGrid(20, 30, 6.2, 0.008, layout), (1000, 1100)
+    white = white_image(true, shape, rng, radius=0.4, noise=0.02, falloff=0.8)
+    y, x = np.indices(shape)
+    white[np.hypot(y - 500, x - 550) > 600] = 0  # the corners
+    assert farthest(estimate_grid(white), true, shape) < 0.05
+
+
 def test_kinds_of_white_images(rng):
     true, shape = LensletGrid(20, 30, 12.2, 0.02, "hexagonal"), (400, 421)
     white = np.clip(white_image(true, shape, rng, falloff=0.3), 0, 1)
@@ -176,7 +186,7 @@ def test_flattening_takes_out_the_mean_under_a_triangle(width):
     k, n = 2 * np.pi / 13, 2 * round(width / 2) + 1
     d = np.sin(n * k / 2) / (n * np.sin(k / 2))
     wave = 0.3 * np.cos(k * np.arange(300))
-    found = _flattened(np.tile(1 + wave, (100, 1)), width)
+    found = flattened(np.tile(1 + wave, (100, 1)), width)
     expected = (1 - d**2) * wave / (1 + d**2 * wave)
     np.testing.assert_allclose(found[:, 60:-60], np.tile(expected, (100, 1))[:, 60:-60], atol=1e-12)
 
