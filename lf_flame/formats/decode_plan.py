@@ -3,6 +3,7 @@
 It is made once for a grid, a white and a dark image, and then decodes any number of frames.
 """
 
+import logging
 import math
 from itertools import product
 from typing import NamedTuple
@@ -13,10 +14,13 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.formats._decode_kernels import MARGIN, filter_columns, filter_rows, resample
+from lf_flame.formats.bad_pixels import count_saturated, find_bad_pixels
 from lf_flame.formats.bayer import check_bayer, lattices
 from lf_flame.formats.lenslet_grid import LensletGrid
 from lf_flame.formats.mosaic import refuse_mosaic
 from lf_flame.lightfield import LightField
+
+LOGGER = logging.getLogger(__name__)
 
 LEAST_LIT = 0.5
 """Smallest brightness, relative to its micro-image's centre, of a pixel that counts as lit.
@@ -114,6 +118,9 @@ class DecodePlan:
     column distance from the pitch to the row distance. Slopes of the result are in row distances
     per view: 2 / sqrt(3) times those in pitches per view.
 
+    Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
+    of the same colour.
+
     Views with light that is not their own lenslet's get weight 0: their parts are nearer to a
     neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
     image. Their light would change a slope by some per cent.
@@ -174,19 +181,21 @@ class DecodePlan:
         self.grid, self.shape = grid, tuple(shape)
         self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
         self.views = views = _count_views(grid, views)
-        self._black = (
-            None if dark is None else _fitting(dark, "dark", self.shape).astype(np.float32)
-        )
         step = 1 if bayer is None else 2
         self._rows, columns = grid.block(self.shape)
         self._array, self._across, self._along = _geometry(grid, views, step, self._rows, columns)
-        hexagonal = grid.layout == "hexagonal"
-        self._joined = _joined(grid, len(columns)) if hexagonal else None
+        self._joined = _joined(grid, len(columns)) if grid.layout == "hexagonal" else None
+        self._black = (
+            None if dark is None else _fitting(dark, "dark", self.shape).astype(np.float32)
+        )
+        light = None if white is None else less_dark(white, self._black, "white")
+        self._refuse_mosaic(light, "white")
+        self._bad = find_bad_pixels(light, self._black, grid, step)
+        self._black = None if self._black is None else self._mended(self._black)
         self._gain = None
         lit = np.ones((views, views), bool)
         if white is not None:
-            self._refuse_mosaic(white, "white")
-            parts = self._parts(_fitting(white, "white", self.shape))
+            parts = self._parts(self._mended(_fitting(white, "white", self.shape)))
             lit, self._gain = _lit(parts), _gain(parts)
         self.weights = _counted(grid, lit, step)
         self._is_new = True
@@ -216,16 +225,34 @@ class DecodePlan:
                 f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
             )
         if self._is_new:
-            self._refuse_mosaic(image, "raw")
-            self._is_new = False
-        views = self._parts(image, self._gain, self._joined)
+            self._look_at(image)
+        views = self._parts(self._mended(image), self._gain, self._joined)
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
         return LightField.trusted(views if coloured else views[..., 0], weights=weights)
 
-    def _refuse_mosaic(self, image: ArrayLike, name: str) -> None:
-        if self.bayer is None:
-            refuse_mosaic(less_dark(image, self._black, name), self.grid, name)
+    def _look_at(self, image: np.ndarray) -> None:
+        """Refuse a mosaic that is not stated, and note bad and saturated pixels, once."""
+        self._is_new = False
+        self._refuse_mosaic(less_dark(image, self._black, "raw"), "raw")
+        if self._bad is not None:
+            LOGGER.info(
+                f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
+                f"neighbours of the same colour."
+            )
+        clipped = count_saturated(image)
+        if clipped:
+            LOGGER.warning(
+                f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: they are too "
+                f"dark, and with them every result from these places; expose less."
+            )
+
+    def _mended(self, image: np.ndarray) -> np.ndarray:
+        return image if self._bad is None else self._bad.mended(image)
+
+    def _refuse_mosaic(self, image: np.ndarray | None, name: str) -> None:
+        if self.bayer is None and image is not None:
+            refuse_mosaic(image, self.grid, name)
 
     def _parts(
         self,
@@ -297,7 +324,7 @@ def _fitting(image: ArrayLike, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray:
-    """Subtract a dark image, which may be grey; gives float64 (rows, columns, channels).
+    """Subtract a dark image, which may be grey; gives (rows, columns, channels).
 
     Raises
     ------
@@ -305,7 +332,9 @@ def less_dark(image: ArrayLike, dark: ArrayLike | None, name: str) -> np.ndarray
         If one is not an image, or their rows and columns differ.
     """
     image = as_image(image, name)
-    return image if dark is None else image - _fitting(dark, "dark", image.shape).astype(float)
+    if dark is None:
+        return image
+    return image - _fitting(dark, "dark", image.shape).astype(np.float32)
 
 
 def _count_views(grid: LensletGrid, views: int | None) -> int:

@@ -51,16 +51,17 @@ def flattened(image: np.ndarray, width: float) -> np.ndarray:
 
 def refine(grid: LensletGrid, white: np.ndarray) -> LensletGrid:
     """Fit a guessed grid to the micro-images, from the centre of the image outwards."""
-    windows = list(product(*(_windows(length, grid.pitch) for length in white.shape)))
+    down, right = (_windows(length, grid.pitch) for length in white.shape)
+    windows = list(product(down, right))
     middle = windows[len(windows) // 2]
     contrast = flattened(white[middle], 2 * grid.pitch)
     grid = _seen_from(middle, _in_phase(_seen_from(middle, grid), contrast), -1)
     shape = _mean_micro_image(_seen_from(middle, grid), contrast)
     likenesses = {}
-    for down, right in windows:
-        contrast = flattened(white[down, right], 2 * grid.pitch)
+    for window in windows:
+        contrast = flattened(white[window], 2 * grid.pitch)
         likeness = scipy.signal.oaconvolve(contrast, shape, mode="same")
-        likenesses[down.start, right.start] = ndimage.spline_filter(likeness)
+        likenesses[window[0].start, window[1].start] = ndimage.spline_filter(likeness)
     reach, extent = FIRST_REACH, max(len(i) for i in grid.indices(white.shape))
     while True:
         row, column, y, x, found = _micro_images(grid, likenesses, reach)

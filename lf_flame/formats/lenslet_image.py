@@ -81,7 +81,7 @@ def cut_views(
     if not 1 <= keep <= views:
         raise InputError(f"keep must be from 1 to the {views} views, got {keep}.")
     if raw.ndim == 2 and views >= SMALLEST_MOSAIC:
-        refuse_mosaic(np.atleast_3d(raw), grid_from_pitch(raw.shape, views), "lenslet")
+        refuse_mosaic(raw, grid_from_pitch(raw.shape, views), "lenslet")
     middle = slice((views - keep) // 2, (views + keep) // 2)
     return LightField.from_raw(raw, views=views).views[middle, middle]
 

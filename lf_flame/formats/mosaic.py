@@ -35,7 +35,7 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns, channels)
+    image : ndarray, shape (rows, columns) or (rows, columns, channels)
         Image without its black level; one in colour is no mosaic.
     grid : LensletGrid
     name : str
@@ -47,6 +47,7 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
         If, at the centres of the micro-images, the four pixels of each 2 x 2 differ in a way
         that no grey micro-image does.
     """
+    image = np.atleast_3d(image)
     if image.shape[2] != 1:
         return
     sums = _phase_sums(image[..., 0], grid.centres(image.shape))

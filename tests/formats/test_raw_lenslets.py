@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -611,3 +612,40 @@ def test_a_real_raw_image_of_round_micro_images_has_a_map():
     assert 0.3 < np.mean(found.weights > 0) < 0.9
     certain = np.mean(all_in_focus(found, np.linspace(-1, 1, 33)).confidence >= TRUSTED)
     assert certain > 0.2
+
+
+@pytest.mark.parametrize("bayer", [None, "grbg"])
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_hot_and_dead_pixels_are_found_and_replaced(layout, bayer, rng, caplog):
+    """The views are those of the same sensor without them, and no good pixel is replaced."""
+    grid, shape = LensletGrid(33.4, 41.2, 14.3, 0.01, layout), (220, 240)
+    white = 3000 * white_image(grid, shape, rng, falloff=0.6, gap=0.02)
+    scene = 1 + 0.3 * ndimage.gaussian_filter(rng.standard_normal(shape), 3) / 0.1
+    raw, dark = 0.5 * white * scene, 64 + 2 * rng.standard_normal(shape)
+    caplog.set_level("INFO")
+    whole = decode_raw(raw + dark, grid, white=white + dark, dark=dark, bayer=bayer).views
+    assert "hot or dead" not in caplog.text
+    inside = ndimage.minimum_filter(white, 9) > 500  # off the rims
+    bad = rng.permutation(np.argwhere(inside))[:40]
+    hot, dead = bad[:20].T, bad[20:].T
+    lit, flat, black = raw + dark, white + dark, dark.copy()
+    for image in (lit, flat, black):
+        image[*hot], image[*dead] = 4000.0, 64.0  # stuck
+    found = decode_raw(lit, grid, white=flat, dark=black, bayer=bayer)
+    assert 35 <= int(re.search(r"(\d+) hot or dead pixels", caplog.text)[1]) <= 40
+    wrong = np.abs(found.views - whole) > 0.1 * whole.mean()
+    assert wrong[found.weights > 0].mean() < 0.002
+
+
+def test_saturated_raw_images_are_noted(rng, caplog):
+    grid = grid_from_pitch((60, 80), 10)
+    for raw, said in (
+        (rng.integers(0, 5000, (60, 80)), 4095),
+        (rng.integers(0, 5000, (60, 80)) / 65535, 4095 / 65535),
+        (rng.uniform(size=(60, 80)), 0.7),
+    ):
+        clipped = np.minimum(raw, said)
+        caplog.clear()
+        decode_raw(clipped.astype(np.uint16) if said == 4095 else clipped, grid)
+        count = np.count_nonzero(clipped == said)
+        assert (f"{count} pixels" in caplog.text) == (said != 0.7)
