@@ -10,10 +10,11 @@ from lf_flame.formats.arrays import read_array
 from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
 from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
 from lf_flame.formats.lenslet_image import read_lenslet_image
+from lf_flame.formats.orders import Grid, arranged
 from lf_flame.formats.raw_lenslets import decode_raw, less_dark
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import scan_view_folder
-from lf_flame.formats.view_order import Grid, arranged, find_order
+from lf_flame.formats.view_order import find_order
 from lf_flame.formats.white_image import estimate_grid
 from lf_flame.lightfield import LightField
 

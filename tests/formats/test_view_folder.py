@@ -16,7 +16,8 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
-from lf_flame.formats.view_order import ORDERS, arranged, find_order, fold
+from lf_flame.formats.orders import ORDERS, arranged
+from lf_flame.formats.view_order import find_order, fold
 from lf_flame.refocus import find_sharpest_slope, shift_and_sum
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
@@ -164,11 +165,48 @@ def test_a_square_number_in_other_rows_is_no_square(rng, shape):
         fold(views.reshape(-1, *views.shape[2:]), "views")
 
 
-def test_rows_that_turn_back_are_no_square(rng):
-    views = textured(rng, 0.6, views=(4, 4))
-    views[1::2] = views[1::2, ::-1].copy()
-    with pytest.raises(InputError, match="shows no"):
-        fold(views.reshape(-1, *views.shape[2:]), "views")
+def as_a_snake(views, order):
+    """Walk through views as a stage does, one row (or column) there and the next one back."""
+    lines = views[::-1] if "-row" in order else views
+    lines = lines.swapaxes(0, 1) if order.startswith("col") else lines
+    return np.concatenate([line[::-1] if k % 2 else line for k, line in enumerate(lines)])
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (5, 5), (3, 5), (4, 3)])
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+def test_rows_that_turn_back_are_found(tmp_path, rng, shape, order):
+    views = np.rint(255 * textured(rng, 0.6, views=shape)).astype(np.uint8)
+    walked = as_a_snake(views, order)
+    save(tmp_path / "f", [f"input_Cam{n:03}.png" for n in range(len(walked))], walked[None])
+    imwrite(tmp_path / "a.tif", walked, photometric="minisblack")
+    # Of a column that is walked first the grid has as many rows as there are columns.
+    rows, columns = shape[::-1] if order.startswith("col") else shape
+    grid = None if rows == columns else (rows, columns)
+    for name in ("f", "a.tif"):
+        found = read_light_field(tmp_path / name, grid=grid).views
+        np.testing.assert_array_equal(found, views / np.float32(255))
+        stated = read_light_field(tmp_path / name, f"snake, {order}", grid=(rows, columns)).views
+        np.testing.assert_array_equal(stated, views / np.float32(255))
+
+
+def test_a_snake_is_said_and_holds_for_the_dark_image(tmp_path, rng):
+    views = np.rint(200 * textured(rng, 0.6, views=(3, 3))).astype(np.uint8) + 40
+    dark = levels(rng, (3, 3, 60, 72)) // 16
+    for name, kept in (("light", views), ("dark", dark)):
+        walked = as_a_snake(kept, "row,col")
+        save(tmp_path / name, [f"{n}.png" for n in range(9)], walked[None])
+    folder = scan_view_folder(tmp_path / "light")
+    assert "order snake,row,col, every other row runs back, by the parallax" in folder.describe()
+    found = read_light_field(tmp_path / "light", dark=tmp_path / "dark").views
+    expected = (views.astype(float) - dark) / 255
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [9, 16, 25])
+def test_what_does_not_tell_is_no_snake(rng, count):
+    for views in (rng.normal(size=(count, 60, 60)), np.ones((count, 60, 60)), in_a_row(rng, count)):
+        with pytest.raises(InputError, match="shows no"):
+            fold(views, "views")
 
 
 @pytest.mark.parametrize("side", [2, 3, 5])
@@ -333,7 +371,9 @@ def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small
         assert np.sign(found.slopes[0]) == np.sign(depth)
 
 
-@pytest.mark.parametrize("order", ["row", "row-col", "col,col", "up,col", "row,col,row", ""])
+@pytest.mark.parametrize(
+    "order", ["row", "row-col", "col,col", "up,col", "row,col,row", "", "snake,", "snake,row"]
+)
 def test_another_order_is_refused(tmp_path, rng, order):
     save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 3, 3)))
     with pytest.raises(InputError, match=r"order must be one of row,col; .*got '"):
