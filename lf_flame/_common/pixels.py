@@ -4,14 +4,21 @@ import re
 import struct
 import zlib
 from math import prod
-from pathlib import Path
+from pathlib import PurePath
 
 import numpy as np
 from PIL import Image, ImageFile
 
-from lf_flame._common.input_files import readable
+from lf_flame._common.input_files import Source, open_bytes, readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.tiff_files import FLOAT, TIFF_SUFFIXES, open_tiff, oriented, read_series
+from lf_flame._common.tiff_files import (
+    FLOAT,
+    TIFF_SUFFIXES,
+    open_image,
+    open_tiff,
+    oriented,
+    read_series,
+)
 from lf_flame.errors import InputError
 
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
@@ -36,12 +43,12 @@ ORIENTATION = 0x0112
 """EXIF tag of the orientation in which a picture is shown."""
 
 
-def read_pixels(path: str | Path) -> np.ndarray:
+def read_pixels(path: Source) -> np.ndarray:
     """Read an image file at full bit depth, with its transparency, in its shown orientation.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path or PackedFile
         TIFF file by its ending, else one of FORMATS by its content.
 
     Returns
@@ -59,7 +66,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
     if _is_tiff(path):
         with open_tiff(path) as file:
             return _channels_last(read_series(file.series[:1], path)[0])
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         _check_colours(image, path)
         check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
         if image.format == "PPM" and _is_deep(image):
@@ -69,7 +76,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
         return _decode(image)
 
 
-def read_shape(path: str | Path) -> tuple[int, int, int]:
+def read_shape(path: Source) -> tuple[int, int, int]:
     """Rows, columns and channels of an image, from its header alone.
 
     Raises
@@ -82,12 +89,12 @@ def read_shape(path: str | Path) -> tuple[int, int, int]:
             page, values = file.series[0].keyframe, prod(file.series[0].shape)
         rows, columns = page.imagelength, page.imagewidth
         return rows, columns, values // max(rows * columns, 1)
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         colours = 3 if image.mode == "P" else len(image.getbands())
         return image.height, image.width, colours
 
 
-def check_levels(pixels: np.ndarray, source: str | Path) -> None:
+def check_levels(pixels: np.ndarray, source: Source) -> None:
     """Refuse values other than unsigned integers of 8 or 16 bits and floats.
 
     Raises
@@ -102,7 +109,7 @@ def check_levels(pixels: np.ndarray, source: str | Path) -> None:
         )
 
 
-def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
+def to_unit(pixels: np.ndarray, source: Source) -> np.ndarray:
     """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
     check_levels(pixels, source)
     if pixels.dtype.kind == "u":
@@ -111,11 +118,11 @@ def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
         return pixels.astype(np.float32, copy=False)
 
 
-def _is_tiff(path: str | Path) -> bool:
+def _is_tiff(path: Source) -> bool:
     """Whether a file is TIFF by its ending or its first bytes."""
-    if Path(path).suffix.lower() in TIFF_SUFFIXES:
+    if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
         return True
-    with readable(path, (OSError,)), Path(path).open("rb") as file:
+    with readable(path, (OSError,)), open_bytes(path) as file:
         return file.read(4) in TIFF_STARTS
 
 
@@ -125,7 +132,7 @@ def _channels_last(pixels: np.ndarray) -> np.ndarray:
     return np.moveaxis(pixels, 0, -1) if planar else pixels
 
 
-def _check_colours(image: Image.Image, path: str | Path) -> None:
+def _check_colours(image: Image.Image, path: Source) -> None:
     if image.mode not in (*PLAIN, "P", "PA", "YCbCr"):
         raise InputError(
             f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
@@ -140,13 +147,13 @@ def _decode(image: Image.Image) -> np.ndarray:
     return oriented(pixels, image.getexif().get(ORIENTATION, 1))
 
 
-def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+def _read_png(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
     """Read a PNG at full bit depth, after a check of its checksums.
 
     For 16-bit colour Pillow's decoder keeps only the high byte of each level. With the opposite
     byte order stated it keeps the low byte, so two decodings give both.
     """
-    with Image.open(path, formats=("PNG",)) as again:
+    with open_image(path, ("PNG",)) as again:
         again.verify()  # Pillow's decoder does not check
     packed = image.tile[0].args
     if packed == "LA;16B":
@@ -154,7 +161,7 @@ def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
     high = _decode(image)
     if packed not in ("RGB;16B", "RGBA;16B"):
         return high
-    with Image.open(path, formats=("PNG",)) as again:
+    with open_image(path, ("PNG",)) as again:
         again.tile = [again.tile[0]._replace(args=str(packed).replace("16B", "16L"))]
         low = _decode(again)
     return high * np.uint16(256) + low
@@ -166,12 +173,12 @@ def _is_deep(image: ImageFile.ImageFile) -> bool:
     return image.mode in ("L", "I", "RGB") and (codec != "raw" or args == "I;16B")
 
 
-def _read_netpbm(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+def _read_netpbm(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
     """Read PGM and PPM of any maximum, text or binary, after Pillow has read the header."""
     codec, _, offset, args = image.tile[0]
     highest = args[-1] if isinstance(args, tuple) else 65535
     shape = (image.height, image.width, *([3] if image.mode == "RGB" else []))
-    with Path(path).open("rb") as file:
+    with open_bytes(path) as file:
         file.seek(offset)
         if codec == "ppm_plain":
             words = re.sub(rb"#[^\r\n]*", b" ", file.read()).split(None, prod(shape))

@@ -1,4 +1,5 @@
 from .arrays import read_array as read_array
+from .hci_files import read_true_slopes as read_true_slopes
 from .lenslet_grid import LensletGrid as LensletGrid
 from .lenslet_grid import grid_from_pitch as grid_from_pitch
 from .lenslet_image import read_lenslet_image as read_lenslet_image
@@ -14,5 +15,6 @@ from .view_folder import ViewFolder as ViewFolder
 from .view_folder import read_view_folder as read_view_folder
 from .view_folder import scan_view_folder as scan_view_folder
 from .view_folder import write_view_folder as write_view_folder
+from .view_mosaic import read_view_mosaic as read_view_mosaic
 from .white_image import estimate_grid as estimate_grid
 from .writing import write_light_field as write_light_field

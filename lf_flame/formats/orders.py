@@ -1,8 +1,8 @@
 """Orders and grids of views, as users state them.
 
 An order names the meaning of the two numbers of a view, the slower one first: ``row,col`` is row
-by row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the right.
-``snake`` before it means that every other row (with ``col,row``: every other column) runs back.
+by row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` columns from the
+right. ``snake`` before it means that every other row (with ``col,row``: column) runs back.
 """
 
 import numpy as np
@@ -62,7 +62,12 @@ def turned_round(order: str) -> str:
     return ",".join([*snake, *turned])
 
 
-def as_grid(grid: Grid | str | None, name: str = "grid") -> Grid | None:
+def as_grid(grid: Grid | str | None) -> Grid | None:
+    """Read rows and columns of views, if they are given; see `read_grid`."""
+    return None if grid is None else read_grid(grid, "grid")
+
+
+def read_grid(grid: Grid | str, name: str) -> Grid:
     """Read rows and columns of views from two numbers, or from text such as ``1x9``.
 
     Raises
@@ -70,8 +75,6 @@ def as_grid(grid: Grid | str | None, name: str = "grid") -> Grid | None:
     InputError
         If they are not two whole numbers above 0.
     """
-    if grid is None:
-        return None
     words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
     try:
         rows, columns = (int(word) for word in words)

@@ -272,8 +272,6 @@ def test_axes_that_do_not_fit_are_refused(tmp_path, axes):
     [
         ("a.lfp", "container of a Lytro camera"),
         ("a.LFR", "container of a Lytro camera"),
-        ("a.mat", "a MATLAB file, which is not read"),
-        ("a.h5", "an HDF5 file, which is not read"),
     ],
 )
 def test_containers_that_are_not_read_are_named(tmp_path, name, told):

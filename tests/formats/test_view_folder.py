@@ -18,7 +18,8 @@ from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
 from lf_flame.formats.orders import ORDERS, arranged
 from lf_flame.formats.view_order import find_order, fold
-from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
+from lf_flame.systems import ShiftAndSum
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
 
@@ -113,8 +114,9 @@ def test_a_missing_position_is_named(tmp_path, rng):
     names = numbered((-1.5, -0.5, 0.5), (0, 1), "p_{:.1f}_{}.png")
     save(tmp_path, names, levels(rng, (3, 2, 3, 4)))
     (tmp_path / "p_-0.5_1.png").unlink()
-    with pytest.raises(InputError, match=r"3 x 2 views like .*, view -0.5_1 is missing"):
-        read_view_folder(tmp_path)
+    folder = scan_view_folder(tmp_path)
+    assert "1 view is missing and has weight 0: -0.5_1" in folder.describe()
+    np.testing.assert_array_equal(folder.read().weights, [[1, 1], [1, 0], [1, 1]])
 
 
 def in_a_row(rng, count, slope=0.6, axis=1):
@@ -384,19 +386,59 @@ def test_missing_views_are_named(tmp_path, rng):
     names = numbered(range(9), range(9), "view_{:02}_{:02}.png", first=1)
     save(tmp_path, names, levels(rng, (9, 9, 2, 2)))
     (tmp_path / "view_03_07.png").unlink()
-    with pytest.raises(InputError, match=r"9 x 9 views like .*view_01_01.png, view 03_07 is miss"):
-        read_view_folder(tmp_path)
     for k in range(1, 10):
         (tmp_path / f"view_05_{k:02}.png").unlink()
-    with pytest.raises(InputError, match="views 03_07, 05_01, 05_02 and 7 more are missing"):
+    said = "10 views are missing and have weight 0: 03_07, 05_01, 05_02 and 7 more"
+    assert said in scan_view_folder(tmp_path).describe()
+    for k in (1, 2, 7):
+        for name in numbered([k], range(9), "view_{:02}_{:02}.png", first=1):
+            (tmp_path / name).unlink(missing_ok=True)
+    with pytest.raises(InputError, match=r"9 x 9 .*view_01_01.png, views 02_01, .* --grid 9x9 rea"):
         read_view_folder(tmp_path)
+    assert read_view_folder(tmp_path, grid="9x9").weights.sum() == 81 - 36
+
+
+@pytest.mark.parametrize("gap", [(0, 0), (1, 2), (2, 2)])
+def test_what_is_missing_changes_nothing_else(tmp_path, rng, gap):
+    """The order is found beside the gap, and the picture is that of the other views."""
+    views = np.rint(200 * textured(rng, 0.6, views=(4, 5))).astype(np.uint8) + 40
+    save(tmp_path / "light", numbered(range(4), range(5), "{1}_{0}.png"), views)
+    save(tmp_path / "dark", numbered(range(4), range(5), "{1}_{0}.png"), views // 20)
+    (tmp_path / "light" / f"{gap[1]}_{gap[0]}.png").unlink()
+    (tmp_path / "dark" / "4_3.png").unlink()
+    weights = np.ones((4, 5))
+    weights[gap] = 0
+    found = read_light_field(tmp_path / "light")
+    np.testing.assert_array_equal(found.weights, weights)
+    assert "1 of the 20 views do not count: they are missing" in found.uncounted
+    expected = shift_and_sum(views / np.float32(255), 0.6, weights=weights)
+    np.testing.assert_allclose(shift_and_sum(found, 0.6), expected, atol=1e-6)
+    weights[3, 4] = 0
+    less = read_light_field(tmp_path / "light", dark=tmp_path / "dark")
+    np.testing.assert_array_equal(less.weights, weights)
+    there = (views - views // 20) / np.float32(255)
+    np.testing.assert_allclose(less.views[weights > 0], there[weights > 0], atol=1e-6)
+
+
+def test_what_a_slope_map_compares_with_may_not_be_missing(tmp_path, rng):
+    views = np.rint(255 * textured(rng, 0.6, views=(3, 3))).astype(np.uint8)
+    save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), views)
+    (tmp_path / "1_1.png").unlink()
+    light_field = read_light_field(tmp_path)
+    with pytest.raises(InputError, match="slope map, .* needs the view in row 1, column 1 "):
+        all_in_focus(light_field, np.linspace(-1, 1, 9))
+    with pytest.raises(InputError, match="nine views needs the view in row 1, column 1"):
+        ShiftAndSum("nine views").refocus(light_field, 0.5)
 
 
 def test_a_missing_running_number_is_named(tmp_path, rng):
     save(tmp_path, [f"input_Cam{n:03}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
     (tmp_path / "input_Cam004.png").unlink()
-    with pytest.raises(InputError, match="view 004 is missing"):
+    with pytest.raises(InputError, match="view 004 is missing; --grid ROWSxCOLUMNS reads the oth"):
         read_view_folder(tmp_path)
+    np.testing.assert_array_equal(
+        read_view_folder(tmp_path, grid="3x3").weights, [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
+    )
     (tmp_path / "input_Cam008.png").rename(tmp_path / "input_Cam004.png")  # the last is missing
     with pytest.raises(InputError, match=r"holds 8 views .* make no square: .* --grid 1x8"):
         read_view_folder(tmp_path)
