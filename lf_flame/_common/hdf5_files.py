@@ -89,8 +89,8 @@ class Hdf5File:
             if left <= 0:
                 break
             left -= 1
-            hard = group.id.links.get_info(name.encode("utf-8", "surrogateescape")).type
-            if hard != self._h5py.h5l.TYPE_HARD:
+            # A name that is no text comes as bytes.
+            if isinstance(name, bytes) or not self._is_hard(group, name):
                 continue
             one = group[name]
             if isinstance(one, self._h5py.Group) and prefix.count("/") < DEEPEST:
@@ -101,6 +101,10 @@ class Hdf5File:
                     header = ArrayHeader(shape[:: -1 if self.reversed else 1], dtype)
                     self._found[f"{prefix}{name}"] = header
         return left
+
+    def _is_hard(self, group: Any, name: str) -> bool:
+        link = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
+        return link.type == self._h5py.h5l.TYPE_HARD
 
     def _read(self, dataset: Any, name: str) -> np.ndarray:
         plain = {DEFLATE, SHUFFLE, CHECKSUM}

@@ -88,7 +88,8 @@ def read_list(path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
         If the list cannot be read, or a line does not name one image and its place.
     """
     try:
-        lines = list(csv.reader(read_text(path, LARGEST_LIST).lstrip("\ufeff").splitlines()))
+        text = read_text(path, LARGEST_LIST).lstrip("\ufeff")
+        lines = list(csv.reader(text.splitlines(), skipinitialspace=True))
     except csv.Error as error:
         raise InputError(f"{path} cannot be read as a list of views: {error}.") from None
     there = {file.name: file for file in path.parent.iterdir() if _is_image(file)}
