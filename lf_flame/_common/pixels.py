@@ -65,7 +65,7 @@ def read_pixels(path: Source) -> np.ndarray:
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
-            return _channels_last(read_series(file.series[:1], path)[0])
+            return _rows_first(read_series(file.series[:1], path)[0], file.series[0].axes)
     with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         _check_colours(image, path)
         check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
@@ -126,10 +126,19 @@ def _is_tiff(path: Source) -> bool:
         return file.read(4) in TIFF_STARTS
 
 
-def _channels_last(pixels: np.ndarray) -> np.ndarray:
-    """Move the channels to the last axis; a TIFF file may store one image per channel."""
-    planar = pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] not in (3, 4)
-    return np.moveaxis(pixels, 0, -1) if planar else pixels
+def _rows_first(pixels: np.ndarray, axes: str) -> np.ndarray:
+    """Bring the axes of a picture into the order of rows, columns and channels.
+
+    A TIFF file may store one image for each channel, or say that its rows are columns. Axes of
+    other meaning stay in front: pages are no colours, and of two or four channels none is said to
+    be the transparency.
+    """
+    if len(axes) != pixels.ndim or "X" not in axes:
+        return pixels
+    places = {"Y": 1, "X": 2, "S": 3}
+    if "C" in axes and pixels.shape[axes.index("C")] in (1, 3):
+        places["C"] = 3
+    return pixels.transpose(sorted(range(len(axes)), key=lambda k: places.get(axes[k], 0)))
 
 
 def _check_colours(image: Image.Image, path: Source) -> None:

@@ -32,6 +32,12 @@ FLOAT = np.dtype(np.float32).itemsize
 GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW = 1, 0, 2, 6, 34892
 """Accepted meanings of samples (PhotometricInterpretation), from TIFF 6.0 and DNG 1.4."""
 
+PLANAR_CONFIGURATION, PLANES_APART = 284, 2
+"""Tag that says where the samples of a pixel lie, and its value for planes of their own."""
+
+SUBSAMPLING = 530
+"""Tag that says how many pixels share their colour (YCbCrSubSampling)."""
+
 TRANSPARENCY = 2
 """Value of ExtraSamples for transparency by which the colours are not multiplied."""
 
@@ -156,8 +162,9 @@ def _decode(series: tifffile.TiffPageSeries, path: Source, options: dict) -> np.
         if meaning == YCBCR:
             return _by_pillow(series, path, options)
         pixels = series.asarray(**options)
-    except TIFF_ERRORS as error:
-        if not any(words in str(error) for words in ("imagecodecs", "not supported")):
+    except (*TIFF_ERRORS, ImportError) as error:
+        wanting = isinstance(error, ImportError)  # of a decoder that newer Pythons have
+        if not wanting and not any(w in str(error) for w in ("imagecodecs", "not supported")):
             raise
         try:
             pixels = _by_pillow(series, path, options)
@@ -183,7 +190,7 @@ def _meaning(page: tifffile.TiffPage, path: Source) -> int:
             f"{path} holds no light but {name} (photometric interpretation {meaning}): convert it "
             f"to grey or RGB."
         )
-    if page.samplesperpixel in (2, 4) and page.extrasamples and not transparency(page):
+    if page.samplesperpixel in (2, 4) and not transparency(page):
         raise InputError(
             f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
             f"is a plain transparency (extra samples {[int(n) for n in page.extrasamples]}): "
@@ -234,16 +241,21 @@ def _pillow_page(path: Source, index: int) -> np.ndarray:
     """Decode a page at full bit depth.
 
     Pillow keeps the high byte of 16-bit colours. A second decoding, with the opposite byte order
-    stated, keeps the low byte.
+    stated, keeps the low byte; of colours in planes of their own it does not.
     """
     with open_image(path, ("TIFF",)) as image:
         image.seek(index)
         tile: Any = image.tile[0]
-        rawmode = str(tile.args[0])
-        high = np.asarray(image)
+        rawmode, tags = str(tile.args[0]), getattr(image, "tag_v2", {})
+        # Of what it unpacks libtiff makes RGB.
+        if image.mode == "YCbCr" and tags.get(SUBSAMPLING) != (1, 1):
+            raise NotImplementedError("colours that several pixels share are not supported")
+        high = np.asarray(image.convert("RGB") if image.mode == "YCbCr" else image)
     colours, _, depth = rawmode.partition(";16")
     if colours not in ("RGB", "RGBA") or not depth:
         return high
+    if tags.get(PLANAR_CONFIGURATION) == PLANES_APART:
+        raise NotImplementedError("16-bit colours in planes of their own")
     with open_image(path, ("TIFF",)) as image:
         image.seek(index)
         tile = image.tile[0]
