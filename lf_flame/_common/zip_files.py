@@ -53,7 +53,13 @@ def read_zip(path: str | Path, names: list[PurePosixPath]) -> list[PackedFile]:
         for member in members:
             _check_member(member, path)
         check_memory(sum(member.file_size for member in members), path)
-        return [PackedFile(Path(path), str(one.filename), archive.read(one)) for one in members]
+        return [PackedFile(Path(path), one.filename, _read(archive, one)) for one in members]
+
+
+def _read(archive: ZipFile, member: ZipInfo) -> bytes:
+    """Unpack as many bytes as an entry says; without the number all would be unpacked at once."""
+    with archive.open(member) as file:
+        return file.read(member.file_size)
 
 
 def _check_member(member: ZipInfo, path: str | Path) -> None:

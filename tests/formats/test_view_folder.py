@@ -98,10 +98,12 @@ def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     ("names", "slope"),
     [
         ([f"y{y:.2f}_x{x}" for y in (0, 1.37, 2.74, 4.11, 5.48) for x in (0, 3, 6, 9, 12)], 0.6),
+        ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(3, 16, 3)], 0.6),
+        ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(-6, 7, 3)], 0.6),
         (numbered(range(-40, -7, 8), range(-40, -7, 8), "pos_{}_{}"), 0.6),
         (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}"), -0.6),
     ],
-    ids=["decimals", "negative", "signs"],
+    ids=["decimals", "signed decimals", "both signed", "negative", "signs"],
 )
 def test_positions_give_the_slope(tmp_path, rng, names, slope):
     views = np.rint(255 * textured(rng, slope, views=(5, 5))).astype(np.uint8)
