@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
-from lf_flame._common.input_files import File
+from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import read_shape
 from lf_flame._common.printable import printable
@@ -214,7 +214,8 @@ def _check_memory(files: list[File], folder: Path, places: int) -> None:
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
     reading = (FLOAT + 1) * values * places + decoding * _readers(files)
-    check_memory(max(reading, order_memory(shape) + decoding), folder)
+    packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
+    check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
 
 
 def _readers(files: list[File]) -> int:
