@@ -280,7 +280,7 @@ def read_raw(
     >>> light_field
     LightField(9 x 9 views of 6 x 8 pixels, grey)
     """
-    if Path(path).is_dir():
+    if is_view_folder(path):
         raise InputError(
             f"A white image and a pitch decode a raw image, but {path} is a folder of views."
         )

@@ -96,7 +96,7 @@ def number_grid(
     """
     readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
     readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
-    pairs = [pair for numbers in readings if (pair := _pair(numbers))]
+    pairs = [pair for numbers in readings if (pair := _pair(numbers, shape))]
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])
         grid, missing = grid_of(files, rows_columns, files[0])
@@ -144,7 +144,9 @@ def _digits(files: list[File]) -> Columns:
     return [tuple(Count(Decimal(word), word) for word in one[:shared]) for one in words]
 
 
-def _pair(numbers: Columns) -> tuple[list[tuple[Count, Count]], int] | None:
+def _pair(
+    numbers: Columns, shape: tuple[int, int] | None
+) -> tuple[list[tuple[Count, Count]], int] | None:
     """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
     found = []
     for k in range(len(numbers[0]) - 1):
@@ -153,10 +155,12 @@ def _pair(numbers: Columns) -> tuple[list[tuple[Count, Count]], int] | None:
         widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
         constant = next((values for values in (rows, columns) if len(values) == 1), None)
         one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
-        # A grid that is less than half full is not one with gaps: its numbers mean something else.
-        full_enough = len(rows) * len(columns) <= 2 * len(numbers)
+        # A grid that is less than half full is not one with gaps, unless it is stated: its numbers
+        # mean something else.
+        places = len(rows) * len(columns)
+        full_enough = places <= 2 * len(numbers) or (len(rows), len(columns)) == shape
         if one_row and full_enough and len(set(pair)) == len(numbers):
-            found.append((pair, len(rows) * len(columns)))
+            found.append((pair, places))
     return min(found, key=lambda one: one[1], default=None)
 
 

@@ -400,6 +400,22 @@ def test_missing_views_are_named(tmp_path, rng):
     assert read_view_folder(tmp_path, grid="9x9").weights.sum() == 81 - 36
 
 
+def test_a_cross_of_views_is_read_in_its_stated_grid(tmp_path, rng):
+    views = np.rint(255 * textured(rng, 0.6, views=(5, 5))).astype(np.uint8)
+    save(tmp_path, numbered(range(5), range(5), "{}_{}.png"), views)
+    weights = np.zeros((5, 5))
+    weights[2], weights[:, 2] = 1, 1
+    for v, u in np.argwhere(weights == 0):
+        (tmp_path / f"{v}_{u}.png").unlink()
+    with pytest.raises(InputError, match="do not number a grid"):
+        read_view_folder(tmp_path)
+    found = read_view_folder(tmp_path, grid="5x5")
+    np.testing.assert_array_equal(found.weights, weights)
+    assert find_sharpest_slope(found, np.arange(-1, 1.01, 0.1)).slope == pytest.approx(
+        0.6, abs=0.02
+    )
+
+
 @pytest.mark.parametrize("gap", [(0, 0), (1, 2), (2, 2)])
 def test_what_is_missing_changes_nothing_else(tmp_path, rng, gap):
     """The order is found beside the gap, and the picture is that of the other views."""
