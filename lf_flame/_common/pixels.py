@@ -25,6 +25,9 @@ FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
 start Ghostscript; other formats are not needed."""
 
+ANIMATED = ("PNG", "WEBP")
+"""Formats that may hold a film. Of a JPEG file the other pictures are previews."""
+
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """First bytes of TIFF files, which Pillow alone does not read completely."""
 
@@ -147,6 +150,9 @@ def _check_colours(image: Image.Image, path: Source) -> None:
             f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
             f"printer's profile)."
         )
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1 and image.format in ANIMATED:
+        raise InputError(f"{path} holds {frames} pictures that follow each other: store one.")
 
 
 def _decode(image: Image.Image) -> np.ndarray:

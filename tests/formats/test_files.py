@@ -319,6 +319,16 @@ def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
     np.testing.assert_array_equal(views, expected)
 
 
+@pytest.mark.parametrize("form", [{"imagej": True}, {"ome": True}])
+def test_one_image_in_three_channels_is_a_colour_image(tmp_path, rng, form):
+    """As ImageJ saves 16-bit colour."""
+    raw = levels(rng, (12, 15, 3), bits=16)
+    path, stored = tmp_path / "a.tif", np.moveaxis(raw, -1, 0)
+    tifffile.imwrite(path, stored, photometric="minisblack", metadata={"axes": "CYX"}, **form)
+    views = read_light_field(path, views=3).views
+    np.testing.assert_array_equal(views[1, 2], raw[1::3, 2::3] / np.float32(65535))
+
+
 def test_a_thumbnail_in_a_tiff_is_left_out(tmp_path, rng):
     raw = levels(rng, (12, 15), bits=16)
     with tifffile.TiffWriter(tmp_path / "raw.tif") as file:
