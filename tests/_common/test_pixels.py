@@ -267,7 +267,7 @@ def test_samples_of_which_the_file_says_nothing_are_refused(tmp_path, samples):
 
 @pytest.mark.parametrize("suffix", ["png", "webp"])
 def test_films_are_refused(tmp_path, suffix):
-    first, *others = (Image.new("RGB", (8, 8), (k, 0, 0)) for k in range(3))
+    first, *others = (Image.new("RGB", (8, 8), (90 * k, 0, 0)) for k in range(3))
     first.save(tmp_path / f"a.{suffix}", save_all=True, append_images=others)
     with pytest.raises(InputError, match="holds 3 pictures that follow each other"):
         read_image(tmp_path / f"a.{suffix}")
