@@ -227,8 +227,8 @@ class LightField:
             return ""
         lost = int(np.count_nonzero(self.weights == 0))
         return (
-            f"{lost} of the {self.weights.size} views do not count: they hold light of "
-            f"neighbouring lenslets, or are mostly dark"
+            f"{lost} of the {self.weights.size} views do not count: they are missing, hold light "
+            f"of neighbouring lenslets, or are mostly dark"
         )
 
     def _repr_html_(self) -> str:

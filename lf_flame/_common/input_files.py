@@ -1,5 +1,6 @@
 """Reading of input files: regular files only; TOML and JSON of bounded size and depth."""
 
+import io
 import json
 import lzma
 import math
@@ -10,8 +11,9 @@ import tomllib
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
 from zipfile import BadZipFile
 
 from lf_flame.errors import InputError
@@ -40,7 +42,42 @@ NOT_REGULAR = {
 }
 
 
-def check_regular(path: str | Path) -> int:
+@dataclass(frozen=True)
+class PackedFile:
+    """A file of an archive, in memory; it has the names that a path has.
+
+    Attributes
+    ----------
+    archive : Path
+    member : str
+        Name in the archive; no path is made of it.
+    content : bytes
+    """
+
+    archive: Path
+    member: str
+    content: bytes = field(repr=False)
+
+    name = property(lambda self: PurePosixPath(self.member).name)
+    stem = property(lambda self: PurePosixPath(self.member).stem)
+    suffix = property(lambda self: PurePosixPath(self.member).suffix)
+
+    def __str__(self) -> str:
+        return f"{self.archive}/{self.member}"
+
+
+File = Path | PackedFile
+"""A file, or one of an archive in memory."""
+
+Source = str | File
+
+
+def open_bytes(path: Source) -> IO[bytes]:
+    """Open a file for reading bytes."""
+    return io.BytesIO(path.content) if isinstance(path, PackedFile) else Path(path).open("rb")
+
+
+def check_regular(path: Source) -> int:
     """Refuse anything but a regular file before it is opened, because a pipe may block for ever.
 
     Returns
@@ -53,6 +90,8 @@ def check_regular(path: str | Path) -> int:
     InputError
         If the path does not exist, or is a folder, device, pipe or socket.
     """
+    if isinstance(path, PackedFile):
+        return len(path.content)
     try:
         found = os.stat(path)  # noqa: PTH116 - for text and paths alike
     except FileNotFoundError:
@@ -69,7 +108,7 @@ def check_regular(path: str | Path) -> int:
 
 @contextmanager
 def readable(
-    path: str | Path,
+    path: Source,
     errors: tuple[type[Exception], ...],
     fault: str = "of a kind that is not known",
 ) -> Iterator[None]:
@@ -80,7 +119,7 @@ def readable(
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path or PackedFile
     errors : tuple of exception types
         Exceptions that the reader raises for a damaged or unknown file.
     fault : str, optional

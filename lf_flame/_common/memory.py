@@ -1,7 +1,6 @@
 """Limit of the memory that one input may take."""
 
 import os
-from pathlib import Path
 
 from lf_flame.errors import InputError
 
@@ -36,14 +35,14 @@ class OverLimitError(InputError):
     """Refusal of an input that may be sound but needs too much memory."""
 
 
-def check_memory(needed: int, source: str | Path) -> None:
+def check_memory(needed: int, source: object) -> None:
     """Refuse an input that needs too much memory, before memory is allocated.
 
     Parameters
     ----------
     needed : int
         Number of bytes.
-    source : str or Path
+    source : object
         Name of the input, for the message.
 
     Raises

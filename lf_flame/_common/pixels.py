@@ -4,19 +4,29 @@ import re
 import struct
 import zlib
 from math import prod
-from pathlib import Path
+from pathlib import PurePath
 
 import numpy as np
 from PIL import Image, ImageFile
 
-from lf_flame._common.input_files import readable
+from lf_flame._common.input_files import Source, open_bytes, readable
 from lf_flame._common.memory import check_memory
-from lf_flame._common.tiff_files import FLOAT, TIFF_SUFFIXES, open_tiff, oriented, read_series
+from lf_flame._common.tiff_files import (
+    FLOAT,
+    TIFF_SUFFIXES,
+    open_image,
+    open_tiff,
+    oriented,
+    read_series,
+)
 from lf_flame.errors import InputError
 
 FORMATS = ("PNG", "JPEG", "BMP", "WEBP", "PPM")
 """Formats that Pillow may detect, whatever the file's name. For a PostScript file Pillow would
 start Ghostscript; other formats are not needed."""
+
+ANIMATED = ("PNG", "WEBP")
+"""Formats that may hold a film. Of a JPEG file the other pictures are previews."""
 
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """First bytes of TIFF files, which Pillow alone does not read completely."""
@@ -36,12 +46,12 @@ ORIENTATION = 0x0112
 """EXIF tag of the orientation in which a picture is shown."""
 
 
-def read_pixels(path: str | Path) -> np.ndarray:
+def read_pixels(path: Source) -> np.ndarray:
     """Read an image file at full bit depth, with its transparency, in its shown orientation.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path or PackedFile
         TIFF file by its ending, else one of FORMATS by its content.
 
     Returns
@@ -58,8 +68,8 @@ def read_pixels(path: str | Path) -> np.ndarray:
     """
     if _is_tiff(path):
         with open_tiff(path) as file:
-            return _channels_last(read_series(file.series[:1], path)[0])
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+            return _rows_first(read_series(file.series[:1], path)[0], file.series[0].axes)
+    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         _check_colours(image, path)
         check_memory(prod(image.size) * len(image.getbands()) * 2 * FLOAT, path)
         if image.format == "PPM" and _is_deep(image):
@@ -69,7 +79,7 @@ def read_pixels(path: str | Path) -> np.ndarray:
         return _decode(image)
 
 
-def read_shape(path: str | Path) -> tuple[int, int, int]:
+def read_shape(path: Source) -> tuple[int, int, int]:
     """Rows, columns and channels of an image, from its header alone.
 
     Raises
@@ -82,12 +92,12 @@ def read_shape(path: str | Path) -> tuple[int, int, int]:
             page, values = file.series[0].keyframe, prod(file.series[0].shape)
         rows, columns = page.imagelength, page.imagewidth
         return rows, columns, values // max(rows * columns, 1)
-    with readable(path, PILLOW_ERRORS), Image.open(path, formats=FORMATS) as image:
+    with readable(path, PILLOW_ERRORS), open_image(path, FORMATS) as image:
         colours = 3 if image.mode == "P" else len(image.getbands())
         return image.height, image.width, colours
 
 
-def check_levels(pixels: np.ndarray, source: str | Path) -> None:
+def check_levels(pixels: np.ndarray, source: Source) -> None:
     """Refuse values other than unsigned integers of 8 or 16 bits and floats.
 
     Raises
@@ -102,7 +112,7 @@ def check_levels(pixels: np.ndarray, source: str | Path) -> None:
         )
 
 
-def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
+def to_unit(pixels: np.ndarray, source: Source) -> np.ndarray:
     """Scale unsigned levels of 8 or 16 bits to 0 to 1; floats stay as they are; float32."""
     check_levels(pixels, source)
     if pixels.dtype.kind == "u":
@@ -111,26 +121,38 @@ def to_unit(pixels: np.ndarray, source: str | Path) -> np.ndarray:
         return pixels.astype(np.float32, copy=False)
 
 
-def _is_tiff(path: str | Path) -> bool:
+def _is_tiff(path: Source) -> bool:
     """Whether a file is TIFF by its ending or its first bytes."""
-    if Path(path).suffix.lower() in TIFF_SUFFIXES:
+    if PurePath(str(path)).suffix.lower() in TIFF_SUFFIXES:
         return True
-    with readable(path, (OSError,)), Path(path).open("rb") as file:
+    with readable(path, (OSError,)), open_bytes(path) as file:
         return file.read(4) in TIFF_STARTS
 
 
-def _channels_last(pixels: np.ndarray) -> np.ndarray:
-    """Move the channels to the last axis; a TIFF file may store one image per channel."""
-    planar = pixels.ndim == 3 and pixels.shape[0] in (3, 4) and pixels.shape[2] not in (3, 4)
-    return np.moveaxis(pixels, 0, -1) if planar else pixels
+def _rows_first(pixels: np.ndarray, axes: str) -> np.ndarray:
+    """Bring the axes of a picture into the order of rows, columns and channels.
+
+    A TIFF file may store one image for each channel, or say that its rows are columns. Axes of
+    other meaning stay in front: pages are no colours, and of two or four channels none is said to
+    be the transparency.
+    """
+    if len(axes) != pixels.ndim or "X" not in axes:
+        return pixels
+    places = {"Y": 1, "X": 2, "S": 3}
+    if "C" in axes and pixels.shape[axes.index("C")] in (1, 3):
+        places["C"] = 3
+    return pixels.transpose(sorted(range(len(axes)), key=lambda k: places.get(axes[k], 0)))
 
 
-def _check_colours(image: Image.Image, path: str | Path) -> None:
+def _check_colours(image: Image.Image, path: Source) -> None:
     if image.mode not in (*PLAIN, "P", "PA", "YCbCr"):
         raise InputError(
             f"{path} holds no light but {image.mode}: convert it to grey or RGB (inks need the "
             f"printer's profile)."
         )
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1 and image.format in ANIMATED:
+        raise InputError(f"{path} holds {frames} pictures that follow each other: store one.")
 
 
 def _decode(image: Image.Image) -> np.ndarray:
@@ -140,13 +162,13 @@ def _decode(image: Image.Image) -> np.ndarray:
     return oriented(pixels, image.getexif().get(ORIENTATION, 1))
 
 
-def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+def _read_png(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
     """Read a PNG at full bit depth, after a check of its checksums.
 
     For 16-bit colour Pillow's decoder keeps only the high byte of each level. With the opposite
     byte order stated it keeps the low byte, so two decodings give both.
     """
-    with Image.open(path, formats=("PNG",)) as again:
+    with open_image(path, ("PNG",)) as again:
         again.verify()  # Pillow's decoder does not check
     packed = image.tile[0].args
     if packed == "LA;16B":
@@ -154,7 +176,7 @@ def _read_png(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
     high = _decode(image)
     if packed not in ("RGB;16B", "RGBA;16B"):
         return high
-    with Image.open(path, formats=("PNG",)) as again:
+    with open_image(path, ("PNG",)) as again:
         again.tile = [again.tile[0]._replace(args=str(packed).replace("16B", "16L"))]
         low = _decode(again)
     return high * np.uint16(256) + low
@@ -166,12 +188,12 @@ def _is_deep(image: ImageFile.ImageFile) -> bool:
     return image.mode in ("L", "I", "RGB") and (codec != "raw" or args == "I;16B")
 
 
-def _read_netpbm(image: ImageFile.ImageFile, path: str | Path) -> np.ndarray:
+def _read_netpbm(image: ImageFile.ImageFile, path: Source) -> np.ndarray:
     """Read PGM and PPM of any maximum, text or binary, after Pillow has read the header."""
     codec, _, offset, args = image.tile[0]
     highest = args[-1] if isinstance(args, tuple) else 65535
     shape = (image.height, image.width, *([3] if image.mode == "RGB" else []))
-    with Path(path).open("rb") as file:
+    with open_bytes(path) as file:
         file.seek(offset)
         if codec == "ppm_plain":
             words = re.sub(rb"#[^\r\n]*", b" ", file.read()).split(None, prod(shape))

@@ -7,14 +7,13 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
-from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import tifffile
-from PIL import Image
+from PIL import Image, ImageFile
 
-from lf_flame._common.input_files import readable
+from lf_flame._common.input_files import PackedFile, Source, open_bytes, readable
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
 
@@ -33,6 +32,12 @@ FLOAT = np.dtype(np.float32).itemsize
 GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW = 1, 0, 2, 6, 34892
 """Accepted meanings of samples (PhotometricInterpretation), from TIFF 6.0 and DNG 1.4."""
 
+PLANAR_CONFIGURATION, PLANES_APART = 284, 2
+"""Tag that says where the samples of a pixel lie, and its value for planes of their own."""
+
+SUBSAMPLING = 530
+"""Tag that says how many pixels share their colour (YCbCrSubSampling)."""
+
 TRANSPARENCY = 2
 """Value of ExtraSamples for transparency by which the colours are not multiplied."""
 
@@ -44,8 +49,20 @@ class _Apart(io.FileIO):
         raise io.UnsupportedOperation("other files are not opened")
 
 
+def _apart(path: Source) -> IO[bytes]:
+    """Open a file so that tifffile opens no other one beside it."""
+    if isinstance(path, PackedFile):
+        return open_bytes(path)
+    return io.BufferedReader(_Apart(path))
+
+
+def open_image(path: Source, formats: tuple[str, ...]) -> ImageFile.ImageFile:
+    """Open an image with Pillow; the caller closes it."""
+    return Image.open(open_bytes(path) if isinstance(path, PackedFile) else path, formats=formats)
+
+
 @contextmanager
-def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
+def open_tiff(path: Source) -> Iterator[tifffile.TiffFile]:
     """Open a TIFF file; other files that it names are not opened.
 
     Yields
@@ -59,13 +76,13 @@ def open_tiff(path: str | Path) -> Iterator[tifffile.TiffFile]:
     """
     with (
         readable(path, TIFF_ERRORS),
-        io.BufferedReader(_Apart(path)) as stream,
+        _apart(path) as stream,
         tifffile.TiffFile(stream) as file,
     ):
         yield file
 
 
-def read_tiff(path: str | Path) -> np.ndarray:
+def read_tiff(path: Source) -> np.ndarray:
     """Read the first image series of a TIFF file, with the axes of the file.
 
     Raises
@@ -78,7 +95,7 @@ def read_tiff(path: str | Path) -> np.ndarray:
 
 
 def read_series(
-    series: list[tifffile.TiffPageSeries], path: str | Path, **options: bool
+    series: list[tifffile.TiffPageSeries], path: Source, **options: bool
 ) -> list[np.ndarray]:
     """Read image series of an open TIFF file, if all of them fit into memory as floats.
 
@@ -88,7 +105,7 @@ def read_series(
     Parameters
     ----------
     series : list of tifffile.TiffPageSeries
-    path : str or Path
+    path : str or Path or PackedFile
         The file, for messages and for a second decoder.
     **options
         Options of `tifffile.TiffPageSeries.asarray`.
@@ -126,7 +143,7 @@ def oriented(pixels: np.ndarray, orientation: int, rows: int = 0) -> np.ndarray:
     return np.flip(pixels, tuple(axes[k] for k in turned))
 
 
-def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
+def _decode(series: tifffile.TiffPageSeries, path: Source, options: dict) -> np.ndarray:
     """Decode a series with tifffile, or with Pillow if tifffile cannot."""
     if any(page is None for page in series.pages):
         raise InputError(
@@ -145,8 +162,9 @@ def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) ->
         if meaning == YCBCR:
             return _by_pillow(series, path, options)
         pixels = series.asarray(**options)
-    except TIFF_ERRORS as error:
-        if not any(words in str(error) for words in ("imagecodecs", "not supported")):
+    except (*TIFF_ERRORS, ImportError) as error:
+        wanting = isinstance(error, ImportError)  # of a decoder that newer Pythons have
+        if not wanting and not any(w in str(error) for w in ("imagecodecs", "not supported")):
             raise
         try:
             pixels = _by_pillow(series, path, options)
@@ -163,7 +181,7 @@ def _decode(series: tifffile.TiffPageSeries, path: str | Path, options: dict) ->
     return oriented(pixels, orientation.value if orientation else 1, rows)
 
 
-def _meaning(page: tifffile.TiffPage, path: str | Path) -> int:
+def _meaning(page: tifffile.TiffPage, path: Source) -> int:
     """Meaning of a page's samples (PhotometricInterpretation); refused if it is not light."""
     meaning = int(page.photometric) if "PhotometricInterpretation" in page.tags else GREY
     if meaning not in (GREY, INVERTED_GREY, RGB, YCBCR, LINEAR_RAW):
@@ -172,7 +190,7 @@ def _meaning(page: tifffile.TiffPage, path: str | Path) -> int:
             f"{path} holds no light but {name} (photometric interpretation {meaning}): convert it "
             f"to grey or RGB."
         )
-    if page.samplesperpixel in (2, 4) and page.extrasamples and not transparency(page):
+    if page.samplesperpixel in (2, 4) and not transparency(page):
         raise InputError(
             f"{path} has {page.samplesperpixel} samples to a pixel, and does not say that the last "
             f"is a plain transparency (extra samples {[int(n) for n in page.extrasamples]}): "
@@ -186,7 +204,7 @@ def _bits(page: tifffile.TiffPage) -> int:
     return max(bits) if isinstance(bits, tuple) else int(bits)
 
 
-def _fractions(pixels: np.ndarray, bits: int, inverted: bool, path: str | Path) -> np.ndarray:
+def _fractions(pixels: np.ndarray, bits: int, inverted: bool, path: Source) -> np.ndarray:
     """Invert levels that count from white, and divide those of other depths by the highest."""
     if inverted and pixels.dtype.kind not in "bu":
         raise InputError(
@@ -205,7 +223,7 @@ def _axes(series: tifffile.TiffPageSeries, options: dict) -> str:
     return series.get_axes(**options) if options else series.axes
 
 
-def _by_pillow(series: tifffile.TiffPageSeries, path: str | Path, options: dict) -> np.ndarray:
+def _by_pillow(series: tifffile.TiffPageSeries, path: Source, options: dict) -> np.ndarray:
     """Decode the pages of a series with Pillow's libtiff, which applies the orientation."""
     shape = list(series.get_shape(**options) if options else series.shape)
     axes = _axes(series, options)
@@ -219,21 +237,26 @@ def _by_pillow(series: tifffile.TiffPageSeries, path: str | Path, options: dict)
     return pages.reshape(shape)
 
 
-def _pillow_page(path: str | Path, index: int) -> np.ndarray:
+def _pillow_page(path: Source, index: int) -> np.ndarray:
     """Decode a page at full bit depth.
 
     Pillow keeps the high byte of 16-bit colours. A second decoding, with the opposite byte order
-    stated, keeps the low byte.
+    stated, keeps the low byte; of colours in planes of their own it does not.
     """
-    with Image.open(path, formats=("TIFF",)) as image:
+    with open_image(path, ("TIFF",)) as image:
         image.seek(index)
         tile: Any = image.tile[0]
-        rawmode = str(tile.args[0])
-        high = np.asarray(image)
+        rawmode, tags = str(tile.args[0]), getattr(image, "tag_v2", {})
+        # Of what it unpacks libtiff makes RGB.
+        if image.mode == "YCbCr" and tags.get(SUBSAMPLING) != (1, 1):
+            raise NotImplementedError("colours that several pixels share are not supported")
+        high = np.asarray(image.convert("RGB") if image.mode == "YCbCr" else image)
     colours, _, depth = rawmode.partition(";16")
     if colours not in ("RGB", "RGBA") or not depth:
         return high
-    with Image.open(path, formats=("TIFF",)) as image:
+    if tags.get(PLANAR_CONFIGURATION) == PLANES_APART:
+        raise NotImplementedError("16-bit colours in planes of their own")
+    with open_image(path, ("TIFF",)) as image:
         image.seek(index)
         tile = image.tile[0]
         other = colours + {"little": ";16B", "big": ";16L"}[sys.byteorder]

@@ -102,6 +102,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats.coding import notes_on_coding
+    from lf_flame.formats.view_sources import is_view_folder
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
@@ -119,7 +120,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
     reading = reading.for_camera(source, lens)
-    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not source.is_dir():
+    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not is_view_folder(source):
         reading = Reading(views=1)  # any file is a picture then
     light_field = reading.read(source)
     check_range(light_field.views, options["noise"])

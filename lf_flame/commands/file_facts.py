@@ -31,12 +31,13 @@ def describe(source: Path) -> Found:
     from lf_flame.formats.images import IMAGE_SUFFIXES
     from lf_flame.formats.lytro_decoding import is_lytro
     from lf_flame.formats.lytro_white import holds_white_files
+    from lf_flame.formats.view_sources import is_view_folder
 
     if is_lytro(source):
         return lytro_picture(source)
     if source.suffix.lower() == ".tar" or (source.is_dir() and holds_white_files(source)):
         return lytro_white_files(source)
-    if source.is_dir():
+    if is_view_folder(source):
         return _folder(source)
     if source.suffix.lower() in IMAGE_SUFFIXES:
         return _image(source)
@@ -44,7 +45,7 @@ def describe(source: Path) -> Found:
 
 
 def _folder(source: Path) -> Found:
-    """Folder of views."""
+    """Folder, archive or list of views."""
     from lf_flame._common.pixels import read_shape
     from lf_flame.formats import scan_view_folder
     from lf_flame.formats.coding import notes_on_coding
@@ -52,13 +53,18 @@ def _folder(source: Path) -> Found:
     try:
         folder = scan_view_folder(source)
     except InputError as error:
+        if not source.is_dir():
+            raise
         return _other_folder(source, error)
-    rows, columns, channels = read_shape(folder.files.flat[0])
-    found = Found("folder with one image for each view")
+    rows, columns, channels = read_shape(next(file for file in folder.files.flat if file))
+    kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
+    found = Found(f"{kind} with one image for each view")
     v, u = folder.files.shape
     colour = "grey" if channels < 3 else "colour"
     found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
     found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
+    if folder.missing:
+        found.facts["missing"] = f"{len(folder.missing)} views, which have weight 0"
     if folder.left_out:
         found.facts["left out"] = f"{folder.left_out} other files"
     found.notes += notes_on_coding(source)
@@ -68,9 +74,9 @@ def _folder(source: Path) -> Found:
 
 def _other_folder(source: Path, error: InputError) -> Found:
     """Folder without views, which may hold single files to be looked at."""
+    from lf_flame.formats.arrays import ARRAY_SUFFIXES
     from lf_flame.formats.images import IMAGE_SUFFIXES
     from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
-    from lf_flame.formats.reading import ARRAY_SUFFIXES
 
     known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
     paths = sorted(path for path in source.iterdir() if path.suffix.lower() in known)
@@ -130,7 +136,8 @@ def _how_to_decode(shape: tuple[int, ...]) -> str:
     fit = [str(n) for n in range(2, 65) if not any(side % n for side in shape[:2])]
     return (
         f"what shows the lenslets: the white image of a raw image (--white), or the number of "
-        f"pixels under a lenslet of a lenslet image (--views: {', '.join(fit) or 'none fits'})."
+        f"pixels under a lenslet of a lenslet image (--views: {', '.join(fit) or 'none fits'}); or "
+        f"the rows x columns of views that lie side by side (--mosaic 8x8)."
     )
 
 

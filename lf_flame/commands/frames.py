@@ -4,7 +4,6 @@ import glob
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import click
@@ -14,10 +13,12 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
+from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lytro_decoding import is_lytro
 from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
-from lf_flame.formats.reading import ARRAY_SUFFIXES, plan_raw, read_frame
+from lf_flame.formats.raw_reading import plan_raw, read_frame
+from lf_flame.formats.view_sources import ARCHIVE, is_view_folder
 from lf_flame.lightfield import LightField
 
 
@@ -63,7 +64,7 @@ def _frames_of_folder(folder: Path, not_frames: set[Path]) -> list[Path]:
     kinds: dict[str, list[Path]] = {}
     for path in folder.iterdir():
         kind = "folder" if path.is_dir() else path.suffix.lower()
-        known = kind in ("folder", *ARRAY_SUFFIXES, *IMAGE_SUFFIXES, *LYTRO_SUFFIXES)
+        known = kind in ("folder", ARCHIVE, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES, *LYTRO_SUFFIXES)
         if known and not path.name.startswith(".") and path.resolve() not in not_frames:
             kinds.setdefault(kind, []).append(path)
     if not kinds:
@@ -127,18 +128,14 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
         )
         click.echo(f"{printable(path)}: {reading.describe_grid(plan.grid)}", err=True)
         return lambda path: plan.decode(read_frame(path)), plan.decode(first)
-    if path.is_dir():
+    if is_view_folder(path):
         folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
         click.echo(folder.describe(), err=True)
         reading = replace(
             reading, order=folder.found.order, grid="x".join(map(str, folder.counted))
         )
-    read = partial(
-        formats.read_light_field,
-        views=reading.views,
-        order=reading.order,
-        grid=reading.grid,
-        axes=reading.axes,
-        dark=reading.dark,
-    )
+
+    def read(one: Path) -> LightField:
+        return formats.read_light_field(one, **reading.stored())
+
     return read, read(path)

@@ -35,12 +35,21 @@ READING = cloup.option_group(
         "(default: by the camera).",
     ),
     cloup.option(
-        "--order", help="Meaning of the numbers in the names of views, as row,col (default: found)."
+        "--order",
+        help="Order in which views are counted (default: found by the parallax): row,col is row by "
+        "row from the top left; -row from the bottom, -col from the right; snake,row,col runs "
+        "every other row back.",
     ),
     cloup.option(
-        "--grid", help="Rows x columns of views, as 1x9, if their names hold one running number."
+        "--grid",
+        help="Rows x columns of views, as 1x9, if their names hold one running number or most are "
+        "missing; what is missing gets weight 0.",
+    ),
+    cloup.option(
+        "--mosaic", help="Rows x columns of views side by side in one picture SOURCE, as 8x8."
     ),
     cloup.option("--axes", help="Meaning of the axes of an array, as vuts, tsvu or ntsc."),
+    cloup.option("--array", help="Name of the array, if SOURCE (.npz, .h5, .mat) holds several."),
     cloup.option(
         "--white",
         type=UsablePath(exists=True, path_type=Path),
@@ -179,7 +188,9 @@ class Reading:
     views: int | None = None
     order: str | None = None
     grid: str | None = None
+    mosaic: str | None = None
     axes: str | None = None
+    array: str | None = None
     white: Path | None = None
     pitch: float | None = None
     layout: str | None = None
@@ -187,8 +198,11 @@ class Reading:
     bayer: str | None = None
 
     def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
-        """Take the number of views from a camera, unless it is given or the source is a folder."""
-        if lens is None or self.views is not None or source.is_dir():
+        """Take the number of views from a camera, if the source is a raw or a lenslet image."""
+        from lf_flame.formats.view_sources import is_view_folder
+
+        stated = self.views is not None or self.mosaic is not None
+        if lens is None or stated or is_view_folder(source):
             return self
         return replace(self, views=lens.views)
 
@@ -201,17 +215,25 @@ class Reading:
             if x is not None
         }
 
+    def stored(self) -> dict[str, Any]:
+        """Give the arguments of `read_light_field`."""
+        names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
+        return {name: getattr(self, name) for name in names}
+
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""
         from tqdm import tqdm
 
         from lf_flame import formats
+        from lf_flame.formats.coding import notes_on_values
         from lf_flame.formats.reading import subtract_dark
+        from lf_flame.formats.view_sources import is_view_folder
 
         if self.white is not None or self.pitch is not None:
             _refuse_options(
-                f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes
-            )
+                f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
+                mosaic=self.mosaic, array=self.array,
+            )  # fmt: skip
             with progress.stage(f"Reading {printable(source)}"):
                 light_field, grid = formats.read_raw(
                     source,
@@ -223,14 +245,11 @@ class Reading:
                     bayer=self.bayer,
                 )
             click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
-        elif source.is_dir():
+        elif is_view_folder(source):
             _refuse_options(
-                f"the folder {source}",
-                views=self.views,
-                layout=self.layout,
-                axes=self.axes,
-                bayer=self.bayer,
-            )
+                f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes,
+                bayer=self.bayer, mosaic=self.mosaic, array=self.array,
+            )  # fmt: skip
             folder = formats.scan_view_folder(source, self.order, grid=self.grid)
             click.echo(folder.describe(), err=True)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
@@ -241,13 +260,14 @@ class Reading:
             _refuse_options(
                 f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer
             )
-            light_field = formats.read_light_field(
-                source, self.views, self.order, grid=self.grid, axes=self.axes, dark=self.dark
-            )
+            if self.mosaic is not None:
+                _refuse_options("a mosaic of views", views=self.views)
+            light_field = formats.read_light_field(source, **self.stored())
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
-        if light_field.uncounted:
-            click.echo(light_field.uncounted, err=True)
+        for note in (light_field.uncounted, *notes_on_values(light_field, source)):
+            if note:
+                click.echo(note, err=True)
         return light_field
 
     def describe_grid(self, grid: "LensletGrid") -> str:

@@ -52,10 +52,12 @@ class MapCommand(cloup.Command):
 def refocus(source, camera, out, **options):
     """Refocus a light field of any kind; find its sharpest slope; sweep through its focus.
 
-    SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), an array
-    (.npy, .npz), a TIFF of many pages, a lenslet image with N x N pixels under each lenslet
-    (--views N; Lytro's ESLF is one), a raw lenslet image (--white or --pitch), or a raw picture of
-    a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it is.
+    SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), such a folder
+    in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat), a TIFF
+    of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
+    pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white or
+    --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it
+    is.
 
     \b
       lf-flame refocus buddha                              at the sharpest slope

@@ -101,7 +101,7 @@ def check_job(
             f"A slope map needs the lower slope first, got {slope_map[0]} and {slope_map[1]}."
         )
     if job.network is not None:
-        job.network.check(job.light_field.views, [*slopes, *sweep])
+        job.network.check(job.light_field, [*slopes, *sweep])
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 from .arrays import read_array as read_array
 from .decode_plan import DecodePlan as DecodePlan
+from .hci_files import read_true_slopes as read_true_slopes
 from .lenslet_grid import LensletGrid as LensletGrid
 from .lenslet_grid import grid_from_pitch as grid_from_pitch
 from .lenslet_image import read_lenslet_image as read_lenslet_image
@@ -11,8 +12,8 @@ from .lytro_products import read_lytro_products as read_lytro_products
 from .lytro_white import find_white as find_white
 from .movie import write_movie as write_movie
 from .raw_lenslets import decode_raw as decode_raw
+from .raw_reading import read_raw as read_raw
 from .reading import read_light_field as read_light_field
-from .reading import read_raw as read_raw
 from .stacks import read_focal_stack as read_focal_stack
 from .stacks import read_view_stack as read_view_stack
 from .stacks import write_focal_stack as write_focal_stack
@@ -20,5 +21,6 @@ from .view_folder import ViewFolder as ViewFolder
 from .view_folder import read_view_folder as read_view_folder
 from .view_folder import scan_view_folder as scan_view_folder
 from .view_folder import write_view_folder as write_view_folder
+from .view_mosaic import read_view_mosaic as read_view_mosaic
 from .white_image import estimate_grid as estimate_grid
 from .writing import write_light_field as write_light_field

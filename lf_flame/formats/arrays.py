@@ -1,20 +1,36 @@
-"""Light fields in NumPy files; nothing is unpickled."""
+"""Light fields in files of arrays: NumPy, HDF5 and MATLAB; nothing is unpickled."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import isqrt
 from pathlib import Path
 
 import numpy as np
 
 from lf_flame._common.array_files import ArrayFile, open_arrays
+from lf_flame._common.hdf5_files import Hdf5File, is_matlab_hdf5
+from lf_flame._common.matlab_files import MatlabFile
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
-from lf_flame.formats.view_order import Grid, as_grid, fold
+from lf_flame.formats.orders import Grid, as_grid
+from lf_flame.formats.view_order import fold
 from lf_flame.lightfield import LightField
+
+HDF5_SUFFIXES, MATLAB_SUFFIX = (".h5", ".hdf5"), ".mat"
+
+ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX)
+"""File endings of arrays."""
 
 WEIGHTS = "weights"
 """Name of the array with the weights of views in a ``.npz`` file."""
+
+VIEWS, TOOLBOX = "views", "LF"
+"""Names of the array with the views: this program's, and that of HCI and LFToolbox."""
+
+COLOURS = 3
+"""Number of colours in an array of LFToolbox, after which its weight comes."""
 
 MOST_ARRAYS = 1000
 """Largest number of arrays in a ``.npz`` file among which the views are searched for."""
@@ -40,15 +56,18 @@ def read_array(
     *,
     axes: str | None = None,
     grid: Grid | str | None = None,
+    array: str | None = None,
 ) -> LightField:
-    """Read a light field from a ``.npy`` or ``.npz`` file.
+    """Read a light field from a file of arrays.
 
     Parameters
     ----------
     path : str or Path
-        File with an array ``[v, u, t, s]`` or ``[v, u, t, s, channels]``, or a raw lenslet array
-        of 2 or 3 axes. In a ``.npz`` file it is the array named ``views``, or the only array, or
-        the only one of 4 or 5 axes; an array ``weights``, [v, u], holds the weights of views.
+        ``.npy``, ``.npz``, ``.h5``, ``.hdf5`` or ``.mat`` file with an array ``[v, u, t, s]`` or
+        ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3 axes: the array named
+        ``views`` or ``LF``, or the only array, or the only one of 4 or 5 axes. In a ``.npz`` file
+        an array ``weights``, [v, u], holds the weights of views. Arrays of MATLAB have the axes
+        that MATLAB shows.
     views : int, optional
         Number of pixels under a lenslet along each axis of a raw lenslet array.
     axes : str, optional
@@ -57,11 +76,16 @@ def read_array(
         ``vutsc``, or a raw array; an array of unlikely shape for these is refused.
     grid : (int, int) or str, optional
         Number of rows and columns of views for a running number, such as (9, 9) or ``9x9``.
+    array : str, optional
+        Name of the array, where the file holds several.
 
     Returns
     -------
     LightField
-        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are.
+        Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are. An
+        array ``LF`` of four channels in a ``.mat`` file is one of LFToolbox, whose last channel is
+        a weight: the mean of a view's pixels, relative to that of the brightest view, is its
+        weight in the light field.
 
     Raises
     ------
@@ -78,26 +102,59 @@ def read_array(
     >>> formats.read_array("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    with open_arrays(path) as file:
-        name = _choose(file, axes)
+    with _open(path) as file:
+        name = _choose(file, axes, array)
         stored = file.header(name).dtype.itemsize
         # As stored, as floats, and once more after the axes are reordered.
-        (array,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-        beside = [WEIGHTS] if name != WEIGHTS and WEIGHTS in file.names else []
-        weights = file.read(beside)[0] if beside else None
+        (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
+        beside = isinstance(file, ArrayFile) and name != WEIGHTS and WEIGHTS in file.names
+        weights = file.read([WEIGHTS])[0] if beside else None
+    if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
+        held, weights = _without_weight(held, path)
     if axes is not None:
-        ours = _arrange(to_unit(array, path), axes.lower(), path, as_grid(grid))
+        ours = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid))
         return LightField(ours, weights=weights)
     if grid is not None:
         raise InputError(f"grid is for views with a running number: state the axes of {path}, too.")
-    if array.ndim not in (2, 3, 4, 5) or array.size == 0:
+    if held.ndim not in (2, 3, 4, 5) or held.size == 0:
         raise InputError(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
-            f"raw lenslet array, got shape {array.shape}."
+            f"raw lenslet array, got shape {held.shape}."
         )
-    _check_shape(array.shape, path)
-    array = to_unit(array, path)
-    return LightField(cut_views(array, views, path) if array.ndim < 4 else array, weights=weights)
+    _check_shape(held.shape, path)
+    held = to_unit(held, path)
+    return LightField(cut_views(held, views, path) if held.ndim < 4 else held, weights=weights)
+
+
+@contextmanager
+def _open(path: str | Path) -> Iterator[ArrayFile | Hdf5File | MatlabFile]:
+    """Open a file of arrays by its ending, and one of MATLAB by its content."""
+    suffix = Path(path).suffix.lower()
+    if suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
+        yield Hdf5File(path)
+    elif suffix == MATLAB_SUFFIX:
+        yield MatlabFile(path)
+    else:
+        with open_arrays(path) as file:
+            yield file
+
+
+def _without_weight(array: np.ndarray, path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Part colours and weight of an array of LFToolbox; weights of views, (v, u), are their means.
+
+    LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
+    pixel, so the weight is inverse to the variance of its noise.
+    """
+    if array.ndim != 5 or array.shape[4] != COLOURS + 1:
+        return array, None
+    weights = array[..., COLOURS].mean(axis=(2, 3), dtype=np.float64)
+    if not (np.all(weights >= 0) and 0 < weights.max() < np.inf):
+        raise InputError(
+            f"{path}: the fourth channel of {TOOLBOX} must be a weight, 0 or above, with one above "
+            f"0; state --axes vutsc to read it as a channel."
+        )
+    weights /= weights.max()
+    return array[..., :COLOURS], None if np.all(weights == 1) else weights
 
 
 def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:
@@ -160,18 +217,27 @@ def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
     )
 
 
-def _choose(file: ArrayFile, axes: str | None) -> str:
+def _choose(file: ArrayFile | Hdf5File | MatlabFile, axes: str | None, stated: str | None) -> str:
     """Name of the array that holds the views."""
     ranks = (4, 5) if axes is None else (len(axes),)
-    if "views" in file.names or len(file.names) == 1:
-        return "views" if "views" in file.names else file.names[0]
+    if stated is not None:
+        if stated not in file.names:
+            held = ", ".join(file.names[:MOST_NAMED]) or "none"
+            raise InputError(f"{file.path} has no array {stated!r} of numbers; it has {held}.")
+        return stated
+    for name in (VIEWS, *([] if isinstance(file, ArrayFile) else [TOOLBOX])):
+        if name in file.names:
+            return name
+    if len(file.names) == 1:
+        return file.names[0]
     headers = {name: file.header(name) for name in file.names[:MOST_ARRAYS]}
     fitting = [name for name, header in headers.items() if len(header.shape) in ranks]
     if len(fitting) != 1 or len(file.names) > MOST_ARRAYS:
-        held = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
+        shown = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
         more = f" and {len(file.names) - MOST_NAMED} more" if len(file.names) > MOST_NAMED else ""
         raise InputError(
             f"{file.path} must hold one array named views, or one only of "
-            f"{' or '.join(map(str, ranks))} axes, got {', '.join(held) or 'none'}{more}."
+            f"{' or '.join(map(str, ranks))} axes, got {', '.join(shown) or 'none'}{more}; name "
+            f"one by --array (in Python array=...)."
         )
     return fitting[0]

@@ -1,12 +1,16 @@
-"""Notes on image files with values that are probably gamma-coded, not linear in radiance."""
+"""Notes on values that are probably not linear in radiance, or fill only some of their bits."""
 
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
-from lf_flame._common.input_files import check_regular
+from lf_flame._common.input_files import File, check_regular, open_bytes
+from lf_flame._common.tiff_files import open_image
 from lf_flame.errors import InputError
-from lf_flame.formats.images import IMAGE_SUFFIXES
+from lf_flame.formats.arrays import MATLAB_SUFFIX
+from lf_flame.formats.view_sources import first_image, is_view_folder
+from lf_flame.lightfield import LightField
 
 CODED = (
     "Such files usually hold gamma-coded (sRGB) numbers, which are not linear in light: all "
@@ -20,6 +24,9 @@ ALWAYS_CODED = {
     ".webp": "a WebP file",
     ".bmp": "a BMP file",
 }
+
+DEPTHS = (10, 12, 14)
+"""Numbers of bits of cameras that write 16."""
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -52,23 +59,55 @@ def notes_on_coding(source: str | Path) -> list[str]:
     return [] if kind is None else [f"{path} is {kind}. {CODED}"]
 
 
-def _first_image(source: Path) -> Path | None:
+def notes_on_values(light_field: LightField, source: str | Path) -> list[str]:
+    """Note whether levels of 16 bits fill only 10, 12 or 14, and whether weights were stored.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Light field as read; values from 0 to 1, where the highest level of 16 bits is 1.
+    source : str or Path
+        File or folder that was read.
+
+    Returns
+    -------
+    list of str
+        Up to two notes.
+    """
+    notes, white = [], np.iinfo(np.uint16).max
+    flat = light_field.views.reshape(-1, *light_field.views.shape[2:])
+    brightest = flat[flat.argmax() // flat[0].size].astype(np.float64) * white
+    top, levels = brightest.max(), np.rint(brightest)
+    deep = np.abs(brightest - levels).max() < 0.01 and np.any(levels % 257)  # 257: of 8 bits
+    bits = next((bits for bits in DEPTHS if top < 2**bits), None)
+    if deep and bits is not None and top >= 2**8:
+        notes.append(
+            f"the values use only {bits} of 16 bits (the highest level is {top:.0f}): if the "
+            f"camera has {bits} bits, its white is {(2**bits - 1) / white:.4f} here and not 1; "
+            f"ratios of brightness are right"
+        )
+    if Path(source).suffix.lower() == MATLAB_SUFFIX and light_field.weights is not None:
+        notes.append(
+            "the fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
+            "weights of single pixels are not used"
+        )
+    return notes
+
+
+def _first_image(source: Path) -> File | None:
     try:
-        if source.is_dir():
-            images = (one for one in source.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES)
-            return min((one for one in images if not one.name.startswith(".")), default=None)
-    except OSError:
+        return first_image(source) if is_view_folder(source) else source
+    except (OSError, InputError):  # the reader reports the error
         return None
-    return source
 
 
-def _coded_png(path: Path) -> str | None:
+def _coded_png(path: File) -> str | None:
     """Name the kind of a PNG file that is probably gamma-coded (ISO/IEC 15948, 11.3.3)."""
     try:
         check_regular(path)
-        with path.open("rb") as file:
+        with open_bytes(path) as file:
             header = file.read(25)
-        with Image.open(path) as image:
+        with open_image(path, ("PNG",)) as image:
             gamma, is_srgb = image.info.get("gamma"), "srgb" in image.info
     except (InputError, OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return None  # the reader reports the error

@@ -9,6 +9,7 @@ import tifffile
 from PIL import Image, PngImagePlugin
 
 from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.input_files import Source
 from lf_flame._common.pixels import read_pixels, to_unit
 from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
@@ -17,12 +18,12 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES, ".bmp", ".webp", ".pp
 """File endings of images, in lower or upper case."""
 
 
-def read_image(path: str | Path) -> np.ndarray:
+def read_image(path: Source) -> np.ndarray:
     """Read an image of one or three channels.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path or PackedFile
 
     Returns
     -------

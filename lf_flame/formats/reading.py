@@ -8,34 +8,19 @@ import numpy as np
 
 from lf_flame._common.tiff_files import TIFF_SUFFIXES
 from lf_flame.errors import InputError
-from lf_flame.formats.arrays import read_array
-from lf_flame.formats.decode_plan import DecodePlan, less_dark
-from lf_flame.formats.images import IMAGE_SUFFIXES, read_image
-from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_array
+from lf_flame.formats.hci_files import find_hci_order, is_hci
+from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lenslet_image import read_lenslet_image
 from lf_flame.formats.lytro_decoding import is_lytro, plan_lytro
-from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES, read_lytro
+from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
+from lf_flame.formats.orders import Grid, arranged
 from lf_flame.formats.stacks import is_stack, read_view_stack
 from lf_flame.formats.view_folder import scan_view_folder
-from lf_flame.formats.view_order import Grid, arranged, find_order
-from lf_flame.formats.white_image import estimate_grid
+from lf_flame.formats.view_mosaic import read_view_mosaic
+from lf_flame.formats.view_order import find_order
+from lf_flame.formats.view_sources import ARCHIVE, LIST, is_view_folder
 from lf_flame.lightfield import LightField
-
-ARRAY_SUFFIXES = (".npy", ".npz")
-
-_MATLAB = (
-    "a MATLAB file, which is not read: save its array views[v, u, t, s] as .npy "
-    "(scipy.io.loadmat or h5py, then numpy.save)."
-)
-_HDF5 = (
-    "an HDF5 file, which is not read: save its array views[v, u, t, s] as .npy (h5py, then "
-    "numpy.save)."
-)
-CONTAINERS = {
-    ".mat": _MATLAB,
-    **dict.fromkeys((".h5", ".hdf5"), _HDF5),
-}
-"""File endings that often hold light fields but are not read, with advice."""
 
 
 def read_light_field(
@@ -47,16 +32,20 @@ def read_light_field(
     grid: Grid | str | None = None,
     axes: str | None = None,
     dark: str | Path | None = None,
+    mosaic: Grid | str | None = None,
+    array: str | None = None,
 ) -> LightField:
     """Read a light field from a file or folder of any supported kind.
 
-    ================================  ==============================================
-    a folder                          `read_view_folder`, one image for each view
-    ``.npy``, ``.npz``                `read_array`
-    ``.tif``, ``.tiff`` of many pages `read_view_stack`
-    ``.lfp``, ``.lfr``, ``.raw``      `read_raw`, a raw picture of a Lytro camera
-    any other image                   `read_lenslet_image`, N x N pixels to a lenslet
-    ================================  ==============================================
+    ==================================  ==============================================
+    a folder, ``.zip``, ``.csv``        `read_view_folder`, one image for each view
+    ``.npy``, ``.npz``, ``.h5``,        `read_array`
+    ``.hdf5``, ``.mat``
+    ``.tif``, ``.tiff`` of many pages   `read_view_stack`
+    an image and `mosaic`               `read_view_mosaic`, views side by side
+    ``.lfp``, ``.lfr``, ``.raw``        `read_raw`, a raw picture of a Lytro camera
+    any other image                     `read_lenslet_image`, N x N pixels to a lenslet
+    ==================================  ==============================================
 
     Parameters
     ----------
@@ -65,7 +54,8 @@ def read_light_field(
         Number of pixels under a lenslet along each axis, for a lenslet image or a raw array.
     order : str, optional
         Meaning of the numbers of views, such as ``row,-col``; see `scan_view_folder`. Default: for
-        folders and pages, the order that the parallax shows; otherwise the stored order.
+        folders, pages, mosaics and HCI's HDF5 files, the order that the parallax shows; otherwise
+        the stored order.
     progress : callable, optional
         Function that wraps the list of a folder's files, as ``tqdm`` does.
     grid : (int, int) or str, optional
@@ -75,6 +65,11 @@ def read_light_field(
         Meaning of an array's axes, as in `read_array`. Default: ``vuts`` or ``vutsc``.
     dark : str or Path, optional
         Light field without light, of the same form and size, which is subtracted.
+    mosaic : (int, int) or str, optional
+        Number of rows and columns of views that lie side by side in one image, as (8, 8) or
+        ``8x8``.
+    array : str, optional
+        Name of the array with the views, in a file of several.
 
     Returns
     -------
@@ -99,47 +94,75 @@ def read_light_field(
     suffix = path.suffix.lower()
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
-    if axes is not None and (path.is_dir() or suffix not in ARRAY_SUFFIXES):
-        raise InputError(
-            f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)}), not of {path}."
-        )
     if is_lytro(path):
+        _refuse_for_others(path, axes=axes, array=array, mosaic=mosaic)
         if order is not None or grid is not None:
             raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
         plan, image = plan_lytro(path, None, views, dark=dark)
         return plan.decode(image)
-    if path.is_dir():
+    if is_view_folder(path):
+        _refuse_for_others(path, axes=axes, array=array, mosaic=mosaic)
         folder = scan_view_folder(path, order, grid=grid)
         light_field = folder.read(progress)
         # A dark image has no parallax from which its order could be found.
         return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
-    pages = suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path))
+    light_field, pages = _read_stored(path, views, grid, axes, mosaic, array)
     if dark is not None:
-        stored = None if not pages else "row,col"  # a dark image has no parallax
-        light_field = read_light_field(path, views, stored, grid=grid, axes=axes)
-        counted = light_field.views.shape[:2] if pages else grid  # nor does it show a grid
-        light_field = subtract_dark(light_field, dark, views, stored, grid=counted, axes=axes)
-        if pages and order is None:
-            order = find_order(light_field.views).order
-        return _arranged(light_field, order)
-    if pages:
-        return read_view_stack(path, order, grid=grid)
-    if suffix in ARRAY_SUFFIXES:
-        light_field = read_array(path, views, axes=axes, grid=grid)
-    elif grid is not None:
-        raise InputError(f"grid counts views in a folder, pages or an array, not in {path}.")
-    elif suffix in IMAGE_SUFFIXES:
-        light_field = read_lenslet_image(path, views)
-    else:
-        kind = CONTAINERS.get(suffix)
-        if kind is not None and path.is_file():
-            raise InputError(f"{path} is {kind}")
-        raise InputError(
-            f"{path} is no light field: it must be a folder of views, an array "
-            f"({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a Lytro "
-            f"picture ({', '.join(LYTRO_SUFFIXES)})."
+        counted = light_field.views.shape[:2] if pages else grid  # a dark image shows no grid
+        light_field = subtract_dark(
+            light_field, dark, views, "row,col", grid=counted, axes=axes, mosaic=mosaic, array=array
         )
+    if order is None and (pages or mosaic is not None):
+        order = find_order(light_field.views).order
+    elif order is None and axes is None and suffix in HDF5_SUFFIXES and is_hci(path):
+        order = find_hci_order(path, light_field.views)
     return _arranged(light_field, order)
+
+
+def _read_stored(
+    path: Path,
+    views: int | None,
+    grid: Grid | str | None,
+    axes: str | None,
+    mosaic: Grid | str | None,
+    array: str | None,
+) -> tuple[LightField, bool]:
+    """Read a file with its views in the order stored; also returns whether it has pages."""
+    suffix = path.suffix.lower()
+    if suffix in ARRAY_SUFFIXES:
+        _refuse_for_others(path, mosaic=mosaic)
+        return read_array(path, views, axes=axes, grid=grid, array=array), False
+    _refuse_for_others(path, axes=axes, array=array)
+    if mosaic is not None and suffix in IMAGE_SUFFIXES:
+        _refuse_for_others(path, grid=grid)
+        return read_view_mosaic(path, mosaic), False
+    _refuse_for_others(path, mosaic=mosaic)
+    if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
+        return read_view_stack(path, "row,col", grid=grid), True
+    _refuse_for_others(path, grid=grid)
+    if suffix in IMAGE_SUFFIXES:
+        return read_lenslet_image(path, views), False
+    raise InputError(
+        f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one, or {LIST}), "
+        f"an array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
+        f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
+    )
+
+
+MEANT_FOR = {
+    "axes": f"axes are those of an array ({', '.join(ARRAY_SUFFIXES)})",
+    "array": f"array names one of several in a file ({', '.join(ARRAY_SUFFIXES)})",
+    "mosaic": f"mosaic counts views side by side in an image ({', '.join(IMAGE_SUFFIXES)})",
+    "grid": "grid counts views in a folder, pages or an array",
+}
+"""What each argument is for."""
+
+
+def _refuse_for_others(path: Path, **arguments: object) -> None:
+    """Refuse arguments that a light field of another form takes."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
 
 
 def _arranged(light_field: LightField, order: str | None) -> LightField:
@@ -161,6 +184,8 @@ def subtract_dark(
     *,
     grid: Grid | str | None = None,
     axes: str | None = None,
+    mosaic: Grid | str | None = None,
+    array: str | None = None,
 ) -> LightField:
     """Subtract a light field without light, read from a file or folder of the same form.
 
@@ -169,8 +194,13 @@ def subtract_dark(
     light_field : LightField
     dark : str or Path or None
         Light field without light; None subtracts nothing.
-    views, order, grid, axes : optional
+    views, order, grid, axes, mosaic, array : optional
         As in `read_light_field`; order and grid are those found for the light field itself.
+
+    Returns
+    -------
+    LightField
+        A view that is missing in either has weight 0.
 
     Raises
     ------
@@ -179,121 +209,15 @@ def subtract_dark(
     """
     if dark is None:
         return light_field
-    black = read_light_field(dark, views, order, grid=grid, axes=axes).views
-    if black.shape != light_field.views.shape:
+    black = read_light_field(dark, views, order, grid=grid, axes=axes, mosaic=mosaic, array=array)
+    if black.views.shape != light_field.views.shape:
         raise InputError(
             f"The dark light field {dark} must have the light field's shape "
-            f"{light_field.views.shape}, got {black.shape}."
+            f"{light_field.views.shape}, got {black.views.shape}."
         )
-    return replace(light_field, views=light_field.views - black)
-
-
-def read_raw(
-    path: str | Path,
-    white: str | Path | None = None,
-    pitch: float | None = None,
-    layout: str | None = None,
-    views: int | None = None,
-    *,
-    dark: str | Path | None = None,
-    bayer: str | None = None,
-) -> tuple[LightField, LensletGrid]:
-    """Read and decode the raw lenslet image of any plenoptic camera.
-
-    Parameters
-    ----------
-    path : str or Path
-        Raw image: grey, in colour, or a Bayer mosaic; or a raw picture of a Lytro camera, as in
-        `read_lytro`, decoded into views in the camera's colours.
-    white : str or Path, optional
-        White image (flat field), in which the micro-images are found and by which the views are
-        divided. For a Lytro picture also a folder or archive of the camera's, as in `find_white`;
-        default: the one in the picture's file; without one the metadata place the lenslets.
-    pitch : float, optional
-        Distance between micro-images in pixels. With a white image a rough value suffices. Without
-        one it is required, and the array is assumed to be upright and centred in the image.
-    layout : {"rectangular", "hexagonal"}, optional
-        Arrangement of the lenslets. Default: found in the white image; rectangular without one.
-    views : int, optional
-        Number of views along each axis. Default: the largest odd number not above the rounded
-        pitch.
-    dark : str or Path, optional
-        Image without light, which is subtracted from both raw and white image.
-    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
-        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
-
-    Returns
-    -------
-    LightField
-        Decoded views.
-    LensletGrid
-        Positions of the micro-images.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, no grid is found, or neither white image nor pitch is given.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import tifffile
-    >>> from lf_flame.formats import read_raw
-    >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
-    >>> tifffile.imwrite("raw.tif", raw)
-    >>> light_field, grid = read_raw("raw.tif", pitch=10.0)
-    >>> light_field
-    LightField(9 x 9 views of 6 x 8 pixels, grey)
-    """
-    plan, image = plan_raw(path, white, pitch, layout, views, dark=dark, bayer=bayer)
-    return plan.decode(image), plan.grid
-
-
-def read_frame(path: str | Path) -> np.ndarray:
-    """Read a raw image for `DecodePlan.decode`, linear in radiance."""
-    return read_lytro(path).radiance if is_lytro(path) else read_image(path)
-
-
-def plan_raw(
-    path: str | Path,
-    white: str | Path | None = None,
-    pitch: float | None = None,
-    layout: str | None = None,
-    views: int | None = None,
-    *,
-    dark: str | Path | None = None,
-    bayer: str | None = None,
-) -> tuple[DecodePlan, np.ndarray]:
-    """Read a raw image, and plan its decoding and that of others by the same camera.
-
-    Parameters and errors are those of `read_raw`.
-
-    Returns
-    -------
-    DecodePlan
-    ndarray of float32
-        The raw image.
-    """
-    if is_lytro(path):
-        if any(option is not None for option in (pitch, layout, bayer)):
-            raise InputError(
-                f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
-                f"its own."
-            )
-        return plan_lytro(path, white, views, dark=dark)
-    if Path(path).is_dir():
-        raise InputError(
-            f"A white image and a pitch decode a raw image, but {path} is a folder of views."
-        )
-    image = read_image(path)
-    white_image, black = (None if name is None else read_image(name) for name in (white, dark))
-    if white_image is not None:
-        grid = estimate_grid(less_dark(white_image, black, "white"), pitch, layout)
-    elif pitch is not None:
-        grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
-    else:
-        raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
-    plan = DecodePlan(
-        grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
+    weights = [one.weights for one in (light_field, black) if one.weights is not None]
+    return replace(
+        light_field,
+        views=light_field.views - black.views,
+        weights=np.prod(weights, axis=0) if weights else None,
     )
-    return plan, image

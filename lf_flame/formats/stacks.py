@@ -14,11 +14,15 @@ from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
-from lf_flame.formats.view_order import Grid, arranged, as_grid, find_order, fold, order_memory
+from lf_flame.formats.orders import Grid, arranged, as_grid
+from lf_flame.formats.view_order import find_order, fold, order_memory
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4
 """Largest size of an axis C that may hold colours instead of pages."""
+
+COLOURS = 3
+"""Size of an axis C that holds the colours of a single image."""
 
 UNNAMED = frozenset("QI")
 """Letters of page axes without a stated meaning, which may be rows and columns of views."""
@@ -28,7 +32,7 @@ LARGEST_IMAGEJ_BYTES = 2**32 - 2**20
 
 
 def is_stack(path: str | Path) -> bool:
-    """Whether a TIFF file holds more than one image.
+    """Whether a TIFF file holds more than one image; one in three channels is a colour image.
 
     Raises
     ------
@@ -37,7 +41,9 @@ def is_stack(path: str | Path) -> bool:
     """
     with open_tiff(path) as file:
         alike = _alike(file)
-    return len(alike) > 1 or bool(set(alike[0].axes) - set("YXS"))
+    sizes = dict(zip(alike[0].axes, alike[0].shape, strict=True))
+    colours = "C" if sizes.get("C") == COLOURS and sizes.get("S", 1) == 1 else ""
+    return len(alike) > 1 or bool(set(sizes) - set("YXS" + colours))
 
 
 def read_view_stack(

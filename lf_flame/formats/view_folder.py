@@ -1,4 +1,4 @@
-"""Folders with one image for each view of a light field."""
+"""One image file for each view of a light field: in a folder, in an archive, or in a list."""
 
 import os
 from collections.abc import Callable
@@ -10,23 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import read_shape
 from lf_flame._common.printable import printable
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
-from lf_flame.formats.view_names import number_grid, view_files
-from lf_flame.formats.view_order import (
-    FoundOrder,
-    Grid,
-    arranged,
-    as_grid,
-    check_order,
-    find_order,
-    fold,
-    order_memory,
-)
+from lf_flame.formats.orders import Grid, arranged, as_grid, check_order
+from lf_flame.formats.view_names import name_some, number_grid
+from lf_flame.formats.view_order import FoundOrder, find_order, fold, order_memory
+from lf_flame.formats.view_sources import LIST, find_files, read_list
 from lf_flame.lightfield import LightField
 
 
@@ -38,18 +32,21 @@ class ViewFolder:
     ----------
     path : Path
         The folder.
-    files : ndarray of Path, shape (v, u)
-        Paths of the views.
+    files : ndarray of Path or PackedFile, shape (v, u)
+        Files of the views; None for a missing view.
     found : FoundOrder
         Order in which the file names count the views, and how it was found.
     left_out : int
         Number of other files in the folder.
+    missing : tuple of str
+        Numbers of the missing views, as the names count them.
     """
 
     path: Path
     files: np.ndarray
     found: FoundOrder
     left_out: int
+    missing: tuple[str, ...] = ()
 
     @property
     def counted(self) -> tuple[int, int]:
@@ -60,7 +57,10 @@ class ViewFolder:
     def describe(self) -> str:
         """Describe the views and their order in a few lines."""
         v, u = self.files.shape
-        first, last = (printable(path.name) for path in self.files[[0, -1], [0, -1]])
+        first, last = (
+            "(missing)" if file is None else printable(file.name)
+            for file in self.files[[0, -1], [0, -1]]
+        )
         lines = [
             f"{printable(self.path)}: {v} x {u} views, top left {first}, bottom right {last}",
             f"order {self.found.order}, {self.found.reason}",
@@ -69,6 +69,15 @@ class ViewFolder:
             lines.append(
                 "most slopes are above 0, those of parallel cameras below: if nearer objects have "
                 "the higher slopes here, the order is -row,-col"
+            )
+        if self.missing:
+            are = (
+                "view is missing and has"
+                if len(self.missing) == 1
+                else "views are missing and have"
+            )
+            lines.append(
+                f"{len(self.missing)} {are} weight 0: {printable(name_some(self.missing))}"
             )
         if self.left_out:
             lines.append(f"other files left out: {self.left_out}")
@@ -85,17 +94,19 @@ class ViewFolder:
         Returns
         -------
         LightField
-            Values from 0 to 1; colour images give a last axis of 3 channels.
+            Values from 0 to 1; colour images give a last axis of 3 channels. Missing views are
+            black, and have weight 0.
 
         Raises
         ------
         InputError
             If a file cannot be read, or differs from the first in size or channels.
         """
-        paths = list(self.files.flat)
-        _check_memory(paths, self.path)
+        there = np.array([file is not None for file in self.files.flat])
+        places, paths = np.flatnonzero(there), [file for file in self.files.flat if file]
+        _check_memory(paths, self.path, len(there))
         first = read_image(paths[0])
-        views = np.empty((len(paths), *first.shape), np.float32)
+        views = np.zeros((len(there), *first.shape), np.float32)
 
         def place(k: int) -> None:
             image = read_image(paths[k])
@@ -104,19 +115,20 @@ class ViewFolder:
                     f"All views must be alike: {paths[k]} is {_kind(image)}, {paths[0].name} is "
                     f"{_kind(first)}."
                 )
-            views[k] = image
+            views[places[k]] = image
 
         with ThreadPoolExecutor(_readers(paths)) as pool:  # decoders release the interpreter's lock
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
-        return LightField(views.reshape(*self.files.shape, *first.shape))
+        weights = None if there.all() else there.reshape(self.files.shape)
+        return LightField(views.reshape(*self.files.shape, *first.shape), weights=weights)
 
 
 def scan_view_folder(
     path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
 ) -> ViewFolder:
-    """Find the files of a folder that are the views of a light field, and their order.
+    """Find the files that are the views of a light field, and their order.
 
     The views are the images (png, jpg, tif, bmp, webp, ppm, pgm) with names that differ only in
     numbers: ``row_col.png``, ``view_R_C.jpg``, ``2067_RR_CC.png``, Stanford's
@@ -128,13 +140,17 @@ def scan_view_folder(
     Parameters
     ----------
     path : str or Path
+        A folder; a ``.zip`` archive of one, which is read without being extracted; or a list, a
+        ``.csv`` file with a name, a row and a column in each line, of images beside it.
     order : str, optional
         Meaning of the numbers, the slower one first, with a minus for an axis that runs the other
         way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
-        bottom), ``row,-col``, and so on. Default: the order that the parallax of the four central
+        bottom), ``row,-col``, and so on; with ``snake,`` before it where every other row (of
+        ``col,row``: column) runs back. Default: the order that the parallax of the four central
         views shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
     grid : (int, int) or str, optional
-        Number of rows and columns for a running number, such as (1, 9) or ``1x9``.
+        Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
+        than a third of the views are missing. What is missing gets weight 0.
 
     Returns
     -------
@@ -143,7 +159,7 @@ def scan_view_folder(
     Raises
     ------
     InputError
-        If the folder, its names or the order cannot be used, or a view is missing.
+        If the folder, its names or the order cannot be used, or too many views are missing.
 
     Notes
     -----
@@ -163,24 +179,33 @@ def scan_view_folder(
     (3, 3)
     """
     path = Path(path)
-    files = view_files(path)
-    _check_memory(files, path)
     shape = as_grid(grid)
-    numbered = number_grid(files, shape)
+    if path.suffix.lower() == LIST and not path.is_dir():
+        numbered, missing = read_list(path)
+        left_out = 0
+        if shape not in (None, numbered.shape):
+            raise InputError(
+                f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
+                f"{shape[0]} x {shape[1]} of the grid stated."
+            )
+    else:
+        files, left_out = find_files(path)
+        numbered, missing = number_grid(files, shape)
+    _check_memory([file for file in numbered.flat if file], path, numbered.size)
     if numbered.ndim == 1:
         numbered = fold(numbered, path, shape, read_image)
     if order is None:
         found = find_order(numbered, read_image)
     else:
         found = FoundOrder(check_order(order), "as stated")
-    left_out = sum(1 for _ in path.iterdir()) - len(files)
-    return ViewFolder(path, arranged(numbered, found.order), found, left_out)
+    return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
 
 
-def _check_memory(files: list[Path], folder: Path) -> None:
+def _check_memory(files: list[File], folder: Path, places: int) -> None:
     """Refuse views that need too much memory, from the header of the first, before decoding.
 
-    Counted are the views as floats, with those being decoded, or with the search for their order.
+    Counted are the places of views as floats, with files being decoded, or with the search for
+    the order.
     """
     shape = read_shape(files[0])
     values = prod(shape)
@@ -188,11 +213,12 @@ def _check_memory(files: list[Path], folder: Path) -> None:
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
-    reading = (FLOAT + 1) * values * len(files) + decoding * _readers(files)
-    check_memory(max(reading, order_memory(shape) + decoding), folder)
+    reading = (FLOAT + 1) * values * places + decoding * _readers(files)
+    packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
+    check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
 
 
-def _readers(files: list[Path]) -> int:
+def _readers(files: list[File]) -> int:
     """Count the files that are decoded at the same time."""
     return min(len(files), os.cpu_count() or 1)
 

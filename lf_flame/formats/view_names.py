@@ -2,53 +2,71 @@
 
 import re
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import pairwise
-from math import gcd, isqrt
-from pathlib import Path
+from math import gcd, isqrt, prod
+from pathlib import Path, PurePath
+from typing import TypeVar
 
 import numpy as np
 
+from lf_flame._common.input_files import File, Source
 from lf_flame._common.numbered_names import Parts, split_numbers
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 
+Name = TypeVar("Name", bound=PurePath)
+
 MOST_NAMED = 3
 """Largest number of missing views that an error names."""
 
+MOST_MISSING = 1 / 3
+"""Largest fraction of a grid that may be missing where its size is not stated: the corners of a
+round aperture are."""
 
-def view_files(folder: Path) -> list[Path]:
-    """Largest set of images in a folder with names that differ only in numbers.
+LARGEST_GRID = 10_000
+"""Largest number of places in a grid of which more than half are missing."""
+
+
+def largest_set(names: list[Name], source: Path) -> list[Name]:
+    """Largest set of images with names that differ only in numbers, of one folder.
+
+    Parameters
+    ----------
+    names : list of Path or PurePath
+    source : Path
+        Folder or archive that holds them, for messages.
 
     Raises
     ------
     InputError
-        If there is no such folder, no two such images, or another set half as large or more.
+        If there are no two such images, or another set half as large or more.
     """
-    if not folder.is_dir():
-        raise InputError(f"The views cannot be read: {folder} is no folder.")
     sets = defaultdict(list)
-    for path in sorted(folder.iterdir()):
+    for path in names:
         if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."):
             like = re.sub(r"[-+]?\d+(\.\d+)?", "#", path.stem) + path.suffix.lower()
             if "#" in like:
-                sets[like].append(path)
+                sets[str(path.parent / like)].append(path)
     by_size = sorted(sets.items(), key=lambda item: len(item[1]), reverse=True)
     if not by_size or len(by_size[0][1]) < 2:
         raise InputError(
-            f"{folder} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
+            f"{source} holds no two images ({', '.join(IMAGE_SUFFIXES)}) whose names differ in "
             f"numbers only."
         )
     if len(by_size) > 1 and 2 * len(by_size[1][1]) >= len(by_size[0][1]):
         found = " and ".join(f"{len(files)} of {like}" for like, files in by_size[:2])
         raise InputError(
-            f"{folder} holds more than one set of images, {found}: leave only the views there."
+            f"{source} holds more than one set of images, {found}: leave only the views there."
         )
     return by_size[0][1]
 
 
-def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.ndarray:
+def number_grid(
+    files: list[File], shape: tuple[int, int] | None = None
+) -> tuple[np.ndarray, tuple[str, ...]]:
     """Arrange files by the numbers in their names.
 
     The first two neighbouring numbers that make a full grid count rows and columns. They may start
@@ -58,38 +76,42 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
 
     Parameters
     ----------
-    files : list of Path
-        Files from `view_files`.
+    files : list of Path or PackedFile
+        Files with names that differ only in numbers.
     shape : (int, int), optional
         Stated number of rows and columns; a running number need not show them.
 
     Returns
     -------
-    ndarray of Path, shape (first number, second number) or (running number,)
+    grid : ndarray of Path, shape (first number, second number) or (running number,)
+        None for a missing view.
+    missing : tuple of str
+        Numbers of the missing views.
 
     Raises
     ------
     InputError
-        If a view is missing, or the numbers make no grid, or not the stated one.
+        If the numbers make no grid, or not the stated one; or if none is stated, and more than
+        `MOST_MISSING` of the views are missing, or one with a running number is.
     """
     readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
     readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
-    pairs = [pair for numbers in readings if (pair := _pair(numbers))]
+    pairs = [pair for numbers in readings if (pair := _pair(numbers, shape))]
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])
-        grid = _full_grid(files, rows_columns)
+        grid, missing = grid_of(files, rows_columns, files[0])
         if shape not in (None, grid.shape):
             raise InputError(
                 f"The names of the images like {files[0]} number {grid.shape[0]} x "
                 f"{grid.shape[1]} views, not the {shape[0]} x {shape[1]} of the grid stated."
             )
-        return grid
+        if shape is None and len(missing) > MOST_MISSING * grid.size:
+            _refuse_missing(missing, files, grid.shape)
+        return grid, missing
     for numbers in readings:
         for column in zip(*numbers, strict=True):
             if len(set(column)) == len(files):
-                if shape is None and isqrt(len(files)) ** 2 != len(files):
-                    _refuse_missing(_gaps(column), files, f"{len(files)} views")
-                return _as_array([path for _, path in sorted(zip(column, files, strict=True))])
+                return _in_a_row(files, column, shape)
     raise InputError(
         f"The {len(files)} images like {files[0]} do not number a grid: each needs a unique "
         f"row and column, or a unique running number."
@@ -97,14 +119,14 @@ def number_grid(files: list[Path], shape: tuple[int, int] | None = None) -> np.n
 
 
 @dataclass(frozen=True, order=True)
-class _Count:
+class Count:
     """A number in a name, with its digits as written."""
 
     value: Decimal
     text: str = field(compare=False)
 
 
-Columns = list[tuple[_Count, ...]]
+Columns = list[tuple[Count, ...]]
 """Numbers in the name of each file."""
 
 
@@ -112,17 +134,19 @@ def _numbers(parts: list[Parts]) -> Columns:
     """Numbers that all names have, with signs and decimals."""
     shared = min(len(part) // 2 for part in parts)
     values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
-    return [tuple(_Count(x, f"{x}") for x in one[:shared]) for one in values]
+    return [tuple(Count(x, f"{x}") for x in one[:shared]) for one in values]
 
 
-def _digits(files: list[Path]) -> Columns:
+def _digits(files: list[File]) -> Columns:
     """Find the runs of digits that all names have."""
     words = [re.findall(r"[0-9]+", path.stem) for path in files]
     shared = min(map(len, words))
-    return [tuple(_Count(Decimal(word), word) for word in one[:shared]) for one in words]
+    return [tuple(Count(Decimal(word), word) for word in one[:shared]) for one in words]
 
 
-def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
+def _pair(
+    numbers: Columns, shape: tuple[int, int] | None
+) -> tuple[list[tuple[Count, Count]], int] | None:
     """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
     found = []
     for k in range(len(numbers[0]) - 1):
@@ -131,31 +155,58 @@ def _pair(numbers: Columns) -> tuple[list[tuple[_Count, _Count]], int] | None:
         widths = [min(len(count.text) for count in axis) for axis in zip(*pair, strict=True)]
         constant = next((values for values in (rows, columns) if len(values) == 1), None)
         one_row = constant is None or (constant <= {0, 1} and widths[0] == widths[1])
-        # A grid that is less than half full is not one with gaps: its numbers mean something else.
-        full_enough = len(rows) * len(columns) <= 2 * len(numbers)
+        # A grid that is less than half full is not one with gaps, unless it is stated: its numbers
+        # mean something else.
+        places = len(rows) * len(columns)
+        full_enough = places <= 2 * len(numbers) or (len(rows), len(columns)) == shape
         if one_row and full_enough and len(set(pair)) == len(numbers):
-            found.append((pair, len(rows) * len(columns)))
+            found.append((pair, places))
     return min(found, key=lambda one: one[1], default=None)
 
 
-def _full_grid(files: list[Path], numbers: list[tuple[_Count, _Count]]) -> np.ndarray:
-    """Place the files in a grid; gaps are refused."""
+def grid_of(
+    files: list[File], numbers: list[tuple[Count, Count]], source: Source
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Place files in a grid by their rows and columns.
+
+    Returns
+    -------
+    files : ndarray of Path, shape (rows, columns)
+        None for a missing view.
+    missing : tuple of str
+        Numbers of the missing views, as their names would hold them.
+
+    Raises
+    ------
+    InputError
+        If the grid would have more than `LARGEST_GRID` places, of which most are missing.
+    """
     rows, columns = (_evenly(axis) for axis in zip(*numbers, strict=True))
+    if len(rows) * len(columns) > max(2 * len(files), LARGEST_GRID):
+        raise InputError(
+            f"{source}: {len(files)} views cannot fill a grid of {len(rows)} x {len(columns)}."
+        )
     placed = dict(zip(numbers, files, strict=True))
     wanted = [(row, column) for row in rows for column in columns]
-    _refuse_missing(
-        [f"{row.text}_{column.text}" for row, column in wanted if (row, column) not in placed],
-        files,
-        f"{len(rows)} x {len(columns)} views",
-    )
-    return _as_array([placed[pair] for pair in wanted]).reshape(len(rows), len(columns))
+    missing = [f"{row.text}_{column.text}" for row, column in wanted if (row, column) not in placed]
+    grid = _as_array([placed.get(pair) for pair in wanted]).reshape(len(rows), len(columns))
+    return grid, tuple(missing)
 
 
-def _gaps(column: tuple[_Count, ...]) -> list[str]:
-    return [count.text for count in _evenly(column) if count not in column]
+def _in_a_row(
+    files: list[File], column: tuple[Count, ...], shape: tuple[int, int] | None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Place files by a running number; gaps are kept only where they fill the stated grid."""
+    placed, run = dict(zip(column, files, strict=True)), _evenly(column)
+    gaps = [count.text for count in run if count not in placed]
+    if shape is None and isqrt(len(files)) ** 2 != len(files):
+        _refuse_missing(gaps, files, None)
+    if shape is None or len(run) != prod(shape):
+        gaps, run = [], sorted(column)
+    return _as_array([placed.get(count) for count in run]), tuple(gaps)
 
 
-def _evenly(numbers: tuple[_Count, ...]) -> list[_Count]:
+def _evenly(numbers: tuple[Count, ...]) -> list[Count]:
     """Numbers from the lowest to the highest, in steps of their greatest common divisor."""
     found = sorted(set(numbers))
     finest = min(int(count.value.as_tuple().exponent) for count in found)
@@ -169,20 +220,31 @@ def _evenly(numbers: tuple[_Count, ...]) -> list[_Count]:
     return [known.get(k) or _between(Decimal(k).scaleb(finest), width) for k in steps]
 
 
-def _between(value: Decimal, width: int) -> _Count:
+def _between(value: Decimal, width: int) -> Count:
     """Write a number that no name has like the others."""
-    return _Count(value, f"{value:f}".zfill(width))
+    return Count(value, f"{value:f}".zfill(width))
 
 
-def _refuse_missing(missing: list[str], files: list[Path], what: str) -> None:
+def name_some(missing: Sequence[str]) -> str:
+    """Name the first missing views, and count the others."""
+    more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+    return ", ".join(missing[:MOST_NAMED]) + more
+
+
+def _refuse_missing(
+    missing: Sequence[str], files: list[File], shape: tuple[int, ...] | None
+) -> None:
     if missing:
-        named = ", ".join(missing[:MOST_NAMED])
-        more = f" and {len(missing) - MOST_NAMED} more" if len(missing) > MOST_NAMED else ""
+        what = f"{len(files)} views" if shape is None else f"{shape[0]} x {shape[1]} views"
+        grid = "ROWSxCOLUMNS" if shape is None else f"{shape[0]}x{shape[1]}"
         are = "view {} is" if len(missing) == 1 else "views {} are"
-        raise InputError(f"Of {what} like {files[0]}, {are.format(named + more)} missing.")
+        raise InputError(
+            f"Of {what} like {files[0]}, {are.format(name_some(missing))} missing; --grid {grid} "
+            f"reads the others, and gives weight 0 to what is missing."
+        )
 
 
-def _as_array(files: list[Path]) -> np.ndarray:
+def _as_array(files: Sequence[File | None]) -> np.ndarray:
     array = np.empty(len(files), object)
     array[:] = files
     return array

@@ -5,7 +5,7 @@ row. A minus turns an axis: ``-row`` counts rows from the bottom, ``-col`` colum
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, isqrt, prod, sqrt
 from pathlib import Path
 
@@ -14,13 +14,7 @@ import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
 
 from lf_flame.errors import InputError
-
-ORDERS = tuple(
-    f"{a}{first},{b}{second}"
-    for first, second in (("row", "col"), ("col", "row"))
-    for a in ("", "-")
-    for b in ("", "-")
-)
+from lf_flame.formats.orders import SNAKE, Grid, arranged
 
 SCALES = (1, 2, 4, 8, 16)
 """Factors by which views are reduced for the parallax search; it should be below one pixel."""
@@ -55,10 +49,6 @@ LEAST_NEXT = 1e-6
 """Explained fraction below which the next order counts as this much."""
 
 
-Grid = tuple[int, int]
-"""Number of rows and columns of views."""
-
-
 @dataclass(frozen=True)
 class FoundOrder:
     """Order of the views, and the evidence for it.
@@ -66,7 +56,7 @@ class FoundOrder:
     Attributes
     ----------
     order : str
-        One of `ORDERS`.
+        An order as in `lf_flame.formats.orders`.
     reason : str
         Sentence for users on how the order was found.
     slopes : (float, float), optional
@@ -83,30 +73,8 @@ class FoundOrder:
     lead: float = 0.0
 
 
-def arranged(views: np.ndarray, order: str) -> np.ndarray:
-    """Reorder an array of views, or of files, from an order of `ORDERS` to ``[v, u, ...]``."""
-    for axis, name in enumerate(check_order(order).split(",")):
-        if name.startswith("-"):
-            views = np.flip(views, axis)
-    return np.swapaxes(views, 0, 1) if "col," in order else views
-
-
-def check_order(order: str) -> str:
-    """Return a stated order without blanks.
-
-    Raises
-    ------
-    InputError
-        If it is not one of `ORDERS`.
-    """
-    plain = str(order).replace(" ", "")
-    if plain not in ORDERS:
-        raise InputError(f"order must be one of {'; '.join(ORDERS)}, got {order!r}.")
-    return plain
-
-
 def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
-    """Find the order of the views from the parallax of the four central ones.
+    """Find the order of the views from the parallax of four neighbours in the centre.
 
     In a static scene a patch of slope d changes by ``-d dL/dt`` from one view row to the next and
     by ``-d dL/ds`` from one column to the next, with the same d (Bolles et al. 1987; Adelson and
@@ -115,10 +83,14 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     sign of all slopes, which no parallax shows. Where rows and columns disagree, either could be
     turned: the columns are then assumed to run from left to right.
 
+    Where no order explains the change, every other row may run back (a camera that a stage moves in
+    a snake). Views of a single row, folded so, change along one axis only, which all orders explain
+    alike: they are not taken for a snake.
+
     Parameters
     ----------
     grid : ndarray, shape (first number, second number, ...)
-        Views, or arguments of `read`, in the order of their numbers.
+        Views, or arguments of `read`, in the order of their numbers; None for a missing view.
     read : callable, optional
         Function that gives the view for an entry of the grid.
 
@@ -129,7 +101,20 @@ def find_order(grid: np.ndarray, read: Callable = np.asarray) -> FoundOrder:
     """
     if min(grid.shape[:2]) < 2:
         return FoundOrder("row,col", "as the numbers stand: there is one row or column only")
-    block, scales, times = _middle_views(grid, read)
+    numbers = np.arange(prod(grid.shape[:2])).reshape(grid.shape[:2])
+    found = _find_order(grid, numbers, read)
+    if found.lead:
+        return found
+    snake = _find_order(grid, arranged(numbers, SNAKE), read)
+    if snake.lead <= LEAST_LEAD:
+        return found
+    reason = f"every other row runs back, {snake.reason}"
+    return replace(snake, order=f"{SNAKE},{snake.order}", reason=reason)
+
+
+def _find_order(grid: np.ndarray, numbers: np.ndarray, read: Callable) -> FoundOrder:
+    """Find the order of the views with these running numbers, row by row."""
+    block, scales, times = _middle_views(grid, numbers, read)
     explained, next_best, order, slopes = max(
         (_explain(block, scale) for scale in scales), default=(0.0, 0.0, "row,col", (0.0, 0.0))
     )
@@ -185,39 +170,29 @@ def fold(
     )
 
 
-def as_grid(grid: Grid | str | None) -> Grid | None:
-    """Read rows and columns of views from two numbers, or from text such as ``1x9``.
+def _middle_views(
+    grid: np.ndarray, numbers: np.ndarray, read: Callable
+) -> tuple[np.ndarray, list[int], int]:
+    """Read four neighbouring views, and find the scales at which their parallax may show.
 
-    Raises
-    ------
-    InputError
-        If they are not two whole numbers above 0.
+    They are the whole block nearest the centre. There is no such scale if there is none, or if they
+    differ in shape or are not finite. The last result is the number of pixels along an axis that
+    were averaged to one.
     """
-    if grid is None:
-        return None
-    words = grid.lower().split("x") if isinstance(grid, str) else list(grid)
-    try:
-        rows, columns = (int(word) for word in words)
-    except (TypeError, ValueError):
-        rows = columns = 0
-    if rows < 1 or columns < 1:
-        raise InputError(
-            f"grid must be rows x columns of views, such as 1x9 or (1, 9), got {grid!r}."
-        )
-    return rows, columns
-
-
-def _middle_views(grid: np.ndarray, read: Callable) -> tuple[np.ndarray, list[int], int]:
-    """Read the four central views, and find the scales at which their parallax may show.
-
-    There is no such scale if they differ in shape or are not finite. The last result is the number
-    of pixels along an axis that were averaged to one.
-    """
-    v, u = ((n - 1) // 2 for n in grid.shape[:2])
-    block = [_grey(read(view)) for row in grid[v : v + 2, u : u + 2] for view in row]
+    nothing: tuple = (np.empty((2, 2, 0, 0)), [], 1)
+    there = np.array([grid[divmod(k, grid.shape[1])] is not None for k in numbers.flat])
+    there = there.reshape(numbers.shape)
+    whole = there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:]
+    if not whole.any():
+        return nothing
+    rows, columns = np.indices(whole.shape)
+    distance = (rows - (len(grid) - 1) // 2) ** 2 + (columns - (grid.shape[1] - 1) // 2) ** 2
+    v, u = np.unravel_index(np.where(whole, distance, distance.max() + 1).argmin(), whole.shape)
+    chosen = numbers[v : v + 2, u : u + 2].flat
+    block = [_grey(read(grid[divmod(k, grid.shape[1])])) for k in chosen]
     shapes = {view.shape if np.isfinite(view).all() else None for view, _ in block}
     if len(shapes) != 1 or None in shapes:
-        return np.empty((2, 2, 0, 0)), [], 1
+        return nothing
     views, times = np.array([view for view, _ in block]), block[0][1]
     scales = [n for n in SCALES if min(views.shape[1:]) // n >= PATCH + 2 * BORDER]
     return views.reshape(2, 2, *views.shape[1:]), scales, times

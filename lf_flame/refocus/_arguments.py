@@ -2,7 +2,7 @@
 
 import operator
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -161,6 +161,26 @@ def as_block(block: Sequence[int], lenslets: tuple[int, ...]) -> tuple[int, int]
             f"{lenslets[1]}."
         )
     return down, across
+
+
+def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str) -> None:
+    """Refuse a light field in which a view that is needed has weight 0, as a missing one has.
+
+    Parameters
+    ----------
+    views : LightField or array_like
+    indices : iterable of (int, int)
+        Row and column of each view that is needed.
+    what : str
+        What needs them, for the message.
+    """
+    own = views.weights if isinstance(views, LightField) else None
+    for v, u in indices:
+        if own is not None and own[v, u] == 0:
+            raise InputError(
+                f"{what} needs the view in row {v}, column {u} (from 0), which does not count in "
+                f"this light field: it is missing, or holds other light."
+            )
 
 
 def by_channel(refocus, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ variance over the views removes this error.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ from lf_flame.refocus._arguments import (
     as_views,
     as_weights,
     refuse_not_finite,
+    refuse_uncounted,
 )
 from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
@@ -185,6 +187,10 @@ def all_in_focus(
     check_interpolation(interpolation)
     _check_window(window)
     refuse_not_finite(views)
+    middle = [((n - 1) // 2, n // 2) for n in views.shape[:2]]
+    refuse_uncounted(
+        light_field, product(*middle), "A slope map, which compares all views with one,"
+    )
     grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
     compared = ComparedViews(as_readable(grey), slopes, weights)
     slope, confidence = _matched(compared, views, window, weights)

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.refocus._arguments import Views, as_block, as_slopes, as_views
+from lf_flame.refocus._arguments import (
+    Views,
+    as_block,
+    as_slopes,
+    as_views,
+    refuse_uncounted,
+)
 
 ViewIndices = Sequence[tuple[int, int]]
 """Row and column of each selected view."""
@@ -78,9 +84,9 @@ class RefocusingSystem(ABC):
             If views are missing or integers, a slope is outside the range of the system's training,
             the block does not divide the image, or the image is too small.
         """
-        views, slopes = as_views(views), as_slopes(slopes)
+        slopes = as_slopes(slopes)
         self.check(views, slopes, block)
-        return np.clip(self._refocus(views, slopes, block), 0, 1)
+        return np.clip(self._refocus(as_views(views), slopes, block), 0, 1)
 
     def check(self, views: Views, slopes: ArrayLike = (), block: tuple[int, int] = (1, 1)) -> None:
         """Refuse input that `refocus` would refuse; slopes may be empty.
@@ -90,13 +96,14 @@ class RefocusingSystem(ABC):
         InputError
             See `refocus`.
         """
-        views = as_views(views)
+        light_field, views = views, as_views(views)
         if views.dtype.kind != "f":
             raise InputError(
                 f"{self.name} takes values from 0 to 1, got whole numbers ({views.dtype}): divide "
                 f"them by the largest."
             )
         self._check(views.shape, np.asarray(slopes, float), block)
+        refuse_uncounted(light_field, self.view_indices(*views.shape[:2]), self.name)
 
     @abstractmethod
     def _refocus(self, views: np.ndarray, slopes: np.ndarray, block) -> np.ndarray:

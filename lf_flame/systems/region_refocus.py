@@ -20,7 +20,7 @@ from lf_flame.refocus import (
     shift_and_sum,
     sparse_aperture,
 )
-from lf_flame.refocus._arguments import Region, Views, as_region, as_views
+from lf_flame.refocus._arguments import Region, Views, as_region, as_views, refuse_uncounted
 from lf_flame.refocus.focus_map import TRUSTED
 from lf_flame.systems.view_selection import ARM, cross_of_views
 
@@ -70,9 +70,11 @@ def search_region_slope(
     from lf_flame.systems.similarity import ms_ssim, scales
 
     _check(views, region, slopes)
+    centre = cross_of_views(*views.shape[:2])[ARM]
+    refuse_uncounted(light_field, [centre], "The search of a region's slope")
     t0, t1, s0, s1 = region
     scales((t1 - t0, s1 - s0))
-    middle = views[cross_of_views(*views.shape[:2])[ARM]]
+    middle = views[centre]
     weights = sparse_aperture(views.shape[:2], cross_of_views(*views.shape[:2]))
 
     def likeness(some: np.ndarray) -> np.ndarray:

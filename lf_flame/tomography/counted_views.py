@@ -55,6 +55,7 @@ def counted_views(
         replace(camera, views=count, pixel_pitch_mm=camera.pixel_mm),
         (
             f"Only the inner {count} x {count} of the {camera.views} x {camera.views} views are "
-            f"fitted: the others hold light of neighbouring lenslets, or are mostly dark.",
+            f"fitted: the others are missing, hold light of neighbouring lenslets, or are mostly "
+            f"dark.",
         ),
     )

@@ -101,7 +101,7 @@ class Exhibit:
         if self.network is not None:
             if self.interpolation != "linear":
                 raise InputError("An interpolation does not apply to a network.")
-            self.network.check(self.light_field.views, self.slopes)
+            self.network.check(self.light_field, self.slopes)
 
     @cached_property
     def coded(self) -> CodedViews:

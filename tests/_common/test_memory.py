@@ -5,11 +5,14 @@ import re
 import tracemalloc
 import zlib
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
 import tifffile
+from h5py import File
 from PIL import Image
+from scipy.io import savemat
 
 from lf_flame import InputError
 from lf_flame._common.memory import LIMIT, check_memory, memory_limit
@@ -64,6 +67,22 @@ def write_folder(path):
         Image.new("L", (1000, 500)).save(path / f"view_{view}.png")
 
 
+def write_zip(path):
+    write_folder(path.with_suffix(""))
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for view in path.with_suffix("").iterdir():
+            archive.write(view, view.name)
+
+
+def write_hdf5(path):
+    with File(path, "w") as file:
+        file.create_dataset("LF", data=np.zeros((2, 2, 500, 1000), np.float32), compression="gzip")
+
+
+def write_mat(path):
+    savemat(path, {"LF": np.zeros((2, 2, 500, 1000), np.float32)}, do_compression=True)
+
+
 SEARCH = 140 * 0.5 + 8 * 0.5
 """Megabytes that the search for the order takes for views of half a million pixels."""
 
@@ -77,6 +96,9 @@ SEARCH = 140 * 0.5 + 8 * 0.5
         ("a.npy", write_npy, 16),
         ("a.npz", write_npz, 16),
         ("folder", write_folder, 4 + SEARCH),
+        ("folder.zip", write_zip, 4 + SEARCH),
+        ("a.h5", write_hdf5, 16),
+        ("a.mat", write_mat, 16 + 8),
     ],
 )
 def test_what_a_light_field_needs_is_known_before_it_is_taken(
@@ -85,7 +107,7 @@ def test_what_a_light_field_needs_is_known_before_it_is_taken(
     """Two million pixels; the limit lies just below what they need, and just above."""
     write(tmp_path / name)
     stated = {"views": 1} if name in ("a.png", "a.tif") else {}
-    stated = {"grid": "2x2"} if name in ("pages.tif", "folder") else stated
+    stated = {"grid": "2x2"} if name in ("pages.tif", "folder", "folder.zip") else stated
     monkeypatch.setenv(LIMIT, str(0.9 * megabytes / 1000))
     with pytest.raises(InputError, match=rf"{name} would need 0\.0\d+ GB of memory.*{LIMIT}"):
         read_light_field(tmp_path / name, **stated)

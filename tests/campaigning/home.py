@@ -7,10 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
+from zipfile import ZipFile
 
+import h5py
 import lytro_files
 import numpy as np
 from PIL import Image
+from scipy.io import savemat
 
 from campaigning.contents import contents
 from campaigning.processes import ROOT, Outcome, Process, call, fault
@@ -174,5 +177,14 @@ def _write_inputs(folder: Path) -> None:
     for k in range(16):
         lit = (abs(x - 12) < 5) & (y > 8 + 4 * np.sin(k))
         images[f"frames/frame{k:02d}"] = np.where(lit, 200, 0)
+    views = rng.integers(0, 255, (2, 1, 24, 30, 3), np.uint8)
+    images |= {f"view_{k}": views[k, 0] for k in range(2)}
     for name, pixels in images.items():
         Image.fromarray(np.rint(pixels).astype(np.uint8)).save(folder / f"{name}.png")
+    (folder / "views.csv").write_text("view_0.png,0,0\nview_1.png,1,0\n")
+    with ZipFile(folder / "views.zip", "w") as archive:
+        for k in range(2):
+            archive.write(folder / f"view_{k}.png", f"scene/view_{k}_0.png")
+    savemat(folder / "toolbox.mat", {"LF": views}, do_compression=True)
+    with h5py.File(folder / "hci.h5", "w") as file:
+        file.create_dataset("LF", data=views, compression="gzip")

@@ -2,14 +2,16 @@
 
 import struct
 import zlib
+from functools import partial
 
 import numpy as np
 import pytest
 from PIL import Image
+from tifffile import imwrite
 
 from lf_flame import LightField, read_light_field
 from lf_flame.formats import write_light_field
-from lf_flame.formats.coding import notes_on_coding
+from lf_flame.formats.coding import notes_on_coding, notes_on_values
 
 
 def chunk(kind, data):
@@ -70,3 +72,31 @@ def test_of_a_folder_the_first_picture_tells(tmp_path):
     assert notes_on_coding(tmp_path / "none.png") == []
     (tmp_path / "broken.png").write_bytes(b"no picture")
     assert notes_on_coding(tmp_path / "broken.png") == []
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14])
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".npy"])
+def test_levels_that_fill_only_some_of_their_bits_are_said(tmp_path, rng, bits, suffix):
+    levels = rng.integers(0, 2**bits, (6, 9), np.uint16)
+    levels[4, 5] = 2**bits - 1
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".npy":
+        np.save(path, levels)
+    else:
+        (Image.fromarray(levels).save if suffix == ".png" else partial(imwrite, data=levels))(path)
+    note = notes_on_values(read_light_field(path, views=3), path)
+    assert f"only {bits} of 16 bits (the highest level is {2**bits - 1})" in note[0]
+    assert f"its white is {(2**bits - 1) / 65535:.4f} here" in note[0]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.arange(16).reshape(2, 2, 2, 2) / 255,  # dark, of 8 bits
+        np.arange(16).reshape(2, 2, 2, 2) * 4369 / 65535,  # all 16 bits
+        np.arange(16).reshape(2, 2, 2, 2) / 1e4,  # no levels at all
+        np.zeros((2, 2, 2, 2)),
+    ],
+)
+def test_other_values_are_not_noted(values):
+    assert notes_on_values(LightField(values), "a.npy") == []

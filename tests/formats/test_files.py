@@ -267,19 +267,6 @@ def test_axes_that_do_not_fit_are_refused(tmp_path, axes):
         read_light_field(tmp_path / "a.npy", axes=axes)
 
 
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("a.mat", "a MATLAB file, which is not read"),
-        ("a.h5", "an HDF5 file, which is not read"),
-    ],
-)
-def test_containers_that_are_not_read_are_named(tmp_path, name, told):
-    (tmp_path / name).write_bytes(b"anything")
-    with pytest.raises(InputError, match=told):
-        read_light_field(tmp_path / name)
-
-
 @pytest.mark.parametrize("bits", [8, 16, 32])
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_pages_are_read_as_views(tmp_path, rng, bits, channels):
@@ -317,6 +304,16 @@ def test_colours_in_planes_of_their_own_are_no_views(tmp_path, rng):
     views = read_light_field(tmp_path / "a.tif", grid=(3, 3)).views
     expected = np.moveaxis(pages, 1, -1).reshape(3, 3, 10, 12, 3) / np.float32(65535)
     np.testing.assert_array_equal(views, expected)
+
+
+@pytest.mark.parametrize("form", [{"imagej": True}, {"ome": True}])
+def test_one_image_in_three_channels_is_a_colour_image(tmp_path, rng, form):
+    """As ImageJ saves 16-bit colour."""
+    raw = levels(rng, (12, 15, 3), bits=16)
+    path, stored = tmp_path / "a.tif", np.moveaxis(raw, -1, 0)
+    tifffile.imwrite(path, stored, photometric="minisblack", metadata={"axes": "CYX"}, **form)
+    views = read_light_field(path, views=3).views
+    np.testing.assert_array_equal(views[1, 2], raw[1::3, 2::3] / np.float32(65535))
 
 
 def test_a_thumbnail_in_a_tiff_is_left_out(tmp_path, rng):

@@ -16,8 +16,10 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
-from lf_flame.formats.view_order import ORDERS, arranged, find_order, fold
-from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+from lf_flame.formats.orders import ORDERS, arranged
+from lf_flame.formats.view_order import find_order, fold
+from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
+from lf_flame.systems import ShiftAndSum
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "lightfields"
 
@@ -96,10 +98,12 @@ def test_names_are_found_row_by_row(tmp_path, rng, names, shape):
     ("names", "slope"),
     [
         ([f"y{y:.2f}_x{x}" for y in (0, 1.37, 2.74, 4.11, 5.48) for x in (0, 3, 6, 9, 12)], 0.6),
+        ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(3, 16, 3)], 0.6),
+        ([f"y{y:.2f}_x{x}" for y in np.linspace(-2.74, 2.74, 5) for x in range(-6, 7, 3)], 0.6),
         (numbered(range(-40, -7, 8), range(-40, -7, 8), "pos_{}_{}"), 0.6),
         (numbered(range(-2, 3), range(-2, 3), "lf_{}_{}"), -0.6),
     ],
-    ids=["decimals", "negative", "signs"],
+    ids=["decimals", "signed decimals", "both signed", "negative", "signs"],
 )
 def test_positions_give_the_slope(tmp_path, rng, names, slope):
     views = np.rint(255 * textured(rng, slope, views=(5, 5))).astype(np.uint8)
@@ -112,8 +116,9 @@ def test_a_missing_position_is_named(tmp_path, rng):
     names = numbered((-1.5, -0.5, 0.5), (0, 1), "p_{:.1f}_{}.png")
     save(tmp_path, names, levels(rng, (3, 2, 3, 4)))
     (tmp_path / "p_-0.5_1.png").unlink()
-    with pytest.raises(InputError, match=r"3 x 2 views like .*, view -0.5_1 is missing"):
-        read_view_folder(tmp_path)
+    folder = scan_view_folder(tmp_path)
+    assert "1 view is missing and has weight 0: -0.5_1" in folder.describe()
+    np.testing.assert_array_equal(folder.read().weights, [[1, 1], [1, 0], [1, 1]])
 
 
 def in_a_row(rng, count, slope=0.6, axis=1):
@@ -164,11 +169,48 @@ def test_a_square_number_in_other_rows_is_no_square(rng, shape):
         fold(views.reshape(-1, *views.shape[2:]), "views")
 
 
-def test_rows_that_turn_back_are_no_square(rng):
-    views = textured(rng, 0.6, views=(4, 4))
-    views[1::2] = views[1::2, ::-1].copy()
-    with pytest.raises(InputError, match="shows no"):
-        fold(views.reshape(-1, *views.shape[2:]), "views")
+def as_a_snake(views, order):
+    """Walk through views as a stage does, one row (or column) there and the next one back."""
+    lines = views[::-1] if "-row" in order else views
+    lines = lines.swapaxes(0, 1) if order.startswith("col") else lines
+    return np.concatenate([line[::-1] if k % 2 else line for k, line in enumerate(lines)])
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (4, 4), (5, 5), (3, 5), (4, 3)])
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+def test_rows_that_turn_back_are_found(tmp_path, rng, shape, order):
+    views = np.rint(255 * textured(rng, 0.6, views=shape)).astype(np.uint8)
+    walked = as_a_snake(views, order)
+    save(tmp_path / "f", [f"input_Cam{n:03}.png" for n in range(len(walked))], walked[None])
+    imwrite(tmp_path / "a.tif", walked, photometric="minisblack")
+    # Of a column that is walked first the grid has as many rows as there are columns.
+    rows, columns = shape[::-1] if order.startswith("col") else shape
+    grid = None if rows == columns else (rows, columns)
+    for name in ("f", "a.tif"):
+        found = read_light_field(tmp_path / name, grid=grid).views
+        np.testing.assert_array_equal(found, views / np.float32(255))
+        stated = read_light_field(tmp_path / name, f"snake, {order}", grid=(rows, columns)).views
+        np.testing.assert_array_equal(stated, views / np.float32(255))
+
+
+def test_a_snake_is_said_and_holds_for_the_dark_image(tmp_path, rng):
+    views = np.rint(200 * textured(rng, 0.6, views=(3, 3))).astype(np.uint8) + 40
+    dark = levels(rng, (3, 3, 60, 72)) // 16
+    for name, kept in (("light", views), ("dark", dark)):
+        walked = as_a_snake(kept, "row,col")
+        save(tmp_path / name, [f"{n}.png" for n in range(9)], walked[None])
+    folder = scan_view_folder(tmp_path / "light")
+    assert "order snake,row,col, every other row runs back, by the parallax" in folder.describe()
+    found = read_light_field(tmp_path / "light", dark=tmp_path / "dark").views
+    expected = (views.astype(float) - dark) / 255
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [9, 16, 25])
+def test_what_does_not_tell_is_no_snake(rng, count):
+    for views in (rng.normal(size=(count, 60, 60)), np.ones((count, 60, 60)), in_a_row(rng, count)):
+        with pytest.raises(InputError, match="shows no"):
+            fold(views, "views")
 
 
 @pytest.mark.parametrize("side", [2, 3, 5])
@@ -333,7 +375,9 @@ def test_a_simulated_camera_is_row_by_row_and_near_is_the_lower_slope(rng, small
         assert np.sign(found.slopes[0]) == np.sign(depth)
 
 
-@pytest.mark.parametrize("order", ["row", "row-col", "col,col", "up,col", "row,col,row", ""])
+@pytest.mark.parametrize(
+    "order", ["row", "row-col", "col,col", "up,col", "row,col,row", "", "snake,", "snake,row"]
+)
 def test_another_order_is_refused(tmp_path, rng, order):
     save(tmp_path, numbered(range(2), range(2), "{}_{}.png"), levels(rng, (2, 2, 3, 3)))
     with pytest.raises(InputError, match=r"order must be one of row,col; .*got '"):
@@ -344,19 +388,75 @@ def test_missing_views_are_named(tmp_path, rng):
     names = numbered(range(9), range(9), "view_{:02}_{:02}.png", first=1)
     save(tmp_path, names, levels(rng, (9, 9, 2, 2)))
     (tmp_path / "view_03_07.png").unlink()
-    with pytest.raises(InputError, match=r"9 x 9 views like .*view_01_01.png, view 03_07 is miss"):
-        read_view_folder(tmp_path)
     for k in range(1, 10):
         (tmp_path / f"view_05_{k:02}.png").unlink()
-    with pytest.raises(InputError, match="views 03_07, 05_01, 05_02 and 7 more are missing"):
+    said = "10 views are missing and have weight 0: 03_07, 05_01, 05_02 and 7 more"
+    assert said in scan_view_folder(tmp_path).describe()
+    for k in (1, 2, 7):
+        for name in numbered([k], range(9), "view_{:02}_{:02}.png", first=1):
+            (tmp_path / name).unlink(missing_ok=True)
+    with pytest.raises(InputError, match=r"9 x 9 .*view_01_01.png, views 02_01, .* --grid 9x9 rea"):
         read_view_folder(tmp_path)
+    assert read_view_folder(tmp_path, grid="9x9").weights.sum() == 81 - 36
+
+
+def test_a_cross_of_views_is_read_in_its_stated_grid(tmp_path, rng):
+    views = np.rint(255 * textured(rng, 0.6, views=(5, 5))).astype(np.uint8)
+    save(tmp_path, numbered(range(5), range(5), "{}_{}.png"), views)
+    weights = np.zeros((5, 5))
+    weights[2], weights[:, 2] = 1, 1
+    for v, u in np.argwhere(weights == 0):
+        (tmp_path / f"{v}_{u}.png").unlink()
+    with pytest.raises(InputError, match="do not number a grid"):
+        read_view_folder(tmp_path)
+    found = read_view_folder(tmp_path, grid="5x5")
+    np.testing.assert_array_equal(found.weights, weights)
+    assert find_sharpest_slope(found, np.arange(-1, 1.01, 0.1)).slope == pytest.approx(
+        0.6, abs=0.02
+    )
+
+
+@pytest.mark.parametrize("gap", [(0, 0), (1, 2), (2, 2)])
+def test_what_is_missing_changes_nothing_else(tmp_path, rng, gap):
+    """The order is found beside the gap, and the picture is that of the other views."""
+    views = np.rint(200 * textured(rng, 0.6, views=(4, 5))).astype(np.uint8) + 40
+    save(tmp_path / "light", numbered(range(4), range(5), "{1}_{0}.png"), views)
+    save(tmp_path / "dark", numbered(range(4), range(5), "{1}_{0}.png"), views // 20)
+    (tmp_path / "light" / f"{gap[1]}_{gap[0]}.png").unlink()
+    (tmp_path / "dark" / "4_3.png").unlink()
+    weights = np.ones((4, 5))
+    weights[gap] = 0
+    found = read_light_field(tmp_path / "light")
+    np.testing.assert_array_equal(found.weights, weights)
+    assert "1 of the 20 views do not count: they are missing" in found.uncounted
+    expected = shift_and_sum(views / np.float32(255), 0.6, weights=weights)
+    np.testing.assert_allclose(shift_and_sum(found, 0.6), expected, atol=1e-6)
+    weights[3, 4] = 0
+    less = read_light_field(tmp_path / "light", dark=tmp_path / "dark")
+    np.testing.assert_array_equal(less.weights, weights)
+    there = (views - views // 20) / np.float32(255)
+    np.testing.assert_allclose(less.views[weights > 0], there[weights > 0], atol=1e-6)
+
+
+def test_what_a_slope_map_compares_with_may_not_be_missing(tmp_path, rng):
+    views = np.rint(255 * textured(rng, 0.6, views=(3, 3))).astype(np.uint8)
+    save(tmp_path, numbered(range(3), range(3), "{}_{}.png"), views)
+    (tmp_path / "1_1.png").unlink()
+    light_field = read_light_field(tmp_path)
+    with pytest.raises(InputError, match="slope map, .* needs the view in row 1, column 1 "):
+        all_in_focus(light_field, np.linspace(-1, 1, 9))
+    with pytest.raises(InputError, match="nine views needs the view in row 1, column 1"):
+        ShiftAndSum("nine views").refocus(light_field, 0.5)
 
 
 def test_a_missing_running_number_is_named(tmp_path, rng):
     save(tmp_path, [f"input_Cam{n:03}.png" for n in range(9)], levels(rng, (3, 3, 2, 2)))
     (tmp_path / "input_Cam004.png").unlink()
-    with pytest.raises(InputError, match="view 004 is missing"):
+    with pytest.raises(InputError, match="view 004 is missing; --grid ROWSxCOLUMNS reads the oth"):
         read_view_folder(tmp_path)
+    np.testing.assert_array_equal(
+        read_view_folder(tmp_path, grid="3x3").weights, [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
+    )
     (tmp_path / "input_Cam008.png").rename(tmp_path / "input_Cam004.png")  # the last is missing
     with pytest.raises(InputError, match=r"holds 8 views .* make no square: .* --grid 1x8"):
         read_view_folder(tmp_path)

@@ -1,0 +1,126 @@
+"""Raw lenslet images: reading them, and planning their decoding."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lf_flame.errors import InputError
+from lf_flame.formats.decode_plan import DecodePlan, less_dark
+from lf_flame.formats.images import read_image
+from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.lytro_decoding import is_lytro, plan_lytro
+from lf_flame.formats.lytro_picture import read_lytro
+from lf_flame.formats.view_sources import is_view_folder
+from lf_flame.formats.white_image import estimate_grid
+from lf_flame.lightfield import LightField
+
+
+def read_raw(
+    path: str | Path,
+    white: str | Path | None = None,
+    pitch: float | None = None,
+    layout: str | None = None,
+    views: int | None = None,
+    *,
+    dark: str | Path | None = None,
+    bayer: str | None = None,
+) -> tuple[LightField, LensletGrid]:
+    """Read and decode the raw lenslet image of any plenoptic camera.
+
+    Parameters
+    ----------
+    path : str or Path
+        Raw image: grey, in colour, or a Bayer mosaic; or a raw picture of a Lytro camera, as in
+        `read_lytro`, decoded into views in the camera's colours.
+    white : str or Path, optional
+        White image (flat field), in which the micro-images are found and by which the views are
+        divided. For a Lytro picture also a folder or archive of the camera's, as in `find_white`;
+        default: the one in the picture's file; without one the metadata place the lenslets.
+    pitch : float, optional
+        Distance between micro-images in pixels. With a white image a rough value suffices. Without
+        one it is required, and the array is assumed to be upright and centred in the image.
+    layout : {"rectangular", "hexagonal"}, optional
+        Arrangement of the lenslets. Default: found in the white image; rectangular without one.
+    views : int, optional
+        Number of views along each axis. Default: the largest odd number not above the rounded
+        pitch.
+    dark : str or Path, optional
+        Image without light, which is subtracted from both raw and white image.
+    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
+
+    Returns
+    -------
+    LightField
+        Decoded views.
+    LensletGrid
+        Positions of the micro-images.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, no grid is found, or neither white image nor pitch is given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tifffile
+    >>> from lf_flame.formats import read_raw
+    >>> raw = np.random.default_rng(1).uniform(size=(60, 80))
+    >>> tifffile.imwrite("raw.tif", raw)
+    >>> light_field, grid = read_raw("raw.tif", pitch=10.0)
+    >>> light_field
+    LightField(9 x 9 views of 6 x 8 pixels, grey)
+    """
+    plan, image = plan_raw(path, white, pitch, layout, views, dark=dark, bayer=bayer)
+    return plan.decode(image), plan.grid
+
+
+def read_frame(path: str | Path) -> np.ndarray:
+    """Read a raw image for `DecodePlan.decode`, linear in radiance."""
+    return read_lytro(path).radiance if is_lytro(path) else read_image(path)
+
+
+def plan_raw(
+    path: str | Path,
+    white: str | Path | None = None,
+    pitch: float | None = None,
+    layout: str | None = None,
+    views: int | None = None,
+    *,
+    dark: str | Path | None = None,
+    bayer: str | None = None,
+) -> tuple[DecodePlan, np.ndarray]:
+    """Read a raw image, and plan its decoding and that of others by the same camera.
+
+    Parameters and errors are those of `read_raw`.
+
+    Returns
+    -------
+    DecodePlan
+    ndarray of float32
+        The raw image.
+    """
+    if is_lytro(path):
+        if any(option is not None for option in (pitch, layout, bayer)):
+            raise InputError(
+                f"pitch, layout and bayer do not apply to the Lytro picture {path}, which states "
+                f"its own."
+            )
+        return plan_lytro(path, white, views, dark=dark)
+    if is_view_folder(path):
+        raise InputError(
+            f"A white image and a pitch decode a raw image, but {path} is a folder of views."
+        )
+    image = read_image(path)
+    white_image, black = (None if name is None else read_image(name) for name in (white, dark))
+    if white_image is not None:
+        grid = estimate_grid(less_dark(white_image, black, "white"), pitch, layout)
+    elif pitch is not None:
+        grid = grid_from_pitch(image.shape, pitch, layout=layout or "rectangular")
+    else:
+        raise InputError(f"To decode {path}, a white image or the pitch in pixels must be given.")
+    plan = DecodePlan(
+        grid, shape=image.shape, views=views, white=white_image, dark=black, bayer=bayer
+    )
+    return plan, image

@@ -1,0 +1,338 @@
+"""HDF5 and MATLAB files: axes, weights and truth, and what such files may not do."""
+
+import os
+import struct
+import sys
+import tracemalloc
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.io import savemat
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from lf_flame import InputError, read_light_field
+from lf_flame._common.memory import LIMIT
+from lf_flame.commands.cli import commands
+from lf_flame.formats import read_true_slopes
+from lf_flame.refocus import find_sharpest_slope
+
+SHAPE = (3, 4, 20, 25)
+
+
+def element(kind, data):
+    """One element of a MATLAB file of version 5 (MAT-File Format, 1-5)."""
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def matrix(name, array, kind, stored):
+    """A matrix of a class of numbers, stored as a type of numbers; columns first, as in MATLAB."""
+    classes = {"double": 6, "single": 7, "uint8": 9, "uint16": 11}
+    types = {"u1": 2, "u2": 4, "f4": 7, "f8": 9}
+    parts = [
+        element(6, struct.pack("<II", classes[kind], 0)),
+        element(5, struct.pack(f"<{array.ndim}i", *array.shape)),
+        element(1, name.encode()),
+        element(types[stored], array.astype(f"<{stored}").tobytes(order="F")),
+    ]
+    return element(14, b"".join(parts))
+
+
+def write_mat5(path, *matrices, packed=True):
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    packing = [struct.pack("<II", 15, len(z)) + z for z in map(zlib.compress, matrices)]
+    path.write_bytes(head + b"".join(packing if packed else matrices))
+    return path
+
+
+def write_mat73(path, arrays, **options):
+    """As MATLAB does: HDF5 behind a block of text, the axes of its arrays in reverse."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array.transpose(), **options)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+    return path
+
+
+def numbered(dtype, channels=()):
+    """Each pixel has another value: the place of its view, row, column and channel."""
+    count = np.arange(np.prod(SHAPE + channels)).reshape(SHAPE + channels)
+    return (count % 251 if dtype == np.uint8 else count).astype(dtype)
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "single", "double"])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_axes_of_matlab_are_those_that_matlab_shows(tmp_path, kind, channels):
+    dtype = {"single": np.float32, "double": np.float64}.get(kind, kind)
+    array = numbered(dtype, channels)
+    stored = {"uint8": "u1", "uint16": "u2", "single": "f4", "double": "f8"}[kind]
+    white = np.float32(np.iinfo(dtype).max if "u" in stored else 1)
+    other = np.ones((2, 3))
+    savemat(tmp_path / "scipy.mat", {"LF": array, "K": other, "text": "words", "s": {"a": 1}})
+    savemat(tmp_path / "packed.mat", {"mine": array, "K": other}, do_compression=True)
+    write_mat5(tmp_path / "own.mat", matrix("LF", array, kind, stored))
+    write_mat5(tmp_path / "plain.mat", matrix("LF", array, kind, stored), packed=False)
+    write_mat73(tmp_path / "new.mat", {"K": other, "LF": array})
+    write_mat73(tmp_path / "gzip.mat", {"LF": array}, compression="gzip", shuffle=True,
+                fletcher32=True)  # fmt: skip
+    with h5py.File(tmp_path / "plain.h5", "w") as file:
+        file["group/deeper/light_field"] = array
+    for path in tmp_path.iterdir():
+        views = read_light_field(path).views
+        assert views.shape == array.shape
+        at = (2, 1, 17, 3, *([2] if channels else []))  # one pixel, and then all
+        assert views[at] == np.float32(array[at]) / white
+        np.testing.assert_array_equal(views, array.astype(np.float32) / white, err_msg=path.name)
+
+
+def test_whole_numbers_of_class_double_are_no_levels(tmp_path):
+    """MATLAB stores them as bytes to save room."""
+    array = numbered(np.uint8)
+    write_mat5(tmp_path / "a.mat", matrix("LF", array, "double", "u1"))
+    np.testing.assert_array_equal(read_light_field(tmp_path / "a.mat").views, array)
+
+
+@pytest.mark.parametrize("version", [5, 73])
+def test_the_fourth_channel_of_the_toolbox_is_a_weight(tmp_path, version):
+    array = numbered(np.uint16, (4,))
+    array[..., 3] = 1000 * np.arange(1, 13).reshape(3, 4, 1, 1)
+    array[0, 0, ..., 3] = 0
+    array[2, 3, :, ::5, 3] = 0  # four fifths of 12000 are left
+    path = tmp_path / "LF.mat"
+    if version == 5:
+        write_mat5(path, matrix("LF", array, "uint16", "u2"))
+    else:
+        write_mat73(path, {"LF": array})
+    found = read_light_field(path)
+    np.testing.assert_array_equal(found.views, array[..., :3] / np.float32(65535))
+    weights = np.arange(1, 13).reshape(3, 4) / 11
+    weights[0, 0], weights[2, 3] = 0, 9.6 / 11
+    np.testing.assert_allclose(found.weights, weights, rtol=1e-6)
+    assert read_light_field(path, axes="vutsc").views.shape == (*SHAPE, 4)
+    done = CliRunner().invoke(commands, ["convert", str(path), str(tmp_path / "a.npz")])
+    assert "the fourth channel of LF is a weight (LFToolbox)" in done.stderr
+    array[..., 3] = 0
+    write_mat73(path, {"LF": array})
+    with pytest.raises(InputError, match="fourth channel of LF must be a weight"):
+        read_light_field(path)
+
+
+def test_the_array_is_named_where_there_are_several(tmp_path):
+    left, right = numbered(np.uint8), numbered(np.uint8) // 2
+    savemat(tmp_path / "a.mat", {"left": left, "right": right})
+    write_mat73(tmp_path / "b.mat", {"left": left, "right": right})
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file["left"], file["right"], file["scene"] = left, right, np.ones(3)
+    np.savez(tmp_path / "d.npz", left=left, right=right)
+    dark = {"left": left // 9, "right": right // 9}
+    savemat(tmp_path / "dark.mat", dark)
+    for name in ("a.mat", "b.mat", "c.h5", "d.npz"):
+        with pytest.raises(InputError, match=r"got left \(3, 4, 20, 25\), right .* by --array"):
+            read_light_field(tmp_path / name)
+        with pytest.raises(InputError, match="has no array 'LF' of numbers; it has left, right"):
+            read_light_field(tmp_path / name, array="LF")
+        found = read_light_field(tmp_path / name, array="right", dark=tmp_path / "dark.mat")
+        expected = (right.astype(float) - dark["right"]) / 255
+        np.testing.assert_allclose(found.views, expected, atol=1e-6)
+    out = str(tmp_path / "out.npy")
+    done = CliRunner().invoke(
+        commands, ["convert", str(tmp_path / "c.h5"), out, "--array", "right"]
+    )
+    assert done.exit_code == 0, done.output
+    np.testing.assert_array_equal(np.load(out), right / np.float32(255))
+    turned = read_light_field(tmp_path / "c.h5", array="left", axes="tsvu", dark=None)
+    np.testing.assert_array_equal(turned.views, left.transpose(2, 3, 0, 1) / np.float32(255))
+
+
+FACTS = {"dH": 0.08, "dV": 0.08, "focalLength": 150.0, "shift": 1.7}
+DEPTHS = (4.5, 6.5)
+
+
+def scene(rng, views=(5, 5), size=(60, 90)):
+    """Two planes side by side, seen by parallel cameras: v down, u to the right.
+
+    A point is at s - disparity (u - middle), as a near thing moves to the left.
+    """
+    disparity = [FACTS["dH"] * FACTS["focalLength"] / z - FACTS["shift"] for z in DEPTHS]
+    texture = gaussian_filter(rng.normal(size=[n + 40 for n in size]), 1.5)
+    texture = (texture - texture.min()) / np.ptp(texture)
+    t, s = np.mgrid[: size[0], : size[1]] + 20.0
+    left = np.arange(size[1]) < size[1] // 2
+    field = np.empty((*views, *size))
+    for v, u in np.ndindex(views):
+        moved = [
+            map_coordinates(texture, (t + d * (v - 2), s + d * (u - 2)), order=3) for d in disparity
+        ]
+        field[v, u] = np.where(left, *moved)
+    depth = np.broadcast_to(np.where(left, *DEPTHS), field.shape).astype(np.float32)
+    return np.rint(255 * field.clip(0, 1)).astype(np.uint8), depth
+
+
+def write_hci(path, views, depth=None, facts=FACTS):
+    with h5py.File(path, "w") as file:
+        file.attrs.update({name: np.array([value]) for name, value in facts.items()})
+        file.attrs["camArrangement"] = "PERSPECTIVE"
+        file["LF"] = np.repeat(views[..., None], 3, axis=-1)
+        if depth is not None:
+            file.create_dataset("GT_DEPTH", data=depth, compression="gzip")
+    return path
+
+
+@pytest.mark.parametrize("flipped", [0, 1])
+@pytest.mark.parametrize("turned", [False, True])
+def test_hci_files_give_the_slopes_of_their_depths(tmp_path, rng, flipped, turned):
+    views, depth = scene(rng)
+    stored, depths = (np.flip(x, flipped) for x in (views, depth))
+    if turned:  # the parallax alone would give the opposite sign
+        stored, depths = (x[::-1, ::-1] for x in (stored, depths))
+    path = write_hci(tmp_path / "a.h5", stored, depths)
+    found = read_light_field(path)
+    np.testing.assert_array_equal(found.views[..., 0], views / np.float32(255))
+    truth = read_true_slopes(path)
+    assert truth.shape == views.shape
+    for part, z in ((np.s_[5:-5, 5:38], DEPTHS[0]), (np.s_[5:-5, 52:85], DEPTHS[1])):
+        slope = FACTS["shift"] - FACTS["dH"] * FACTS["focalLength"] / z
+        np.testing.assert_allclose(truth[(2, 2, *part)], slope, atol=1e-5)
+        seen = find_sharpest_slope(found.views[(..., *part, 0)], np.arange(-2, 2.01, 0.1))
+        assert seen.slope == pytest.approx(slope, abs=0.03)
+    stated = read_light_field(path, order="row,-col").views
+    np.testing.assert_array_equal(stated[..., 1], stored[:, ::-1] / np.float32(255))
+
+
+def test_hci_files_without_depths_are_turned_by_the_parallax(tmp_path, rng):
+    views, depth = scene(rng)
+    path = write_hci(tmp_path / "a.h5", views[::-1])
+    np.testing.assert_array_equal(read_light_field(path).views[..., 2], views / np.float32(255))
+    with pytest.raises(InputError, match="holds no true slopes: it needs the arrays LF and GT_D"):
+        read_true_slopes(path)
+    write_hci(path, views, np.where(depth == DEPTHS[0], depth, 0)[2, 2])
+    truth = read_true_slopes(path)
+    assert truth.shape == (60, 90)
+    assert np.isnan(truth[:, 45:]).all()
+    assert not np.isnan(truth[:, :45]).any()
+
+
+def test_nothing_but_the_file_itself_is_opened(tmp_path):
+    """A pipe in the place of another file: whoever opens it waits for ever."""
+    os.mkfifo(tmp_path / "pipe.h5")
+    (tmp_path / "secret.raw").write_bytes(bytes(6000))
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["outer"] = h5py.ExternalLink("pipe.h5", "LF")
+        file["soft"] = h5py.SoftLink("/outer")
+        file["loop/again"] = h5py.SoftLink("/loop")
+        file["loop"]["itself"] = file["loop"]
+        file.create_dataset("raw", SHAPE, "u1", external=[("secret.raw", 0, 6000)])
+        layout = h5py.VirtualLayout((4, *SHAPE[1:]), "u1", maxshape=(None, *SHAPE[1:]))
+        source = h5py.VirtualSource("pipe.h5", "LF", SHAPE, maxshape=(None, *SHAPE[1:]))
+        everything = (slice(0, h5py.h5s.UNLIMITED), slice(None), slice(None), slice(None))
+        layout[everything] = source[everything]
+        file.create_virtual_dataset("virtual", layout)
+        file.create_dataset("references", SHAPE, h5py.ref_dtype)
+        file.create_dataset("objects", SHAPE, h5py.string_dtype())
+        file.create_dataset("records", SHAPE, np.dtype([("a", "u1")]))
+    with pytest.raises(InputError, match="of 4 or 5 axes, got none"):
+        read_light_field(path)
+    for name in ("outer", "soft", "raw", "virtual", "references", "objects", "records"):
+        with pytest.raises(InputError, match=f"has no array '{name}' of numbers; it has none"):
+            read_light_field(path, array=name)
+
+
+def test_no_filter_is_loaded(tmp_path):
+    """The library would look for a program of this number in HDF5_PLUGIN_PATH."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        made.set_chunk(SHAPE)
+        made.set_filter(32004, h5py.h5z.FLAG_OPTIONAL, ())
+        space = h5py.h5s.create_simple(SHAPE)
+        array = h5py.h5d.create(file.id, b"LF", h5py.h5t.STD_U8LE, space, made)
+        array.write_direct_chunk((0, 0, 0, 0), bytes(6000))
+    with pytest.raises(InputError, match="LF is packed by filter 32004 of HDF5, and no program"):
+        read_light_field(path)
+
+
+def test_bombs_are_found_before_they_are_unpacked(tmp_path, monkeypatch):
+    """A part that should hold 6,000 bytes, and holds 30 million; an element that holds as many."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        array = file.create_dataset("LF", SHAPE, "u1", chunks=SHAPE, compression="gzip")
+        array.id.write_direct_chunk((0, 0, 0, 0), zlib.compress(bytes(30_000_000)))
+    monkeypatch.setenv(LIMIT, "0.02")
+    with pytest.raises(InputError, match="a part of it holds more than the 6,000 bytes"):
+        read_light_field(path)
+    large = b"".join(element(kind, data) for kind, data in (
+        (6, struct.pack("<II", 9, 0)), (5, struct.pack("<4i", *SHAPE)), (1, bytes(30_000_000)),
+    ))  # fmt: skip
+    write_mat5(tmp_path / "a.mat", element(14, large))
+    with pytest.raises(InputError, match=r"a\.mat cannot be read: it is damaged"):
+        read_light_field(tmp_path / "a.mat")
+    array = matrix("LF", numbered(np.uint8), "uint8", "u1")
+    write_mat5(tmp_path / "a.mat", array + bytes(30_000_000))
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"a\.mat cannot be read: it is damaged"):
+        read_light_field(tmp_path / "a.mat")
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    huge = (2000, 2000, 20, 25)
+    with h5py.File(path, "w") as file:
+        file.create_dataset("LF", huge, "u1")
+        file.create_dataset("tiny", SHAPE, "u1", chunks=(100, 100, 200, 200),
+                            maxshape=(None,) * 4, compression="gzip")  # fmt: skip
+    for name in ("LF", "tiny"):
+        with pytest.raises(InputError, match=r"a\.h5 would need \S+ GB"):
+            read_light_field(path, array=name)
+
+
+def written(path, rng):
+    """A small file of each kind."""
+    array = rng.integers(0, 255, (2, 2, 6, 7), np.uint8)
+    if path.name == "5.mat":
+        return write_mat5(path, matrix("LF", array, "uint8", "u1"))
+    if path.name == "5plain.mat":
+        return write_mat5(path, matrix("LF", array, "uint8", "u1"), packed=False)
+    if path.name == "73.mat":
+        return write_mat73(path, {"LF": array}, compression="gzip")
+    return write_hci(path, array, np.ones(array.shape, np.float32))
+
+
+@pytest.mark.parametrize("name", ["5.mat", "5plain.mat", "73.mat", "hci.h5"])
+def test_damaged_files_are_refused_in_a_sentence(tmp_path, rng, name):
+    path = written(tmp_path / name, rng)
+    whole = path.read_bytes()
+    refused = 0
+    for cut in np.linspace(0, len(whole) - 1, 12).astype(int):
+        path.write_bytes(whole[:cut])
+        with pytest.raises(InputError) as error:
+            read_light_field(path)
+        assert name in str(error.value)
+    for place in rng.integers(0, len(whole), 60):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << rng.integers(8)
+        path.write_bytes(changed)
+        try:
+            read_light_field(path)
+        except InputError as error:
+            refused += len(str(error)) < 1000
+    assert refused > 0
+
+
+def test_without_h5py_one_sentence_says_what_to_install(tmp_path, monkeypatch):
+    path = write_mat73(tmp_path / "a.mat", {"LF": numbered(np.uint8)})
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match=r"pip install 'lf_flame\[hdf5\]'"):
+        read_light_field(path)
+    savemat(path, {"LF": numbered(np.uint8)})
+    assert read_light_field(path).views.shape == SHAPE
+
+
+def test_matlab_files_that_are_none_are_refused(tmp_path):
+    (tmp_path / "a.mat").write_bytes(b"anything")
+    savemat(tmp_path / "b.mat", {"LF": np.ones((3, 4))}, format="4")
+    with pytest.raises(InputError, match=r"a\.mat is no MATLAB file of version 5 or 7\.3"):
+        read_light_field(tmp_path / "a.mat")
+    with pytest.raises(InputError, match=r"b\.mat is no MATLAB file of version 5 or 7\.3"):
+        read_light_field(tmp_path / "b.mat")

@@ -1,0 +1,281 @@
+"""Views in an archive, in a list, and side by side in one picture."""
+
+import io
+import struct
+import tracemalloc
+import zipfile
+from itertools import product
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+from PIL import Image
+from scipy.ndimage import gaussian_filter, shift
+
+from lf_flame import InputError, read_light_field
+from lf_flame._common.memory import LIMIT
+from lf_flame.commands.cli import commands
+from lf_flame.formats import read_view_mosaic, scan_view_folder
+from lf_flame.formats.coding import notes_on_coding
+
+
+def drawn(rng, views=(3, 4), size=(60, 66), slope=0.7):
+    """Draw a plane of blurred noise at a slope, as levels of 8 bits."""
+    texture = gaussian_filter(rng.normal(size=[n + 40 for n in size]), 2)
+    texture = 255 * (texture - texture.min()) / np.ptp(texture)
+    rows, columns = (slope * (np.arange(n) - (n - 1) / 2) for n in views)
+    moved = [shift(texture, (row, column), order=1) for row, column in product(rows, columns)]
+    inner = np.array(moved)[:, 20:-20, 20:-20]
+    return np.rint(inner.clip(0, 255)).astype(np.uint8).reshape(*views, *size)
+
+
+def png(view):
+    held = io.BytesIO()
+    Image.fromarray(view).save(held, "PNG")
+    return held.getvalue()
+
+
+def pack(path, files, compression=zipfile.ZIP_DEFLATED):
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def numbered(views, form="view_{}_{}.png"):
+    return {form.format(*at): png(views[at]) for at in np.ndindex(views.shape[:2])}
+
+
+@pytest.mark.parametrize("folder", ["", "scene/", "/abs/", "../../out/", "a/b/c/"])
+def test_an_archive_is_read_like_a_folder_and_nothing_is_written(tmp_path, rng, folder):
+    views = drawn(rng)
+    files = numbered(views[::-1], folder + "view_{}_{}.png")
+    files |= {f"__MACOSX/{folder}._{n}_0.png": b"no picture" for n in range(40)}
+    files |= {folder + "readme.txt": b"", folder + ".hidden_0_9.png": b""}
+    (tmp_path / "in").mkdir()
+    path = pack(tmp_path / "in" / "views.zip", files)
+    found = scan_view_folder(path)
+    assert (found.found.order, found.left_out) == ("-row,col", 2)
+    np.testing.assert_array_equal(read_light_field(path).views, views / np.float32(255))
+    assert [one.name for one in tmp_path.rglob("*")] == ["in", "views.zip"]
+
+
+@pytest.mark.parametrize("kind", ["tif", "packed.tif", "ppm", "deep.png", "jpg"])
+def test_pictures_of_an_archive_are_decoded_like_files(tmp_path, rng, kind):
+    deep = rng.integers(0, 2**16, (2, 2, 8, 9, 3)).astype(np.uint16)
+    (tmp_path / "views").mkdir()
+    for at in np.ndindex(2, 2):
+        path = tmp_path / "views" / f"{at[0]}_{at[1]}.{kind.rpartition('.')[2]}"
+        if kind == "ppm":
+            path.write_bytes(b"P6 9 8 65535\n" + deep[at].astype(">u2").tobytes())
+        elif kind.endswith("tif"):
+            tifffile.imwrite(path, deep[at], photometric="rgb")
+        else:
+            Image.fromarray((deep[at] >> 8).astype(np.uint8)).save(path)
+        if kind == "packed.tif":  # by Pillow's own libtiff, for want of another
+            Image.fromarray((deep[at] >> 8).astype(np.uint8)).save(path, compression="tiff_lzw")
+    files = {path.name: path.read_bytes() for path in (tmp_path / "views").iterdir()}
+    path = pack(tmp_path / "views.zip", files)
+    expected = read_light_field(tmp_path / "views").views
+    np.testing.assert_array_equal(read_light_field(path).views, expected)
+    coded = [len(notes_on_coding(one)) for one in (path, tmp_path / "views")]
+    assert coded == ([1, 1] if kind in ("jpg", "deep.png") else [0, 0])
+
+
+def test_dark_images_and_gaps_of_an_archive(tmp_path, rng):
+    views = drawn(rng) // 2 + 40
+    dark = rng.integers(0, 20, views.shape).astype(np.uint8)
+    path = pack(tmp_path / "views.zip", numbered(views))
+    other = numbered(dark)
+    other.pop("view_2_3.png")
+    less = read_light_field(path, dark=pack(tmp_path / "dark.zip", other))
+    expected = (views - dark.astype(float))[:2] / 255
+    np.testing.assert_allclose(less.views[:2], expected, atol=1e-6)
+    assert less.weights.sum() == 11
+    assert less.weights[2, 3] == 0
+
+
+def patched(path, name, field, value):
+    """Change a number in the central directory's entry of a file, PKZIP APPNOTE 4.3.12."""
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"PK\1\2", 0, content.rindex(name.encode()))
+    offset, form = {"flags": (8, "<H"), "method": (10, "<H"), "size": (24, "<I")}[field]
+    struct.pack_into(form, content, at + offset, value)
+    path.write_bytes(content)
+
+
+def test_archives_that_cannot_be_trusted_are_refused(tmp_path, rng, monkeypatch):
+    files = numbered(drawn(rng, (2, 2)))
+    path = pack(tmp_path / "a.zip", files)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"a\.zip cannot be read: it is damaged, or no ZIP arch"):
+        read_light_field(path)
+    at = whole.index(b"IHDR")
+    path.write_bytes(whole[:at] + b"x" + whole[at + 1 :])
+    with pytest.raises(InputError, match=r"a\.zip cannot be read: it is damaged"):
+        read_light_field(path)
+    for field, value, told in (
+        ("flags", 1, "view_1_1.png in it is encrypted"),
+        ("method", 14, "view_1_1.png in it is packed by method 14; only stored"),
+        ("size", 2**31, "hold 2,147,483,648, more than DEFLATE can pack"),
+    ):
+        path.write_bytes(whole)
+        patched(path, "view_1_1.png", field, value)
+        with pytest.raises(InputError, match=told):
+            read_light_field(path)
+    pack(path, {f"{n}_{m}.bmp": bytes(10**6) for n in range(3) for m in range(3)})
+    monkeypatch.setenv(LIMIT, "0.008")
+    with pytest.raises(InputError, match=r"a\.zip would need 0\.009 GB"):
+        read_light_field(path)
+    monkeypatch.delenv(LIMIT)
+    monkeypatch.setattr("lf_flame._common.zip_files.MOST_FILES", 8)
+    with pytest.raises(InputError, match="it holds 9 files, and 8 are the most"):
+        read_light_field(path)
+    pack(path, files | {name.replace("view", "depth"): png for name, png in files.items()})
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="more than one set of images, 4 of depth_#_#.png"):
+        read_light_field(path)
+
+
+def test_a_bomb_takes_no_more_memory_than_its_size_says(tmp_path):
+    """The entry says 1000 bytes, and holds ten million: the archive's reader stops at 1000."""
+    path = pack(tmp_path / "a.zip", {"0_0.bmp": bytes(10**7), "0_1.bmp": b""})
+    patched(path, "0_0.bmp", "size", 1000)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"a\.zip cannot be read: it is damaged"):
+        read_light_field(path)
+    assert tracemalloc.get_traced_memory()[1] < 2e6
+    tracemalloc.stop()
+
+
+def write_list(folder, views, lines):
+    for at in np.ndindex(views.shape[:2]):
+        Image.fromarray(views[at]).save(folder / f"IMG_{7 * at[0] + 3 * at[1]}.png")
+    path = folder / "views.csv"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_list_places_any_names(tmp_path, rng):
+    views = drawn(rng)
+    places = [(v, u) for v, u in np.ndindex(3, 4) if (v, u) != (0, 3)]
+    lines = ["\ufefffile,row,column", "# by hand", ""]
+    lines += [f' IMG_{7 * v + 3 * u}.png , {-1.5 + 0.5 * v}, "{u - 2}"' for v, u in places[::-1]]
+    path = write_list(tmp_path, views, lines)
+    found = read_light_field(path)
+    weights = np.ones((3, 4))
+    weights[0, 3] = 0
+    np.testing.assert_array_equal(found.weights, weights)
+    np.testing.assert_array_equal(found.views[weights > 0], views[weights > 0] / np.float32(255))
+    assert "3 x 4 views, top left IMG_0.png, bottom right" in scan_view_folder(path).describe()
+    with pytest.raises(InputError, match="lists 3 x 4 views, not the 4 x 3 of the grid stated"):
+        read_light_field(path, grid="4x3")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        (
+            "../secret.png,1,1",
+            "Line 3 .* names '../secret.png', which is no image in the list's own",
+        ),
+        ("/etc/passwd,1,1", "names '/etc/passwd', which is no image"),
+        ("in/IMG_0.png,1,1", "names 'in/IMG_0.png', which is no image"),
+        ("views.csv,1,1", "names 'views.csv', which is no image"),
+        ("IMG_3.png,1", "must be the name of an image, its row and its column"),
+        ("IMG_3.png,1,b", "must be the name of an image, its row and its column"),
+        ("IMG_3.png,1,1e9", "must be the name of an image, its row and its column"),
+        ("IMG_3.png,1,nan", "must be the name of an image, its row and its column"),
+        ("IMG_0.png,5,5", "names a view or a place for the second time"),
+        ("IMG_3.png,0,0", "names a view or a place for the second time"),
+        ("IMG_3.png,1,123456789", None),
+    ],
+)
+def test_lists_that_lead_elsewhere_are_refused(tmp_path, rng, line, told):
+    (tmp_path / "in").mkdir()
+    Image.fromarray(np.full((60, 66), 200, np.uint8)).save(tmp_path / "secret.png")
+    path = write_list(tmp_path / "in", drawn(rng), ["file,row,col", "IMG_0.png,0,0", line])
+    if told:
+        with pytest.raises(InputError, match=told):
+            read_light_field(path)
+    else:  # positions far apart are no grid full of gaps
+        assert read_light_field(path).views.shape[:2] == (2, 2)
+
+
+def test_lists_that_are_too_short_or_too_wide_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "views.csv"
+    for content, told in (
+        ("", "must list at least two views, got 0"),
+        ("a,b,c", "must list at least two views, got 0"),
+        ("a\0b", r"Line 1 of .*views\.csv must be|cannot be read"),
+    ):
+        path.write_text(content)
+        with pytest.raises(InputError, match=told):
+            read_light_field(path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="no text in UTF-8"):
+        read_light_field(path)
+    for k in range(4):
+        Image.new("L", (4, 4)).save(tmp_path / f"{k}.png")
+    monkeypatch.setattr("lf_flame.formats.view_names.LARGEST_GRID", 9)
+    path.write_text("".join(f"{k}.png,{k},{k}\n" for k in range(4)))
+    with pytest.raises(InputError, match="4 views cannot fill a grid of 4 x 4"):
+        read_light_field(path)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("order", ["row,col", "-row,col", "col,row"])
+def test_views_side_by_side_are_cut_apart(tmp_path, rng, order, colour):
+    views = drawn(rng)
+    views = np.stack([views, views // 2, 255 - views], axis=-1) if colour else views
+    lines = views[::-1] if "-row" in order else views
+    lines = lines.swapaxes(0, 1) if order.startswith("col") else lines
+    picture = np.concatenate([np.concatenate(list(line), axis=1) for line in lines])
+    Image.fromarray(picture).save(tmp_path / "mosaic.png")
+    Image.fromarray(picture // 20).save(tmp_path / "dark.png")
+    mosaic = f"{lines.shape[0]}x{lines.shape[1]}"
+    expected = views / np.float32(255)
+    found = read_light_field(tmp_path / "mosaic.png", mosaic=mosaic)
+    np.testing.assert_array_equal(found.views, expected)
+    stated = read_light_field(tmp_path / "mosaic.png", order=order, mosaic=mosaic)
+    np.testing.assert_array_equal(stated.views, expected)
+    less = read_light_field(tmp_path / "mosaic.png", mosaic=mosaic, dark=tmp_path / "dark.png")
+    np.testing.assert_allclose(less.views, (views - views // 20) / 255, atol=1e-6)
+    stored = read_view_mosaic(tmp_path / "mosaic.png", mosaic).views
+    np.testing.assert_array_equal(stored[2, 1], lines[2, 1] / np.float32(255))
+
+
+def test_mosaics_that_do_not_fit_are_refused(tmp_path):
+    Image.new("L", (90, 60)).save(tmp_path / "a.png")
+    np.save(tmp_path / "a.npy", np.ones((2, 2, 3, 4)))
+    with pytest.raises(InputError, match=r"7 x 3 views needs sides .* has 60 x 90 pixels"):
+        read_light_field(tmp_path / "a.png", mosaic="7x3")
+    with pytest.raises(InputError, match=r"mosaic must be rows x columns of views, .* got '8'"):
+        read_light_field(tmp_path / "a.png", mosaic="8")
+    for path, stated in (("a.npy", {}), (".", {}), ("a.png", {"grid": "3x3"})):
+        with pytest.raises(InputError, match=r"(mosaic|grid) counts views .*, not in "):
+            read_light_field(tmp_path / path, mosaic="3x3", **stated)
+
+
+def test_the_program_reads_them_and_says_what_is_missing(tmp_path, rng):
+    views = drawn(rng)
+    files = numbered(views)
+    files.pop("view_0_3.png")
+    pack(tmp_path / "a.zip", files)
+    Image.fromarray(np.concatenate(list(views.reshape(12, 60, 66)), axis=1)).save(
+        tmp_path / "row.png"
+    )
+    run = CliRunner().invoke
+    done = run(commands, ["convert", str(tmp_path / "a.zip"), str(tmp_path / "a.npz")])
+    assert done.exit_code == 0, done.output
+    assert "1 view is missing and has weight 0: 0_3" in done.stderr
+    assert np.load(tmp_path / "a.npz")["weights"].sum() == 11
+    done = run(commands, ["convert", str(tmp_path / "row.png"), str(tmp_path / "b.npy"),
+                          "--mosaic", "1x12"])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert np.load(tmp_path / "b.npy").shape == (1, 12, 60, 66)
+    done = run(commands, ["convert", str(tmp_path / "row.png"), str(tmp_path / "c.npy"),
+                          "--mosaic", "1x12", "--views", "3"])  # fmt: skip
+    assert "--views does not apply to a mosaic of views" in str(done.exception) + done.output
