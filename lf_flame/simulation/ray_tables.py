@@ -214,6 +214,33 @@ class SquareTable(NamedTuple):
     pixel: float
 
 
+class LensletTables(NamedTuple):
+    """What the kernel reads for light through every lenslet that can send a pixel any.
+
+    Attributes
+    ----------
+    planes : PlaneTable
+    rays : RayTable
+    shifts : ShiftTable
+    stop, second : StopTable, or None
+        The first and the second round stop.
+    micro_images : MicroImageTable
+    squares : SquareTable, or None
+    falloff : RayFalloffTable, or None
+    tilt : TiltTable, or None
+    """
+
+    planes: PlaneTable
+    rays: RayTable
+    shifts: ShiftTable
+    stop: StopTable | None
+    second: StopTable | None
+    micro_images: MicroImageTable
+    squares: SquareTable | None
+    falloff: RayFalloffTable | None
+    tilt: TiltTable | None
+
+
 class SeenTable(NamedTuple):
     """The pixels that can see anything at all.
 
