@@ -14,8 +14,8 @@ from click.testing import CliRunner
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.commands.cli import commands
+from lf_flame.commands.emission import read_thickness, thickness_facts
 from lf_flame.scenes.flames import flame_texture
-from lf_flame.tomography.output import read_thickness, thickness_facts
 
 CAMERA = """
 [camera]
