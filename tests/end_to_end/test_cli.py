@@ -206,7 +206,7 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     )
     assert_one_sentence(
         run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
-        "preset must be one of paper, closed-form, many, smoke, got 'big'",
+        "preset must be one of paper, closed-form, smoke, got 'big'",
     )
     seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "1000001")
     assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got 1000001")
