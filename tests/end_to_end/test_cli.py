@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from builders import scene_toml
 from click.testing import CliRunner
 from skimage.io import imread, imsave
 
@@ -21,19 +22,7 @@ from lf_flame.commands import cli
 
 ROOT = Path(__file__).parents[2]
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 3
-lenslets = [20, 30]
-[[layers]]
-shape = "circle"
-depth_mm = 5.0
-size_mm = [1.5, 1.5]
-"""
+SCENE = scene_toml(3, (20, 30))
 
 
 def run(*args, cwd=ROOT, program="lf_flame"):
