@@ -135,7 +135,7 @@ def ray_grid(
     optics : OpticalPass
     layout : {"views", "raw"}
     rays : int
-        At least so many for each pixel.
+        Smallest number of rays for each pixel.
     axis : int
         0 for y, 1 for x.
     finite_width : bool
@@ -189,7 +189,7 @@ def _on_stops(tiling: Tiling, along: ImageAxis, finite_width: bool) -> StopRays:
     """Lay the rays over the round stops of a pass."""
     optics = along.optics
     stops = [optics.stop(distance, along.axis) for distance, _ in optics.stops]
-    # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
+    # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
     tile = finite_width / tiling.on_pixel
     return StopRays(
         places_mm=_stack([_hits_mm(stop, tiling, True) for stop in stops], tiling, along),
@@ -209,12 +209,12 @@ def _widths_in_cells(footprints, edges_mm, optics: OpticalPass) -> np.ndarray:
 def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPass) -> Tiling:
     """Tile pixel and lenslet.
 
-    Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
-    all further rays go along the pixel. Where planes dim each other, what two of them have in one
-    tile counts as unrelated: then tiles shrink along both, with images on the planes about as
-    wide as long, as long as they are no wider along the pixel than cells, or than a stop asks.
+    Tiles along the lenslet cover its image without a gap, so that the smallest number that fits the
+    cells is enough, and all further rays go along the pixel. Where planes attenuate each other,
+    their cells in one tile count as independent: tiles then shrink along both, to images about as
+    wide as long on the planes, unless cells or a stop require narrower tiles along the pixel.
 
-    rays: at least so many; widths: of the images of lenslet and pixel in cells, shape (p, 2).
+    rays: smallest number of rays; widths: images of lenslet and pixel in cells, shape (p, 2).
     """
     root = math.ceil(rays**0.5)
     cells, pixel_cells = widths.max(axis=0)
@@ -223,7 +223,7 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
     balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
     on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
     on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
-    if optics.stops:  # whose edge cuts the lenslet's image as well, in tiles about as long as wide
+    if optics.stops:  # the edge of a stop cuts the lenslet's image, too: tiles as long as wide
         camera = optics.camera
         seen = round(math.sqrt(rays * camera.lenslet_pitch_mm / camera.view_step_mm))
         on_lenslet = max(on_lenslet, min(seen, root))
@@ -238,8 +238,8 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
 def _lattice(rays: int) -> Tiling:
     """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
 
-    The same midpoints along both, in an order along the lenslet that steps by about the golden
-    section, so that neither width alone, nor both together, is sampled unevenly.
+    Both have the same midpoints. Their order along the lenslet steps by about the golden section,
+    so that each width alone, and both together, are sampled evenly.
     """
     step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
     places = (np.arange(rays) + 0.5) / rays - 0.5
@@ -247,10 +247,10 @@ def _lattice(rays: int) -> Tiling:
 
 
 def _aspect(widths: np.ndarray) -> float:
-    """Image of the lenslet over that of the pixel, both as means over all pairs of planes.
+    """Ratio of the lenslet's image to the pixel's, each a mean over all pairs of planes.
 
-    In a tile the covariance of the places on two planes is that of the product of both images:
-    of the lenslet's tile, plus of the pixel's.
+    The covariance of a tile's places on two planes is the product of its images on both, summed
+    over the lenslet's tile and the pixel's.
     """
     pairs = np.triu_indices(len(widths), 1)
     lenslet, pixel = (np.outer(column, column)[pairs].sum() for column in widths.T)
@@ -260,14 +260,14 @@ def _aspect(widths: np.ndarray) -> float:
 
 
 def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
-    """Trace all rays to a plane, [view, lenslet, i]; not `wide`: as if the pixel were a point."""
+    """Places of all rays on a plane, [view, lenslet, i]; the pixel is a point if not `wide`."""
     pixel_mm = footprint.pixel_width_mm * wide
     offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
     return footprint.centres_mm[..., None] + offsets
 
 
 def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
-    """Breadth of a box of the variance of a tile's image, itself of two boxes."""
+    """Breadth of the box with the variance of a tile's image, a convolution of two boxes."""
     pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
     return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
 
@@ -277,7 +277,7 @@ def _meets(
 ) -> np.ndarray:
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
     moved = np.abs(optics.skew_mm(axis)).max()
-    if optics.every_lenslet:  # no farther from the pixel than light of a lenslet reaches
+    if optics.every_lenslet:  # the light of a lenslet reaches no farther from the pixel
         turned = 1 + abs(optics.lenslet_tangent)
         micro_image = optics.camera.views * optics.camera.pixel_mm / 2
         moved = micro_image + optics.micro_image_reach_mm * turned
@@ -288,7 +288,7 @@ def _meets(
 
 
 def _shifts(footprints, unit_mm, along: ImageAxis) -> np.ndarray:
-    """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
+    """Shift of bundles by a rotated array, from the lenslet's place on the other axis."""
     skew_mm, views = along.optics.skew_mm(along.axis), along.optics.camera.views
     moved = arrange(np.tile(skew_mm, (views, 1)), along.layout)
     gains = _gains(footprints) / unit_mm
@@ -296,12 +296,12 @@ def _shifts(footprints, unit_mm, along: ImageAxis) -> np.ndarray:
 
 
 def _gains(footprints) -> np.ndarray:
-    """How far bundles move when their lenslets do, on each plane."""
+    """Displacement of bundles on each plane, per displacement of their lenslets."""
     return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
 
 
 def _stack(tables: list[np.ndarray], tiling: Tiling, along: ImageAxis) -> np.ndarray:
-    """Tables [view, lenslet, i], arranged, one behind the other; of none, an empty one."""
+    """Stack of tables [view, lenslet, i] in the order of the image; empty if there are none."""
     if not tables:
         camera = along.optics.camera
         shape = camera.views, camera.lenslets[along.axis], tiling.along_pixel.size
@@ -310,7 +310,7 @@ def _stack(tables: list[np.ndarray], tiling: Tiling, along: ImageAxis) -> np.nda
 
 
 def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
-    """Keep the cells of a layer, or lay as few as wide as a ray's box over it."""
+    """Edges of a layer's cells; cells finer than a ray's box give way to cells of its width."""
     length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
     if box_mm * cells <= length:
         return edges_mm

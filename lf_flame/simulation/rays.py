@@ -26,7 +26,7 @@ from lf_flame.simulation.ray_tables import (
 from lf_flame.simulation.slabs import Plane
 
 CELLS_AT_ONCE = 1 << 30
-"""Meetings of rays with cells between two steps of the progress bar: a few seconds of work."""
+"""Number of crossings of rays and cells between steps of the progress bar: a few seconds."""
 
 
 def trace(
@@ -40,24 +40,24 @@ def trace(
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
-    A ray stands for the part of the bundle around it: its box on a plane takes the mean of the
-    cells that it lies on. Without that an edge inside a pixel is off by up
-    to half a ray's share, and the error falls only as 1 / rays.
+    A ray represents the part of the bundle around it: its box on a plane takes the mean of the
+    cells that it covers. Without boxes an edge inside a pixel is off by up to half a ray's share,
+    and the error falls only as 1 / rays.
 
     Parameters
     ----------
     planes : list of Plane
-        Front to back. If none dims another, each is traced alone, where it can be seen.
+        Planes, front to back. If none attenuates another, each is traced alone, where it is seen.
     optics : OpticalPass
     layout : {"views", "raw"}
     rays : int
-        Rays along each axis, at least; rounded up so that they tile pixel and lenslet.
+        Smallest number of rays along each axis; rounded up so that they tile pixel and lenslet.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+        Image in the order of `lf_flame.simulation.layouts`; the light is added to it.
     lines : slice, optional
-        The lines c of the whole image that `out` holds.
+        Range of the lines c of the whole image that `out` holds.
     finite_width : bool, optional
-        False for rays without breadth, the plain midpoint rule.
+        Whether rays have boxes; False is the plain midpoint rule.
     """
     dims = any(plane.transmission is not None for plane in planes)
     for group in [planes] if dims else [[plane] for plane in planes]:
@@ -74,7 +74,7 @@ def _trace_group(
     out: np.ndarray,
     lines: slice,
 ) -> None:
-    """Trace planes that dim each other, or a single one, on some lines of the image."""
+    """Trace planes that attenuate each other, or a single plane, on some lines of the image."""
     y, x = grids
     find = _lenslet_tables if optics.every_lenslet else _own_tables
     kernel, tables = find(planes, optics, layout, y, x, finite_width)
@@ -87,7 +87,7 @@ def _trace_group(
 
 
 def _lenslet_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
-    """Choose the kernel for light through every lenslet; it, and the tables that it reads."""
+    """Return the kernel for light through every lenslet, and its tables."""
     stop, second = _stop_tables(optics, y, x)
     tables = LensletTables(
         planes=_plane_table(planes, y.planes, x.planes),
@@ -104,7 +104,7 @@ def _lenslet_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width
 
 
 def _own_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
-    """Choose the kernel for light through each pixel's own lenslet; it, and its tables."""
+    """Return the kernel for light through each pixel's own lenslet, and its tables."""
     table = _plane_table(planes, y.planes, x.planes)
     stop, second = _stop_tables(optics, y, x)
     falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
@@ -122,7 +122,7 @@ def _own_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bo
 
 
 def _stop_tables(optics: OpticalPass, y: RayGrid, x: RayGrid) -> list[StopTable | None]:
-    """Tables of the first and of the second round stop, None for those that are not there."""
+    """Tables of the first and of the second round stop; None where there is no such stop."""
     stops = [
         StopTable(
             y.stops.places_mm[k],
@@ -137,14 +137,14 @@ def _stop_tables(optics: OpticalPass, y: RayGrid, x: RayGrid) -> list[StopTable 
 
 
 def _only(seen: SeenTable, some: slice) -> SeenTable:
-    """Let no other lines c than some be traced."""
+    """Restrict the pixels that are traced to some lines c."""
     lines = np.zeros_like(seen.lines)
     lines[:, some] = seen.lines[:, some]
     return seen._replace(lines=lines)
 
 
 def _runs(lines: int, cells: int) -> list[slice]:
-    """Cut lines into runs that each meet about so many cells as are traced at once."""
+    """Split lines into runs of about CELLS_AT_ONCE crossings each."""
     ends = np.linspace(0, lines, min(math.ceil(cells / CELLS_AT_ONCE), lines) + 1).astype(int)
     return [slice(first, last) for first, last in zip(ends, ends[1:], strict=False)]
 
@@ -191,7 +191,9 @@ def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
         arrange(np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout)
         for axis in (0, 1)
     )
-    reach = optics.micro_image_reach_mm / side - 1e-9  # what only touches does not meet
+    reach = (
+        optics.micro_image_reach_mm / side - 1e-9
+    )  # micro-images that only touch the pixel send no light
     return MicroImageTable(
         rows, columns, shift_rows, shift_columns, math.cos(turned), math.sin(turned), reach
     )
@@ -276,7 +278,7 @@ def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
 
 
 def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
-    """Average cells over coarser ones, exactly; outside the plane there is nothing."""
+    """Average cells exactly over coarser ones; outside the plane all values are 0."""
     for axis in (0, 1):
         old, new = plane.layer.cell_edges_mm(axis), edges[axis]
         if new.size == old.size and new[0] == old[0]:
