@@ -1,7 +1,7 @@
 # lf_flame: every target is a thin call of `lf-flame` or of `python -m experiments` (see their --help).
 #
 #   PRESET            paper (default: the paper's method at its sizes), closed-form (our own recipe, a
-#                     minute), many (the same, with scenes that no data set holds), smoke (CI)
+#                     minute), smoke (CI)
 #   MINUTES           of training for each table, 4 by default; the same command again goes on where
 #                     it ended. 0: to the last epoch
 #   BACKBONE_WEIGHTS  imagenet (default), random, or a weights file; see the README
@@ -55,7 +55,7 @@ endif
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
 
 help:  ## show this list
-	@echo 'make TARGET [PRESET=paper|closed-form|many|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
+	@echo 'make TARGET [PRESET=paper|closed-form|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
@@ -154,7 +154,7 @@ latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trai
 STUDY = $(EXPERIMENT) study experiments/studies/$*.toml --work runs/studies \
         $(if $(filter-out imagenet random,$(BACKBONE_WEIGHTS)),--imagenet $(BACKBONE_WEIGHTS))
 variation: variation_shapes.study variation_flames.study  ## measure PSNR and SSIM against how much the scenes vary
-scenes: scenes_shapes.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours and 20 GB: LF_FLAME_MEMORY_GB=18)
+scenes: scenes_shapes.study scenes_flames.study  ## measure PSNR and SSIM against the number of scenes to learn from (two hours and 20 GB: LF_FLAME_MEMORY_GB=18)
 ablations: ablations_shapes.study ablations_flames.study  ## measure what each part of the recipes does
 pretraining: pretraining_flames.study  ## measure what ImageNet's weights do (BACKBONE_WEIGHTS=FILE where offline)
 encodings: encodings_flames.study  ## measure what the network learns from other inputs, and ask it for other depths

@@ -138,7 +138,7 @@ def test_kernels_import_only_numpy_and_numba(name):
         )
         for module in imports_of(PACKAGE / name)
     }
-    assert used <= {"math", "numpy", "numba", *shared, *beside}
+    assert used <= {"math", "typing", "numpy", "numba", *shared, *beside}
     for other in used & set(beside):
         assert not any(module.startswith("lf_flame") for module in imports_of(beside[other]))
 

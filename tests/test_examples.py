@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from builders import scene_toml
 
 import lf_flame
 
@@ -15,20 +16,7 @@ PACKAGE = ROOT / "lf_flame"
 
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("[a-z]*/__init__.pyi"))
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 9
-lenslets = [60, 90]
-
-[[layers]]
-shape = "circle"
-depth_mm = 10.0
-size_mm = [3.0, 3.0]
-"""
+SCENE = scene_toml(9, (60, 90), depth_mm=10.0, side_mm=3.0)
 
 WITHOUT_EXAMPLE = {
     "export_network", "load_network", "load_system", "open_run", "predict", "read_card",

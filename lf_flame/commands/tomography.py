@@ -48,7 +48,7 @@ def resolution(camera, thickness_mm, periods, figure) -> None:
     A camera sees the scene within the angle of its aperture, so fine detail has a depth and an even
     glow has none. Without --camera, the paper's camera is used.
     """
-    from lf_flame.tomography.output import resolution_report
+    from lf_flame.commands.emission import resolution_report
 
     chosen, periods = _read_camera(camera), periods or PERIODS_MM
     click.echo(resolution_report(chosen, thickness_mm, periods))
@@ -169,15 +169,12 @@ def reconstruct(
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.commands.emission import read_thickness, thickness_facts
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.emission_folder import RECORD
-    from lf_flame.tomography.output import (
-        read_thickness,
-        thickness_facts,
-        write_reconstruction,
-    )
+    from lf_flame.tomography.output import write_reconstruction
     from lf_flame.tomography.reconstruction import planes_between
 
     if bool(depths) == bool(planes):

@@ -89,47 +89,24 @@ class Layer:
         optical_thickness: ArrayLike = 0.0,
         thickness_mm: float = 0.0,
     ):
-        cells = _checked_cells(texture, "texture")
-        if cells.max() > BRIGHTEST:
-            raise InputError(
-                f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
-                f"got {cells.max():g}."
-            )
-        size = _checked_pair(size_mm, "size_mm", above=0.0)
-        centre = _checked_pair(centre_mm, "centre_mm")
-        for length, place, count in zip(size, centre, cells.shape, strict=True):
-            rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(length))
-            if not max(rounding, SMALLEST_MM) < length < LARGEST_MM:
-                raise InputError(
-                    f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
-                    f"axis, above {SMALLEST_MM:g} and below {LARGEST_MM:g} mm, got {size} and "
-                    f"{centre}."
-                )
+        cells = _checked_texture(texture)
+        size, centre = _checked_rectangle(size_mm, centre_mm, cells.shape)
         if not abs(depth_mm) < LARGEST_MM:
             raise InputError(
                 f"depth_mm of a layer must be finite, within {LARGEST_MM:g} mm, got {depth_mm}."
             )
         covered = None if coverage is None else _checked_coverage(coverage, cells.shape, opaque)
-        if np.ndim(optical_thickness) == 0:
-            optical_thickness = np.full(cells.shape, optical_thickness, dtype=np.float64)
-        tau = _checked_cells(optical_thickness, "optical_thickness", cells.shape)
-        if not 0 <= thickness_mm < LARGEST_MM:
-            raise InputError(
-                f"thickness_mm must be 0 or above, below {LARGEST_MM:g}, got {thickness_mm}."
-            )
-        if opaque and (thickness_mm or tau.any()):
-            raise InputError(
-                f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
-                f"got {thickness_mm} and up to {tau.max():g}."
-            )
-        object.__setattr__(self, "texture", cells)
-        object.__setattr__(self, "depth_mm", depth_mm)
-        object.__setattr__(self, "size_mm", size)
-        object.__setattr__(self, "centre_mm", centre)
-        object.__setattr__(self, "opaque", opaque)
-        object.__setattr__(self, "coverage", covered)
-        object.__setattr__(self, "optical_thickness", tau)
-        object.__setattr__(self, "thickness_mm", thickness_mm)
+        tau = _checked_absorption(optical_thickness, thickness_mm, cells.shape, opaque)
+        vars(self).update(  # a frozen dataclass refuses `self.texture = cells`
+            texture=cells,
+            depth_mm=depth_mm,
+            size_mm=size,
+            centre_mm=centre,
+            opaque=opaque,
+            coverage=covered,
+            optical_thickness=tau,
+            thickness_mm=thickness_mm,
+        )
 
     @property
     def opacity(self) -> np.ndarray | float:
@@ -151,6 +128,16 @@ class Layer:
             return (np.nan, np.nan)
         edges = self.cell_edges_mm(axis)
         return (float(edges[filled[0]]), float(edges[filled[-1] + 1]))
+
+
+def _checked_texture(values: ArrayLike) -> np.ndarray:
+    cells = _checked_cells(values, "texture")
+    if cells.max() > BRIGHTEST:
+        raise InputError(
+            f"A layer's texture must be at most {BRIGHTEST:g} for float32 images to hold it, "
+            f"got {cells.max():g}."
+        )
+    return cells
 
 
 def _checked_cells(
@@ -177,6 +164,22 @@ def _checked_cells(
     return cells
 
 
+def _checked_rectangle(
+    size_mm: Lengths, centre_mm: Lengths, shape: tuple[int, ...]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Size and centre of a layer whose cells differ by more than rounding."""
+    size = _checked_pair(size_mm, "size_mm", above=0.0)
+    centre = _checked_pair(centre_mm, "centre_mm")
+    for length, place, count in zip(size, centre, shape, strict=True):
+        rounding = 4 * count * (np.spacing(abs(place)) + np.spacing(length))
+        if not max(rounding, SMALLEST_MM) < length < LARGEST_MM:
+            raise InputError(
+                f"size_mm and centre_mm of a layer must tell its cells apart, {count} along an "
+                f"axis, above {SMALLEST_MM:g} and below {LARGEST_MM:g} mm, got {size} and {centre}."
+            )
+    return size, centre
+
+
 def _checked_coverage(values: ArrayLike, shape: tuple[int, ...], opaque: bool) -> np.ndarray:
     coverage = _checked_cells(values, "coverage", shape)
     if not opaque or coverage.max() > 1:
@@ -185,6 +188,25 @@ def _checked_coverage(values: ArrayLike, shape: tuple[int, ...], opaque: bool) -
             f"got opaque={opaque} and values up to {coverage.max():g}."
         )
     return coverage
+
+
+def _checked_absorption(
+    optical_thickness: ArrayLike, thickness_mm: float, shape: tuple[int, ...], opaque: bool
+) -> np.ndarray:
+    """Optical thickness of each cell; an opaque layer has neither it nor an extent."""
+    if np.ndim(optical_thickness) == 0:
+        optical_thickness = np.full(shape, optical_thickness, dtype=np.float64)
+    tau = _checked_cells(optical_thickness, "optical_thickness", shape)
+    if not 0 <= thickness_mm < LARGEST_MM:
+        raise InputError(
+            f"thickness_mm must be 0 or above, below {LARGEST_MM:g}, got {thickness_mm}."
+        )
+    if opaque and (thickness_mm or tau.any()):
+        raise InputError(
+            f"An opaque layer is a surface: thickness_mm and optical_thickness must be 0, "
+            f"got {thickness_mm} and up to {tau.max():g}."
+        )
+    return tau
 
 
 def _checked_pair(values: Lengths, name: str, above: float = -np.inf) -> tuple[float, float]:

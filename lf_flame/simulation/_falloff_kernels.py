@@ -10,15 +10,15 @@ def _shade(falloff, a, c, b, d):
     return cos4(falloff.rows[a, c] + falloff.columns[b, d], falloff.patch)
 
 
-def _shade_ray(falloff, tilt, m, n, a, c, i, b, d, j):
-    """Mean of cos^4 over a ray's box, through a lenslet m and n pitches further on."""
+def _shade_ray(falloff, tilt, lenslet, pixel, ray):
+    """Mean of cos^4 over a ray's box, through a lenslet."""
     if falloff is None:
         return 1.0
-    down = falloff.rows[a, c] + falloff.down[i]
-    right = falloff.columns[b, d] + falloff.right[j]
+    down = falloff.rows[pixel.view_row, pixel.row] + falloff.down[ray.row]
+    right = falloff.columns[pixel.view_column, pixel.column] + falloff.right[ray.column]
     if tilt is not None:
-        down += tilt.rows[b, d] + m * tilt.pitch
-        right += tilt.columns[a, c] + n * tilt.pitch
+        down += tilt.rows[pixel.view_column, pixel.column] + lenslet.down * tilt.pitch
+        right += tilt.columns[pixel.view_row, pixel.row] + lenslet.right * tilt.pitch
     return cos4(down * down + right * right, falloff.patch)
 
 

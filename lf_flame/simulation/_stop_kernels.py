@@ -1,49 +1,85 @@
-"""Which share of a ray's box round stops and square micro-images leave, compiled."""
+"""Share of a ray's box that round stops and square micro-images let through, compiled."""
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
 
-def _crossing(stop, shifts, m, n, k, a, c, i, b, d, j):
-    """Where a ray crosses a round stop, in mm from its middle. k: of the stop."""
-    y, x = stop.rows[a, c, i], stop.columns[b, d, j]
+class Pixel(NamedTuple):
+    """Indices of a pixel in an image ``[view_row, view_column, row, column]``."""
+
+    view_row: int
+    view_column: int
+    row: int
+    column: int
+
+
+class Ray(NamedTuple):
+    """Indices of a ray among those of a pixel, along y and along x."""
+
+    row: int
+    column: int
+
+
+class Lenslet(NamedTuple):
+    """Lenslet that light comes through: pitches along y and x from the pixel's own lenslet."""
+
+    down: float
+    right: float
+
+
+class Place(NamedTuple):
+    """Place of a pixel from the centre of a micro-image, along the array's axes.
+
+    In the pitch of the micro-images, so that those of other lenslets are whole numbers apart.
+    """
+
+    down: float
+    right: float
+
+
+def _crossing(stop, shifts, k, lenslet, pixel, ray):
+    """Place where a ray crosses round stop number k, in mm from the stop's centre."""
+    y = stop.rows[pixel.view_row, pixel.row, ray.row]
+    x = stop.columns[pixel.view_column, pixel.column, ray.column]
     if shifts is not None:
-        y += shifts.stop_rows[k, b, d] + m * shifts.stop_pitch[k]
-        x += shifts.stop_columns[k, a, c] + n * shifts.stop_pitch[k]
+        pitch = shifts.stop_pitch[k]
+        y += shifts.stop_rows[k, pixel.view_column, pixel.column] + lenslet.down * pitch
+        x += shifts.stop_columns[k, pixel.view_row, pixel.row] + lenslet.right * pitch
     return y, x
 
 
-def _passes(stop, second, shifts, m, n, a, c, i, b, d, j):
-    """Share of a ray's box that the edges of two round stops leave, taken as straight in it.
+def _passes(stop, second, shifts, lenslet, pixel, ray):
+    """Share of a ray's box inside two round stops, whose edges count as straight within the box.
 
-    Both have one axis. Where they cut a box from the same side they leave the smaller share of it;
-    from opposite sides, what is left of both.
+    Both stops have the same axis. Stops that cut the box from the same side leave the smaller of
+    the two shares; from opposite sides, the overlap of the two.
     """
     if stop is None:
         return 1.0
-    y, x = crossing(stop, shifts, m, n, 0, a, c, i, b, d, j)
+    y, x = crossing(stop, shifts, 0, lenslet, pixel, ray)
     share = left_by_edge(stop.radius, y, x, abs(stop.height), abs(stop.width))
     if second is None:
         return share
-    then_y, then_x = crossing(second, shifts, m, n, 1, a, c, i, b, d, j)
+    then_y, then_x = crossing(second, shifts, 1, lenslet, pixel, ray)
     other = left_by_edge(second.radius, then_y, then_x, abs(second.height), abs(second.width))
-    # The sides from which they cut, as the box lies on the pixel.
+    # Above 0 where both edges cut from the same side, as the box lies on the pixel.
     along = y * stop.height * then_y * second.height + x * stop.width * then_x * second.width
     return left_by_both(share, other, along)
 
 
 def _left_by_both(share, other, along):
-    """Share of a box that two straight edges leave; along: below 0 for opposite sides."""
+    """Share of a box that two straight edges leave; along < 0: they cut from opposite sides."""
     if along < 0.0:
         return max(share + other - 1.0, 0.0)
     return min(share, other)
 
 
 def _left_by_edge(radius, y, x, tall, wide):
-    """Share of a box that lies inside a circle about the axis."""
-    squared, edge = y * y + x * x, tall + wide  # no box is broader than its edge
-    if edge > radius:  # a stop within a box or two: as a square of the same area
+    """Share of a box, centred at (y, x), inside a circle about the axis."""
+    squared, edge = y * y + x * x, tall + wide  # the box is at most `edge` wide in any direction
+    if edge > radius:  # a stop of the size of the box: a square of the same area replaces it
         half = 0.5 * math.sqrt(math.pi) * radius
         return overlap(y, tall, half) * overlap(x, wide, half)
     if squared > (radius + edge) * (radius + edge):
@@ -55,41 +91,39 @@ def _left_by_edge(radius, y, x, tall, wide):
     return 1.0
 
 
-def _on_array(micro_images, a, c, b, d):
-    """Place of a pixel from the middle of its lenslet's micro-image, along the array's own axes.
-
-    In the pitch of the micro-images, so that those of other lenslets are whole numbers apart.
-    """
-    y = micro_images.rows[a, c] + micro_images.shift_rows[b, d]
-    x = micro_images.columns[b, d] + micro_images.shift_columns[a, c]
+def _on_array(micro_images, pixel):
+    """Place of a pixel from the centre of its own lenslet's micro-image."""
+    row, column = (pixel.view_row, pixel.row), (pixel.view_column, pixel.column)
+    y = micro_images.rows[row] + micro_images.shift_rows[column]
+    x = micro_images.columns[column] + micro_images.shift_columns[row]
+    # Along the axes of the turned array.
     cosine, sine = micro_images.cosine, micro_images.sine
-    return cosine * y - sine * x, cosine * x + sine * y
+    return Place(cosine * y - sine * x, cosine * x + sine * y)
 
 
-def _inside(squares, micro_images, down, right, i, j):
-    """Share of a ray's box on the sensor that lies in a square micro-image.
-
-    down, right: of the pixel from the middle of the micro-image, in its sides.
-    """
+def _inside(squares, micro_images, place, ray):
+    """Share of a ray's box on the sensor that lies in a square micro-image."""
     if squares is None:
         return 1.0
-    y, x = squares.down[i], squares.right[j]
+    y, x = squares.down[ray.row], squares.right[ray.column]
     cosine, sine = micro_images.cosine, micro_images.sine
-    along = overlap(down + cosine * y - sine * x, squares.height, 0.5)
-    return along * overlap(right + cosine * x + sine * y, squares.width, 0.5)
+    along = overlap(place.down + cosine * y - sine * x, squares.height, 0.5)
+    return along * overlap(place.right + cosine * x + sine * y, squares.width, 0.5)
 
 
 def _overlap(position, breadth, half):
-    """Share of a box that lies between -half and half."""
+    """Share of a box, centred at a position, that lies between -half and half."""
     if breadth <= 0.0:
         return 1.0 if abs(position) <= half else 0.0
     low, high = max(position - breadth / 2, -half), min(position + breadth / 2, half)
     return max(high - low, 0.0) / breadth
 
 
-def _whole(squares, down, right):
+def _whole(squares, place):
     """Whether all of a pixel lies in a square micro-image, however it is turned."""
-    return squares is not None and max(abs(down), abs(right)) < 0.5 - 0.75 * squares.pixel
+    if squares is None:
+        return False
+    return max(abs(place.down), abs(place.right)) < 0.5 - 0.75 * squares.pixel
 
 
 overlap = njit(_overlap)

@@ -1,4 +1,4 @@
-"""How far bundles move: on a thick layer, in a chromatic lens, through misplaced lenslets."""
+"""Displacement of bundles by thick layers, chromatic lenses and misplaced lenslets."""
 
 import math
 
@@ -10,7 +10,7 @@ from lf_flame.scenes.scene import Layer
 
 
 def rotation_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
-    """How far a rotated array moves its corner lenslets along y and x, in mm."""
+    """Displacement of the corner lenslets of a rotated array along y and x, in mm."""
     angle = abs(camera.lenslet_rotation_rad)
     height, width = (n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
     sine, versine = math.sin(angle), 2 * math.sin(angle / 2) ** 2
@@ -18,14 +18,14 @@ def rotation_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
 
 
 def pitch_shifts_mm(camera: PlenopticCamera) -> tuple[float, float]:
-    """How far an error of the pitch moves the outermost lenslets along y and x, in mm."""
+    """Displacement of the outermost lenslets by a pitch error, along y and x, in mm."""
     error = abs(camera.lenslet_pitch_error)
     height, width = (error * n * camera.lenslet_pitch_mm / 2 for n in camera.lenslets)
     return height, width
 
 
 def misplaced_mm(camera: PlenopticCamera) -> tuple[float, float]:
-    """How far rotation and pitch error together can move a lenslet along y and x, in mm."""
+    """Largest displacement by rotation and pitch error together, along y and x, in mm."""
     rotated, stretched = rotation_shifts_mm(camera), pitch_shifts_mm(camera)
     return rotated[0] + stretched[0], rotated[1] + stretched[1]
 
@@ -36,7 +36,7 @@ def true_pitch_mm(camera: PlenopticCamera) -> float:
 
 
 def aside_mm(camera: PlenopticCamera) -> tuple[float, float]:
-    """How far aside at most the lenslet nearest to a micro-image stands, along y and x, in mm.
+    """Largest displacement of the lenslet nearest to a micro-image, along y and x, in mm.
 
     A lenslet that is farther off than half a pitch leaves the micro-image to another one.
     """
@@ -67,7 +67,7 @@ def farthest_move_mm(
     depth_mm: float,
     focal_mm: float | None = None,
 ) -> float:
-    """Farthest that a ray moves if the layer stood elsewhere or the lens had another focus.
+    """Largest displacement of a ray if the layer had another depth or the lens another focus.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def farthest_move_mm(
 
 
 def beyond_mm(camera: PlenopticCamera) -> float:
-    """How much farther from a micro-image's middle than nominal pixels lit ones can stand, in mm.
+    """Largest distance of lit pixels beyond the nominal ones of a micro-image, in mm.
 
-    Where lenslets stand elsewhere than the sensor is read by, or the aperture is wide.
+    It is above 0 where lenslets are not where the sensor is read, or the aperture is wide.
     """
     lens_to_sensor = camera.lenslet_focal_mm / camera.image_distance_mm
     widest = max(camera.aperture_diameter_mm or 0.0, camera.aperture_mm)
@@ -102,7 +102,7 @@ def beyond_mm(camera: PlenopticCamera) -> float:
 
 
 def reach_mm(camera: PlenopticCamera, layer: Layer, here: Footprint, axis: int) -> float:
-    """Half of a bundle's extent on a layer, and how far it wanders to a thick one's faces."""
+    """Half of a bundle's extent on a layer, plus its displacement at a thick layer's faces."""
     faces = [layer.depth_mm + sign * layer.thickness_mm / 2 for sign in (-1, 1)]
     wandering = (farthest_move_mm(camera, here, axis, depth) for depth in faces)
     return here.half_width_mm + (max(wandering) if layer.thickness_mm else 0)

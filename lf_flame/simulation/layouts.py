@@ -1,8 +1,7 @@
 """The two orders in which an image holds its pixels: sub-aperture views, or the raw image.
 
-Either is an array ``[a, b, c, d]`` whose pixel has its place along y in (a, c) and along x in
-(b, d): that is ``[v, u, t, s]`` for views, and the raw lenslet image with a = b = 0. One kernel so
-writes either layout.
+Both are arrays ``[a, b, c, d]``. The place of a pixel along y is (a, c), along x (b, d): views are
+``[v, u, t, s]``, and the raw lenslet image has a = b = 0. One kernel therefore writes both layouts.
 """
 
 import numpy as np

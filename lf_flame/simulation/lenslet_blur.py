@@ -14,14 +14,14 @@ SAME_PITCH = 1e-9
 """Relative difference at which pixels still tile a micro-image."""
 
 COLUMNS_AT_ONCE = 256
-"""Columns of an image that are held as float64 at a time."""
+"""Number of columns of an image that are held as float64 at a time."""
 
 MOST_TILES = 2**30
-"""Tiles of the whole sensor beyond which they would fill the memory."""
+"""Largest number of tiles of the whole sensor; more would fill the memory."""
 
 
 def lenslet_share_leaving(camera: PlenopticCamera) -> float:
-    """Share of its light that a pixel lit evenly owes to others by diffraction at the lenslets."""
+    """Fraction of an evenly lit pixel's light that lenslet diffraction brings from others."""
     return diffraction.share_leaving_square(_spread_mm(camera), camera.pixel_mm, False)
 
 
@@ -61,9 +61,9 @@ def blur_on_sensor(
     tiles : ndarray, shape (t * tiles, s * tiles)
         Raw image on the tiles.
     tiled : PlenopticCamera
-        The camera of the tiles, by `tiled_sensor`.
+        Camera of the tiles, from `tiled_sensor`.
     camera : PlenopticCamera
-        That of the pixels.
+        Camera of the pixels.
 
     Returns
     -------

@@ -26,7 +26,7 @@ from lf_flame.simulation.stops import neighbours
 Interval = tuple[float, float]
 
 TAIL = 1e-3
-"""Share of the light that a kernel may leave out."""
+"""Largest fraction of the light that a kernel leaves out."""
 
 PARTS = 8
 """Cells under the image of a lenslet, at least: each is taken as even after the blur, too."""
@@ -36,10 +36,10 @@ MARGIN = 200
 other side of the transform: beyond them lies 5e-4 of a line's light, on each side half of it."""
 
 MOST_DARK = 2048
-"""Cells of that margin at most: for patterns far wider than a lenslet a narrower one has to do."""
+"""Largest number of cells of that margin; patterns far wider than a lenslet get a narrower one."""
 
 MOST_CELLS = 4096
-"""Cells of a plane along each axis beyond which they are taken wider."""
+"""Largest number of cells of a plane along each axis; beyond it, cells are wider."""
 
 
 def main_lens_spread_mm(camera: PlenopticCamera) -> float:
@@ -76,7 +76,7 @@ def _is_round(camera: PlenopticCamera) -> bool:
 
 
 def gain_on_layer(camera: PlenopticCamera, depth_mm: float, focal_mm: float | None = None) -> float:
-    """How far a ray moves on a layer for each mm on the array, as it keeps its direction there."""
+    """Displacement on a layer per mm on the array, of a ray that keeps its direction there."""
     footprint = trace_footprint(camera, depth_mm, 0, focal_mm)
     return abs(footprint.lenslet_width_mm) / camera.lenslet_pitch_mm
 
@@ -87,7 +87,7 @@ def blur_planes(planes: list[Plane], camera: PlenopticCamera) -> list[Plane]:
     Parameters
     ----------
     planes : list of Plane
-        None of which dims another.
+        Planes of which none attenuates another.
     camera : PlenopticCamera
         With a wavelength.
 
@@ -110,7 +110,7 @@ def blur_layer(
     depth_mm: float,
     window_mm: tuple[Interval, Interval] | None = None,
 ) -> Layer:
-    """Blur light on the cells of a layer that stands at a depth; on cells of its own.
+    """Blur the light of a layer that stands at a depth; the result has its own cells.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How much an effect changes an image, measured: the image with it beside the image without."""
+"""Change of an image by an effect, measured from the images with and without it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace

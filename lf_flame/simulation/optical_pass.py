@@ -27,7 +27,7 @@ class OpticalPass:
     defocus : bool, optional
         Whether a pixel's own width, hence a patch of the main lens, is integrated over.
     falloff : bool, optional
-        Whether pixels dim by cos^4.
+        Whether pixels are darker by cos^4.
     lenslet_scale, lenslet_skew : float, optional
         Diagonal and other element of the lenslet grid's rotation and stretch; where they are not
         1 and 0, `every_lenslet` counts.
@@ -70,7 +70,7 @@ class OpticalPass:
         return self.focal_mm, self.lenslet_scale, self.neighbour[axis]
 
     def skew_mm(self, axis: int) -> np.ndarray:
-        """How far the rotated array moves each lenslet along `axis`, by its place on the other."""
+        """Displacement of each lenslet along `axis` by a rotated array."""
         other = 1 - axis
         place = centred(self.camera.lenslets[other]) + self.neighbour[other]
         sign = 1 if axis == 0 else -1
@@ -101,7 +101,7 @@ class OpticalPass:
     def micro_image_reach_mm(self) -> float:
         """Distance along the array's axes from a micro-image's middle where light ends.
 
-        Of pixels' centres: no pixel farther off gets any light of the lenslet.
+        The distance of pixels' centres: farther off none gets any light of the lenslet.
         """
         camera, turned = self.camera, 1 + abs(self.lenslet_tangent)
         half = self.micro_image_mm / 2
@@ -114,7 +114,7 @@ class OpticalPass:
     def lit_neighbours(self) -> list[tuple[int, int]]:
         """Lenslets through which light reaches some pixel: rows and columns from its own.
 
-        Of an array that is not turned.
+        It assumes an array that is not turned.
         """
         if not self.every_lenslet:
             return [self.neighbour]

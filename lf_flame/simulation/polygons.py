@@ -48,7 +48,7 @@ class Bundles(NamedTuple):
     middles : ndarray of float64, shape (view, lenslet, p)
         From the first edge of the plane.
     lenslet, pixel : ndarray of float64, shape (p,)
-        Signed images of lenslet and pixel.
+        Widths of the images of lenslet and pixel, signed.
     counts : ndarray of int64, shape (p,)
         Cells of each plane.
     lit : ndarray of float64, shape (view, lenslet)
@@ -69,9 +69,9 @@ class Bundles(NamedTuple):
 
 
 def split_planes(planes: list[Plane]) -> tuple[list[Plane], list[Plane]]:
-    """Split planes into those in front of all that dims light, and the others.
+    """Split planes into those in front of the first that attenuates light, and the others.
 
-    Planes behind the last that glows are dropped: what they dim is dark.
+    Planes behind the last that glows are dropped, as they attenuate no light.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def cut_bundles(bundles: Bundles, layout: str, wanted: np.ndarray) -> PolygonTab
 def find_shaded(
     planes: list[Plane], optics: OpticalPass, layout: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the pixels whose bundle can meet what dims, along y and along x.
+    """Find the pixels with a bundle that can meet an attenuating plane, along y and along x.
 
     Parameters
     ----------

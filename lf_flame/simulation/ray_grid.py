@@ -1,4 +1,4 @@
-"""Where the rays of all bundles meet planes and stops, along one axis."""
+"""Places where the rays of all bundles meet planes and stops, along one axis."""
 
 import math
 from dataclasses import dataclass
@@ -12,68 +12,8 @@ from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.slabs import Plane
 
 LENSLET_FINER = 1.5
-"""Tiles along the lenslet by those along the pixel, where the images of both are as wide: about
-what takes the fewest rays, by trial."""
-
-
-@dataclass(frozen=True, eq=False)
-class RayGrid:
-    """Rays of all bundles along one axis, on planes and stops, in the order of an image.
-
-    They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
-    tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
-
-    With e and f the image's axes along this one, (a, c) or (b, d), and g and h those along the
-    other, p the planes, k the stops and i the rays:
-
-    Attributes
-    ----------
-    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
-        Of the cells of each plane that the rays meet: the layer's, or wider ones where those are
-        finer than a ray's box.
-    positions : ndarray of float64, shape (p, e, f, i)
-        Middles of the rays' boxes, in cells from the first edge.
-    boxes : ndarray of float64, shape (p,)
-        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
-    shifts : ndarray of float64, shape (p, g, h)
-        How far a rotated array shifts the bundles, in cells.
-    pitch_shifts : ndarray of float64, shape (p,)
-        How far a lenslet a pitch further on shifts them, in cells.
-    stop_mm : ndarray of float64, shape (k, e, f, i)
-        Middles of the rays' boxes on the stops.
-    stop_boxes_mm : ndarray of float64, shape (k,)
-        Breadth of a ray's box on the stops, below 0 where it lies upside down.
-    stop_shifts_mm : ndarray of float64, shape (k, g, h)
-    stop_pitch_shifts_mm : ndarray of float64, shape (k,)
-    seen : ndarray of bool, shape (e, f)
-        Whether a pixel can see any of the planes.
-    lenslet_cells : ndarray of float64, shape (p,)
-        Image of the lenslet in cells, signed as the rays' places on it.
-    tiling : Tiling
-    """
-
-    edges_mm: tuple[np.ndarray, ...]
-    positions: np.ndarray
-    boxes: np.ndarray
-    shifts: np.ndarray
-    pitch_shifts: np.ndarray
-    stop_mm: np.ndarray
-    stop_boxes_mm: np.ndarray
-    stop_shifts_mm: np.ndarray
-    stop_pitch_shifts_mm: np.ndarray
-    seen: np.ndarray
-    lenslet_cells: np.ndarray
-    tiling: "Tiling"
-
-    @property
-    def count(self) -> int:
-        """Rays of each pixel along this axis."""
-        return self.positions.shape[3]
-
-    @property
-    def cells(self) -> np.ndarray:
-        """Cells of each plane along this axis, shape (p,)."""
-        return np.array([edges.size - 1 for edges in self.edges_mm])
+"""Ratio of tiles along the lenslet to tiles along the pixel where the images of both are equally
+wide; by trial, about this ratio takes the fewest rays."""
 
 
 class Tiling(NamedTuple):
@@ -82,15 +22,106 @@ class Tiling(NamedTuple):
     Attributes
     ----------
     along_pixel, along_lenslet : ndarray of float64, shape (i,)
-        In [-1/2, 1/2].
+        Places from the centre, -1/2 to 1/2.
     on_pixel, on_lenslet : int
-        Tiles along each.
+        Number of tiles along each.
     """
 
     along_pixel: np.ndarray
     along_lenslet: np.ndarray
     on_pixel: int
     on_lenslet: int
+
+
+class PlaneRays(NamedTuple):
+    """Rays on planes along one axis; p counts the planes, other letters as in `RayGrid`.
+
+    Attributes
+    ----------
+    edges_mm : tuple of ndarray of float64, shape (cells + 1,)
+        Edges of the cells of each plane that the rays meet: the layer's, or wider ones where those
+        are finer than a ray's box.
+    positions : ndarray of float64, shape (p, e, f, i)
+        Middles of the rays' boxes, in cells from the first edge.
+    boxes : ndarray of float64, shape (p,)
+        Breadth of a ray's box in cells, 0 to 1; 0 for rays without breadth.
+    shifts : ndarray of float64, shape (p, g, h)
+        Shift of the bundles by a rotated array, in cells.
+    pitch_shifts : ndarray of float64, shape (p,)
+        Shift of the bundles by a lenslet a pitch further on, in cells.
+    lenslet_cells : ndarray of float64, shape (p,)
+        Image of the lenslet in cells, signed as the rays' places on it.
+    """
+
+    edges_mm: tuple[np.ndarray, ...]
+    positions: np.ndarray
+    boxes: np.ndarray
+    shifts: np.ndarray
+    pitch_shifts: np.ndarray
+    lenslet_cells: np.ndarray
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Number of cells of each plane along this axis, shape (p,)."""
+        return np.array([edges.size - 1 for edges in self.edges_mm])
+
+
+class StopRays(NamedTuple):
+    """Rays on stops along one axis; k counts the stops, other letters as in `RayGrid`.
+
+    Attributes
+    ----------
+    places_mm : ndarray of float64, shape (k, e, f, i)
+        Middles of the rays' boxes.
+    boxes_mm : ndarray of float64, shape (k,)
+        Breadth of a ray's box, below 0 where it lies upside down.
+    shifts_mm : ndarray of float64, shape (k, g, h)
+        Shift of the bundles by a rotated array.
+    pitch_shifts_mm : ndarray of float64, shape (k,)
+        Shift of the bundles by a lenslet a pitch further on.
+    """
+
+    places_mm: np.ndarray
+    boxes_mm: np.ndarray
+    shifts_mm: np.ndarray
+    pitch_shifts_mm: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RayGrid:
+    """Rays of all bundles along one axis, on planes and stops, in the order of an image.
+
+    They tile the bundle's two widths, over the pixel and over the lenslet. A ray's box has the
+    tile's variance, so that all boxes together have the mean and the variance of the trapezoid.
+    In the shapes of its tables e and f are the image's axes along this one, (a, c) or (b, d), g and
+    h those along the other, and i counts the rays.
+
+    Attributes
+    ----------
+    planes : PlaneRays
+    stops : StopRays
+    seen : ndarray of bool, shape (e, f)
+        Whether a pixel can see any of the planes.
+    tiling : Tiling
+    """
+
+    planes: PlaneRays
+    stops: StopRays
+    seen: np.ndarray
+    tiling: Tiling
+
+    @property
+    def count(self) -> int:
+        """Number of rays of each pixel along this axis."""
+        return self.tiling.along_pixel.size
+
+
+class ImageAxis(NamedTuple):
+    """One axis of an image: the optical pass, the order of its pixels, and 0 for y or 1 for x."""
+
+    optics: OpticalPass
+    layout: str
+    axis: int
 
 
 def ray_grid(
@@ -104,7 +135,7 @@ def ray_grid(
     optics : OpticalPass
     layout : {"views", "raw"}
     rays : int
-        At least so many for each pixel.
+        Smallest number of rays for each pixel.
     axis : int
         0 for y, 1 for x.
     finite_width : bool
@@ -115,48 +146,56 @@ def ray_grid(
     RayGrid
     """
     footprints = [optics.footprint(plane.depth_mm, axis) for plane in planes]
-    stops = [optics.stop(distance, axis) for distance, _ in optics.stops]
-    layer_edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
+    edges = [plane.layer.cell_edges_mm(axis) for plane in planes]
     tiling = _lattice(rays)
     if finite_width:
-        tiling = _tile(rays, _widths_in_cells(footprints, layer_edges, optics), planes, optics)
-    # Without defocus a plane sees the pixel as a point; a stop never does.
-    on_planes = [_hits_mm(footprint, tiling, optics.defocus) for footprint in footprints]
-    on_stops = [_hits_mm(stop, tiling, True) for stop in stops]
-    boxes_mm = np.array(
-        [
-            _box_mm(footprint, tiling, optics.defocus) if finite_width else 0.0
-            for footprint in footprints
-        ]
+        tiling = _tile(rays, _widths_in_cells(footprints, edges, optics), planes, optics)
+    along = ImageAxis(optics, layout, axis)
+    seen = [_meets(*one, optics, axis) for one in zip(footprints, edges, strict=True)]
+    return RayGrid(
+        planes=_on_planes(footprints, edges, tiling, along, finite_width),
+        stops=_on_stops(tiling, along, finite_width),
+        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+        tiling=tiling,
     )
+
+
+def _on_planes(
+    footprints, layer_edges, tiling: Tiling, along: ImageAxis, finite_width
+) -> PlaneRays:
+    """Lay the rays over planes, in cells of the layers or in wider ones."""
+    # Without defocus a plane sees the pixel as a point; a stop never does.
+    wide = along.optics.defocus
+    boxes_mm = np.array([_box_mm(one, tiling, wide) * finite_width for one in footprints])
     edges_mm = tuple(
         _coarse_edges(edges, box) for edges, box in zip(layer_edges, boxes_mm, strict=True)
     )
     cell_mm = np.array([edges[1] - edges[0] for edges in edges_mm])
     positions = [
-        (hits - edges[0]) / width
-        for hits, edges, width in zip(on_planes, edges_mm, cell_mm, strict=True)
+        (_hits_mm(footprint, tiling, wide) - edges[0]) / width
+        for footprint, edges, width in zip(footprints, edges_mm, cell_mm, strict=True)
     ]
-    # On a stop the pixel's image is much the wider: its tiles alone, so that none overlap.
-    stop_tile = finite_width / tiling.on_pixel
-    seen = [
-        _meets(footprint, edges, optics, axis)
-        for footprint, edges in zip(footprints, layer_edges, strict=True)
-    ]
-    shape = optics.camera.views, optics.camera.lenslets[axis], tiling.along_pixel.size
-    return RayGrid(
+    return PlaneRays(
         edges_mm=edges_mm,
-        positions=_stack(positions, layout, shape),
+        positions=_stack(positions, tiling, along),
         boxes=np.minimum(boxes_mm / cell_mm, 1.0),
-        shifts=_shifts(footprints, cell_mm, optics, layout, axis),
-        pitch_shifts=_gains(footprints) * optics.lenslet_pitch_mm / cell_mm,
-        stop_mm=_stack(on_stops, layout, shape),
-        stop_boxes_mm=np.array([stop.pixel_width_mm * stop_tile for stop in stops]),
-        stop_shifts_mm=_shifts(stops, 1.0, optics, layout, axis),
-        stop_pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
-        seen=np.any([arrange(pixels, layout) for pixels in seen], axis=0),
+        shifts=_shifts(footprints, cell_mm, along),
+        pitch_shifts=_gains(footprints) * along.optics.lenslet_pitch_mm / cell_mm,
         lenslet_cells=np.array([footprint.lenslet_width_mm for footprint in footprints]) / cell_mm,
-        tiling=tiling,
+    )
+
+
+def _on_stops(tiling: Tiling, along: ImageAxis, finite_width: bool) -> StopRays:
+    """Lay the rays over the round stops of a pass."""
+    optics = along.optics
+    stops = [optics.stop(distance, along.axis) for distance, _ in optics.stops]
+    # On a stop the pixel's image is far wider than the lenslet's: its tiles alone do not overlap.
+    tile = finite_width / tiling.on_pixel
+    return StopRays(
+        places_mm=_stack([_hits_mm(stop, tiling, True) for stop in stops], tiling, along),
+        boxes_mm=np.array([stop.pixel_width_mm * tile for stop in stops]),
+        shifts_mm=_shifts(stops, 1.0, along),
+        pitch_shifts_mm=_gains(stops) * optics.lenslet_pitch_mm,
     )
 
 
@@ -170,12 +209,12 @@ def _widths_in_cells(footprints, edges_mm, optics: OpticalPass) -> np.ndarray:
 def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPass) -> Tiling:
     """Tile pixel and lenslet.
 
-    Tiles along the lenslet cover its image without a gap, so that as few as fit the cells do, and
-    all further rays go along the pixel. Where planes dim each other, what two of them have in one
-    tile counts as unrelated: then tiles shrink along both, with images on the planes about as
-    wide as long, as long as they are no wider along the pixel than cells, or than a stop asks.
+    Tiles along the lenslet cover its image without a gap, so that the smallest number that fits the
+    cells is enough, and all further rays go along the pixel. Where planes attenuate each other,
+    their cells in one tile count as independent: tiles then shrink along both, to images about as
+    wide as long on the planes, unless cells or a stop require narrower tiles along the pixel.
 
-    rays: at least so many; widths: of the images of lenslet and pixel in cells, shape (p, 2).
+    rays: smallest number of rays; widths: images of lenslet and pixel in cells, shape (p, 2).
     """
     root = math.ceil(rays**0.5)
     cells, pixel_cells = widths.max(axis=0)
@@ -184,7 +223,7 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
     balanced = math.sqrt(rays * LENSLET_FINER * _aspect(widths)) if dims else 0
     on_lenslet = min(math.ceil(min(balanced, rays)), rays // max(on_pixel, 1))
     on_lenslet = max(on_lenslet, math.ceil(min(cells, rays**0.5)), 1)
-    if optics.stops:  # whose edge cuts the lenslet's image as well, in tiles about as long as wide
+    if optics.stops:  # the edge of a stop cuts the lenslet's image, too: tiles as long as wide
         camera = optics.camera
         seen = round(math.sqrt(rays * camera.lenslet_pitch_mm / camera.view_step_mm))
         on_lenslet = max(on_lenslet, min(seen, root))
@@ -199,8 +238,8 @@ def _tile(rays: int, widths: np.ndarray, planes: list[Plane], optics: OpticalPas
 def _lattice(rays: int) -> Tiling:
     """Place single rays on pixel and lenslet by a rank-1 lattice, one on each tile of both.
 
-    The same midpoints along both, in an order along the lenslet that steps by about the golden
-    section, so that neither width alone, nor both together, is sampled unevenly.
+    Both have the same midpoints. Their order along the lenslet steps by about the golden section,
+    so that each width alone, and both together, are sampled evenly.
     """
     step = next(k for k in range(round(0.618 * rays), 2 * rays + 1) if math.gcd(k, rays) == 1)
     places = (np.arange(rays) + 0.5) / rays - 0.5
@@ -208,10 +247,10 @@ def _lattice(rays: int) -> Tiling:
 
 
 def _aspect(widths: np.ndarray) -> float:
-    """Image of the lenslet over that of the pixel, both as means over all pairs of planes.
+    """Ratio of the lenslet's image to the pixel's, each a mean over all pairs of planes.
 
-    In a tile the covariance of the places on two planes is that of the product of both images:
-    of the lenslet's tile, plus of the pixel's.
+    The covariance of a tile's places on two planes is the product of its images on both, summed
+    over the lenslet's tile and the pixel's.
     """
     pairs = np.triu_indices(len(widths), 1)
     lenslet, pixel = (np.outer(column, column)[pairs].sum() for column in widths.T)
@@ -221,14 +260,14 @@ def _aspect(widths: np.ndarray) -> float:
 
 
 def _hits_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> np.ndarray:
-    """Trace all rays to a plane, [view, lenslet, i]; not `wide`: as if the pixel were a point."""
+    """Places of all rays on a plane, [view, lenslet, i]; the pixel is a point if not `wide`."""
     pixel_mm = footprint.pixel_width_mm * wide
     offsets = footprint.lenslet_width_mm * tiling.along_lenslet + pixel_mm * tiling.along_pixel
     return footprint.centres_mm[..., None] + offsets
 
 
 def _box_mm(footprint: Footprint, tiling: Tiling, wide: bool) -> float:
-    """Breadth of a box of the variance of a tile's image, itself of two boxes."""
+    """Breadth of the box with the variance of a tile's image, a convolution of two boxes."""
     pixel_mm = footprint.pixel_width_mm * wide / tiling.on_pixel
     return math.hypot(footprint.lenslet_width_mm / tiling.on_lenslet, pixel_mm)
 
@@ -238,7 +277,7 @@ def _meets(
 ) -> np.ndarray:
     """Whether the bundle of a pixel can meet a plane, for each (view, lenslet)."""
     moved = np.abs(optics.skew_mm(axis)).max()
-    if optics.every_lenslet:  # no farther from the pixel than light of a lenslet reaches
+    if optics.every_lenslet:  # the light of a lenslet reaches no farther from the pixel
         turned = 1 + abs(optics.lenslet_tangent)
         micro_image = optics.camera.views * optics.camera.pixel_mm / 2
         moved = micro_image + optics.micro_image_reach_mm * turned
@@ -248,27 +287,30 @@ def _meets(
     return (centres + 1.5 * reach >= edges_mm[0]) & (centres - 1.5 * reach <= edges_mm[-1])
 
 
-def _shifts(footprints, unit_mm, optics: OpticalPass, layout: str, axis: int) -> np.ndarray:
-    """How far a rotated array shifts bundles, by the lenslet's place on the other axis."""
-    moved = arrange(np.tile(optics.skew_mm(axis), (optics.camera.views, 1)), layout)
+def _shifts(footprints, unit_mm, along: ImageAxis) -> np.ndarray:
+    """Shift of bundles by a rotated array, from the lenslet's place on the other axis."""
+    skew_mm, views = along.optics.skew_mm(along.axis), along.optics.camera.views
+    moved = arrange(np.tile(skew_mm, (views, 1)), along.layout)
     gains = _gains(footprints) / unit_mm
     return moved[None] * gains[:, None, None]
 
 
 def _gains(footprints) -> np.ndarray:
-    """How far bundles move when their lenslets do, on each plane."""
+    """Displacement of bundles on each plane, per displacement of their lenslets."""
     return np.array([footprint.shift_per_lenslet_shift for footprint in footprints])
 
 
-def _stack(tables: list[np.ndarray], layout: str, shape: tuple) -> np.ndarray:
-    """Tables [view, lenslet, i], arranged, one behind the other; of none, an empty one."""
+def _stack(tables: list[np.ndarray], tiling: Tiling, along: ImageAxis) -> np.ndarray:
+    """Stack of tables [view, lenslet, i] in the order of the image; empty if there are none."""
     if not tables:
-        return arrange(np.empty(shape), layout)[None][:0]
-    return np.stack([arrange(table, layout) for table in tables])
+        camera = along.optics.camera
+        shape = camera.views, camera.lenslets[along.axis], tiling.along_pixel.size
+        return arrange(np.empty(shape), along.layout)[None][:0]
+    return np.stack([arrange(table, along.layout) for table in tables])
 
 
 def _coarse_edges(edges_mm: np.ndarray, box_mm: float) -> np.ndarray:
-    """Keep the cells of a layer, or lay as few as wide as a ray's box over it."""
+    """Edges of a layer's cells; cells finer than a ray's box give way to cells of its width."""
     length, cells = edges_mm[-1] - edges_mm[0], edges_mm.size - 1
     if box_mm * cells <= length:
         return edges_mm

@@ -1,8 +1,8 @@
-"""What the ray kernel reads: tables of the planes, of the rays on them, and of each effect.
+"""Tables that the ray kernels read: the planes, the rays on them, and each effect.
 
-Numba takes these named tuples as they are. An image's pixel has its place along y in (a, c) and
-along x in (b, d), as `lf_flame.simulation.layouts` has it; i and j count a pixel's rays along y
-and x, p the planes from front to back, k the stops.
+Numba takes these named tuples as they are. In their shapes (a, c) is the place of a pixel along y
+and (b, d) along x, as in `lf_flame.simulation.layouts`: a and b count views, c and d rows and
+columns. i and j count a pixel's rays along y and x, p the planes from front to back, k the stops.
 """
 
 from typing import NamedTuple
@@ -44,7 +44,7 @@ class RayTable(NamedTuple):
         Their sum is the cell of plane p in which the box of ray (i, j) begins. With shifts:
         float64, the middle of the box in cells of the plane without its border.
     heights, widths : ndarray of float64, shape (p,)
-        Of a ray's box, in cells, at most 1.
+        Size of a ray's box, in cells, at most 1.
     """
 
     rows: np.ndarray
@@ -68,7 +68,7 @@ class WeightTable(NamedTuple):
 
 
 class ShiftTable(NamedTuple):
-    """How far lenslets that stand elsewhere than the sensor is read by shift bundles.
+    """Shifts of bundles by lenslets that are not where the sensor is read.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class ShiftTable(NamedTuple):
         Shift down, and to the right, by a turned array, in cells of each plane: by the lenslet's
         place on the other axis.
     turned_rows, turned_columns : ndarray of float64, shapes (p, j) and (p, i)
-        What the turn of each lenslet's own square adds, by the ray's place on the other axis.
+        Further shift by the turn of each lenslet's own square, by the ray's place on that axis.
     pitch_rows, pitch_columns : ndarray of float64, shape (p,)
         Shift for each lenslet pitch, in cells.
     stop_rows, stop_columns : ndarray of float64, shapes (k, b, d) and (k, a, c)
@@ -98,16 +98,16 @@ class ShiftTable(NamedTuple):
 
 
 class StopTable(NamedTuple):
-    """A round stop, and where the rays cross it.
+    """A round stop, and the places where rays cross it.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c, i) and (b, d, j)
-        In mm from the optical axis.
+        Places of the rays, in mm from the optical axis.
     radius : float
-        In mm.
+        Radius in mm.
     height, width : float
-        Of a ray's box, in mm; below 0 where it lies upside down.
+        Size of a ray's box in mm; below 0 where it lies upside down.
     """
 
     rows: np.ndarray
@@ -138,9 +138,9 @@ class RayFalloffTable(NamedTuple):
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (a, c) and (b, d)
-        Of the pixels' central rays.
+        Tangents of the pixels' central rays.
     down, right : ndarray of float64, shapes (i,) and (j,)
-        Of the rays, from those.
+        Difference of each ray's tangent from the central ray's.
     patch : float
         Mean of the squared tangents over a ray's patch of the main lens, from its middle.
     """
@@ -153,14 +153,14 @@ class RayFalloffTable(NamedTuple):
 
 
 class TiltTable(NamedTuple):
-    """What lenslets that stand elsewhere add to the tangents of the rays.
+    """Change of the rays' tangents by lenslets that are not where the sensor is read.
 
     Attributes
     ----------
     rows, columns : ndarray of float64, shapes (b, d) and (a, c)
-        Along y, and along x, by a turned array.
+        Change along y, and along x, by a turned array.
     pitch : float
-        For each lenslet pitch.
+        Change for each lenslet pitch.
     """
 
     rows: np.ndarray
@@ -169,7 +169,7 @@ class TiltTable(NamedTuple):
 
 
 class MicroImageTable(NamedTuple):
-    """Where pixels lie on the sensor, for light through every lenslet that can send them any.
+    """Places of pixels on the sensor, for light through every lenslet that can send them any.
 
     Attributes
     ----------
@@ -177,11 +177,11 @@ class MicroImageTable(NamedTuple):
         Places of the pixels from the middle of their lenslet's micro-image, in the pitch of the
         micro-images.
     shift_rows, shift_columns : ndarray of float64, shapes (b, d) and (a, c)
-        What a turned array adds to them.
+        Change of these places by a turned array.
     cosine, sine : float
-        Of the angle by which the array is turned.
+        Cosine and sine of the angle by which the array is turned.
     reach : float
-        Along each axis of the array no pixel farther off gets any light.
+        Largest distance, along an axis of the array, at which a pixel gets any light.
     """
 
     rows: np.ndarray
@@ -202,7 +202,7 @@ class SquareTable(NamedTuple):
         Middles of the rays' boxes on the sensor, from the pixel's, in the pitch of the
         micro-images.
     height, width : float
-        Of a ray's box on the sensor.
+        Size of a ray's box on the sensor.
     pixel : float
         Width of a pixel.
     """
@@ -214,8 +214,35 @@ class SquareTable(NamedTuple):
     pixel: float
 
 
+class LensletTables(NamedTuple):
+    """Tables of the kernel for light through every lenslet that can send a pixel any.
+
+    Attributes
+    ----------
+    planes : PlaneTable
+    rays : RayTable
+    shifts : ShiftTable
+    stop, second : StopTable, or None
+        The first and the second round stop.
+    micro_images : MicroImageTable
+    squares : SquareTable, or None
+    falloff : RayFalloffTable, or None
+    tilt : TiltTable, or None
+    """
+
+    planes: PlaneTable
+    rays: RayTable
+    shifts: ShiftTable
+    stop: StopTable | None
+    second: StopTable | None
+    micro_images: MicroImageTable
+    squares: SquareTable | None
+    falloff: RayFalloffTable | None
+    tilt: TiltTable | None
+
+
 class SeenTable(NamedTuple):
-    """The pixels that can see anything at all.
+    """Pixels that see at least one plane.
 
     Attributes
     ----------

@@ -9,8 +9,9 @@ from lf_flame.simulation import _ray_kernels
 from lf_flame.simulation.exact import band_weights
 from lf_flame.simulation.layouts import arrange, seen_range
 from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.ray_grid import RayGrid, Tiling, ray_grid
+from lf_flame.simulation.ray_grid import PlaneRays, RayGrid, Tiling, ray_grid
 from lf_flame.simulation.ray_tables import (
+    LensletTables,
     MicroImageTable,
     PlaneTable,
     RayFalloffTable,
@@ -25,7 +26,7 @@ from lf_flame.simulation.ray_tables import (
 from lf_flame.simulation.slabs import Plane
 
 CELLS_AT_ONCE = 1 << 30
-"""Meetings of rays with cells between two steps of the progress bar: a few seconds of work."""
+"""Number of crossings of rays and cells between steps of the progress bar: a few seconds."""
 
 
 def trace(
@@ -39,24 +40,24 @@ def trace(
 ) -> None:
     """Add planes of light by backward rays, about rays x rays for each pixel.
 
-    A ray stands for the part of the bundle around it: its box on a plane takes the mean of the
-    cells that it lies on. Without that an edge inside a pixel is off by up
-    to half a ray's share, and the error falls only as 1 / rays.
+    A ray represents the part of the bundle around it: its box on a plane takes the mean of the
+    cells that it covers. Without boxes an edge inside a pixel is off by up to half a ray's share,
+    and the error falls only as 1 / rays.
 
     Parameters
     ----------
     planes : list of Plane
-        Front to back. If none dims another, each is traced alone, where it can be seen.
+        Planes, front to back. If none attenuates another, each is traced alone, where it is seen.
     optics : OpticalPass
     layout : {"views", "raw"}
     rays : int
-        Rays along each axis, at least; rounded up so that they tile pixel and lenslet.
+        Smallest number of rays along each axis; rounded up so that they tile pixel and lenslet.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+        Image in the order of `lf_flame.simulation.layouts`; the light is added to it.
     lines : slice, optional
-        The lines c of the whole image that `out` holds.
+        Range of the lines c of the whole image that `out` holds.
     finite_width : bool, optional
-        False for rays without breadth, the plain midpoint rule.
+        Whether rays have boxes; False is the plain midpoint rule.
     """
     dims = any(plane.transmission is not None for plane in planes)
     for group in [planes] if dims else [[plane] for plane in planes]:
@@ -73,57 +74,77 @@ def _trace_group(
     out: np.ndarray,
     lines: slice,
 ) -> None:
-    """Trace planes that dim each other, or a single one, on some lines of the image."""
+    """Trace planes that attenuate each other, or a single plane, on some lines of the image."""
     y, x = grids
-    table = _plane_table(planes, y, x)
+    find = _lenslet_tables if optics.every_lenslet else _own_tables
+    kernel, tables = find(planes, optics, layout, y, x, finite_width)
+    tables = [_take_lines(table, lines) for table in tables]
+    seen = _take_lines(SeenTable(y.seen, *seen_range(x.seen)), lines)
+    share = optics.share / (y.count * x.count)
+    runs = _runs(out.shape[2], out.size * y.count * x.count * len(planes))
+    for some in progress.steps(runs, "tracing rays", len(runs)):
+        kernel(*tables, _only(seen, some), share, out)
+
+
+def _lenslet_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
+    """Return the kernel for light through every lenslet, and its tables."""
+    stop, second = _stop_tables(optics, y, x)
+    tables = LensletTables(
+        planes=_plane_table(planes, y.planes, x.planes),
+        rays=RayTable(y.planes.positions, x.planes.positions, y.planes.boxes, x.planes.boxes),
+        shifts=_shift_table(y, x, optics),
+        stop=stop,
+        second=second,
+        micro_images=_micro_image_table(optics, layout),
+        squares=_square_table(y.tiling, x.tiling, optics, finite_width),
+        falloff=_falloff_table(y.tiling, x.tiling, optics, layout, finite_width),
+        tilt=optics.tilt_table(layout) if optics.falloff else None,
+    )
+    return _ray_kernels.trace_lenslets, (tables,)
+
+
+def _own_tables(planes, optics: OpticalPass, layout: str, y, x, finite_width: bool) -> tuple:
+    """Return the kernel for light through each pixel's own lenslet, and its tables."""
+    table = _plane_table(planes, y.planes, x.planes)
+    stop, second = _stop_tables(optics, y, x)
+    falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
+    # Positions become indices once, outside the ray loop.
+    rows, down = _indices(y.planes)
+    columns, right = _indices(x.planes)
+    stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
+    rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
+    rays = RayTable(rows, columns, y.planes.boxes, x.planes.boxes)
+    weights = WeightTable(down, right) if finite_width else None
+    bounded = table.transmission is not None or stop is not None or falloff is not None
+    if finite_width and not bounded:
+        return _ray_kernels.trace_apart, (table, rays, weights)
+    return _ray_kernels.trace_planes, (table, rays, weights, stop, second, falloff)
+
+
+def _stop_tables(optics: OpticalPass, y: RayGrid, x: RayGrid) -> list[StopTable | None]:
+    """Tables of the first and of the second round stop; None where there is no such stop."""
     stops = [
-        StopTable(y.stop_mm[k], x.stop_mm[k], radius, y.stop_boxes_mm[k], x.stop_boxes_mm[k])
+        StopTable(
+            y.stops.places_mm[k],
+            x.stops.places_mm[k],
+            radius,
+            y.stops.boxes_mm[k],
+            x.stops.boxes_mm[k],
+        )
         for k, (_, radius) in enumerate(optics.stops)
     ]
-    stop, second = [*stops, None, None][:2]
-    seen = SeenTable(y.seen, *seen_range(x.seen))
-    falloff = _falloff_table(y.tiling, x.tiling, optics, layout, finite_width)
-    tables: tuple[tuple | None, ...]
-    if optics.every_lenslet:
-        kernel, rays = (
-            _ray_kernels.trace_lenslets,
-            RayTable(y.positions, x.positions, y.boxes, x.boxes),
-        )
-        shifts, micro_images = _shift_table(y, x, optics), _micro_image_table(optics, layout)
-        squares = _square_table(y.tiling, x.tiling, optics, finite_width)
-        tilt = optics.tilt_table(layout) if optics.falloff else None
-        tables = rays, shifts, stop, second, micro_images, squares, falloff, tilt, seen
-    else:  # positions become indices once, outside the ray loop
-        kernel = _ray_kernels.trace_planes
-        rows, down = _indices(y)
-        columns, right = _indices(x)
-        stride, first = table.stride[:, None, None, None], table.first[:, None, None, None]
-        rows, columns = (rows * stride + first).astype(np.int32), columns.astype(np.int32)
-        rays, weights = RayTable(rows, columns, y.boxes, x.boxes), WeightTable(down, right)
-        bounded = table.transmission is not None or stop is not None or falloff is not None
-        if finite_width and not bounded:
-            kernel, tables = _ray_kernels.trace_apart, (rays, weights, seen)
-        else:
-            tables = rays, weights if finite_width else None, stop, second, falloff, seen
-    share = optics.share / (y.count * x.count)
-    cells = out.size * y.count * x.count * len(planes)
-    tables = tuple(_take_lines(part, lines) for part in tables)
-    runs = _runs(out.shape[2], cells)
-    for some in progress.steps(runs, "tracing rays", len(runs)):
-        kernel(table, *(_only(part, some) for part in tables), share, out)
+    return [*stops, None, None][:2]
 
 
-def _only(table: tuple | None, some: slice) -> tuple | None:
-    """Let no other lines c than some be traced."""
-    if not isinstance(table, SeenTable):
-        return table
-    lines = np.zeros_like(table.lines)
-    lines[:, some] = table.lines[:, some]
-    return table._replace(lines=lines)
+def _only(seen: SeenTable, some: slice) -> SeenTable:
+    """Restrict the pixels that are traced to some lines c."""
+    lines = np.zeros_like(seen.lines)
+    lines[:, some] = seen.lines[:, some]
+    return seen._replace(lines=lines)
 
 
 def _runs(lines: int, cells: int) -> list[slice]:
-    """Cut lines into runs that each meet about so many cells as are traced at once."""
+    """Split lines into runs of about CELLS_AT_ONCE crossings each."""
     ends = np.linspace(0, lines, min(math.ceil(cells / CELLS_AT_ONCE), lines) + 1).astype(int)
     return [slice(first, last) for first, last in zip(ends, ends[1:], strict=False)]
 
@@ -150,15 +171,15 @@ def _shift_table(y: RayGrid, x: RayGrid, optics: OpticalPass) -> ShiftTable:
     """Shifts by a turned array, by the turn of each lenslet's own square, and for each pitch."""
     tangent = optics.lenslet_tangent
     return ShiftTable(
-        rows=y.shifts,
-        columns=x.shifts,
-        turned_rows=tangent * y.lenslet_cells[:, None] * x.tiling.along_lenslet,
-        turned_columns=-tangent * x.lenslet_cells[:, None] * y.tiling.along_lenslet,
-        pitch_rows=y.pitch_shifts,
-        pitch_columns=x.pitch_shifts,
-        stop_rows=y.stop_shifts_mm,
-        stop_columns=x.stop_shifts_mm,
-        stop_pitch=y.stop_pitch_shifts_mm,
+        rows=y.planes.shifts,
+        columns=x.planes.shifts,
+        turned_rows=tangent * y.planes.lenslet_cells[:, None] * x.tiling.along_lenslet,
+        turned_columns=-tangent * x.planes.lenslet_cells[:, None] * y.tiling.along_lenslet,
+        pitch_rows=y.planes.pitch_shifts,
+        pitch_columns=x.planes.pitch_shifts,
+        stop_rows=y.stops.shifts_mm,
+        stop_columns=x.stops.shifts_mm,
+        stop_pitch=y.stops.pitch_shifts_mm,
     )
 
 
@@ -170,7 +191,9 @@ def _micro_image_table(optics: OpticalPass, layout: str) -> MicroImageTable:
         arrange(np.tile(optics.offset_skew_mm(axis) / side, (optics.camera.views, 1)), layout)
         for axis in (0, 1)
     )
-    reach = optics.micro_image_reach_mm / side - 1e-9  # what only touches does not meet
+    reach = (
+        optics.micro_image_reach_mm / side - 1e-9
+    )  # micro-images that only touch the pixel send no light
     return MicroImageTable(
         rows, columns, shift_rows, shift_columns, math.cos(turned), math.sin(turned), reach
     )
@@ -192,7 +215,7 @@ def _square_table(
     )
 
 
-def _plane_table(planes: list[Plane], y: RayGrid, x: RayGrid) -> PlaneTable:
+def _plane_table(planes: list[Plane], y: PlaneRays, x: PlaneRays) -> PlaneTable:
     """Put the cells of all planes into one table, each on the edges of the rays' grids."""
     height, width = y.cells, x.cells
     sizes = (height + 2) * (width + 2)
@@ -206,7 +229,7 @@ def _plane_table(planes: list[Plane], y: RayGrid, x: RayGrid) -> PlaneTable:
     return PlaneTable(np.concatenate(emission), transmission, first, width + 2, height, width)
 
 
-def _indices(grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+def _indices(grid: PlaneRays) -> tuple[np.ndarray, np.ndarray]:
     """First cell of each ray, counted from the border at 0, and the weight of the next."""
     boxes, cells = grid.boxes[:, None, None, None], grid.cells[:, None, None, None]
     start = np.floor(grid.positions - boxes / 2)
@@ -230,9 +253,11 @@ LINE_AXES = {
 
 
 def _take_lines(table, lines: slice):
-    """Cut a table down to some lines c of the image, kept contiguous."""
+    """Cut a table, or each of several, down to some lines c of the image, kept contiguous."""
     if table is None or lines == slice(None):
         return table
+    if isinstance(table, LensletTables):
+        return LensletTables(*(_take_lines(part, lines) for part in table))
     cut = {
         name: np.ascontiguousarray(getattr(table, name)[(slice(None),) * axis + (lines,)])
         for name, axis in LINE_AXES.get(type(table), {}).items()
@@ -253,7 +278,7 @@ def _transmission(planes: list[Plane], edges: list) -> np.ndarray | None:
 
 
 def _averaged(cells: np.ndarray, plane: Plane, edges: tuple) -> np.ndarray:
-    """Average cells over coarser ones, exactly; outside the plane there is nothing."""
+    """Average cells exactly over coarser ones; outside the plane all values are 0."""
     for axis in (0, 1):
         old, new = plane.layer.cell_edges_mm(axis), edges[axis]
         if new.size == old.size and new[0] == old[0]:

@@ -1,4 +1,4 @@
-"""Layers as the renderer sees them: thin planes, front to back, that emit and that dim."""
+"""Thin planes that emit and attenuate light: the layers of a scene, front to back."""
 
 from collections.abc import Set
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from lf_flame.scenes.scene import Layer, Scene
 
 BISECTIONS = 60
-"""Halvings by which the edges of slabs are found: to the last digit."""
+"""Number of bisections for the edges of slabs: they are exact to the last digit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +19,12 @@ class Plane:
     Attributes
     ----------
     emission : ndarray of float64, shape (rows, columns)
-        Radiance that its cells add.
+        Radiance that each cell adds.
     transmission : ndarray of float64, shape (rows, columns), or None
-        Share of the light from behind that its cells let pass; None where all of it does.
+        Fraction of the light from behind that each cell transmits; None where all is transmitted.
     depth_mm : float
     layer : Layer
-        Where the cells lie.
+        Layer that gives the place of the cells.
     """
 
     emission: np.ndarray
@@ -44,10 +44,10 @@ def slice_scene(
     slabs : dict
         Number of planes for layers that need more than one.
     absorption : bool
-        Whether optically thick layers dim their own light.
+        Whether optically thick layers absorb their own light.
     dimming : set of str
-        Out of "occlusion" and "self_absorption": whether opaque layers hide, and optically thick
-        ones dim, what is behind them.
+        Set of "occlusion" and "self_absorption": whether opaque layers occlude, and optically thick
+        layers attenuate, the light from behind.
     """
     planes = []
     for layer in scene.front_to_back:
@@ -113,9 +113,9 @@ def _transmission(layer: Layer, tau: np.ndarray, dimming: Set[str]) -> np.ndarra
 
 
 def self_absorbed(tau: np.ndarray) -> np.ndarray:
-    """Share of its own light that leaves a layer of optical thickness tau: ``(1-exp(-tau))/tau``.
+    """Fraction of its light that leaves a layer of optical thickness tau: ``(1-exp(-tau))/tau``.
 
-    By expm1, so that no digit is lost for a small tau; 1 at tau = 0.
+    expm1 keeps all digits for a small tau; the value is 1 at tau = 0.
     """
     tau = np.asarray(tau, np.float64)
     return np.divide(-np.expm1(-tau), tau, out=np.ones_like(tau), where=tau > 0)

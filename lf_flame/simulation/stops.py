@@ -1,4 +1,4 @@
-"""The round stops of a camera: what they cut off, and from how far off they let light come."""
+"""Round stops of a camera: the light that they block, and the lenslets that light comes through."""
 
 import math
 
@@ -9,11 +9,11 @@ from lf_flame.optics.ray_bundle import trace_stop
 from lf_flame.simulation.bundle_shifts import aside_mm, true_pitch_mm
 
 GRID = 48
-"""Points along each axis of a bundle by which the share that passes a stop is counted."""
+"""Number of points along each axis of a bundle that count the share passing a stop."""
 
 
 def round_stops(camera: PlenopticCamera) -> list[tuple[float, float]]:
-    """Distance in front of the main lens and radius, in mm: its aperture and the rim, if any."""
+    """Distance before the main lens and radius, in mm, of its aperture and rim, if any."""
     stops = []
     if camera.aperture_diameter_mm is not None:
         stops.append((0.0, camera.aperture_diameter_mm / 2))
@@ -29,12 +29,12 @@ def share_cut(
     view: int | None = None,
     aside: tuple[float, float] | None = None,
 ) -> float:
-    """Share of the worst bundle that a round stop cuts off, of all views or of one.
+    """Share that a round stop cuts off the worst bundle of all views or of one.
 
     The worst bundle lies farthest from the axis along both. Counted on a grid of points,
     with a margin for the grid cells that the stop's edge crosses.
 
-    aside: how far aside lenslets stand along y and x, in mm; default: as the camera's do.
+    aside: displacement of lenslets along y and x, in mm; default: the camera's.
     """
     places, misplaced = [], aside_mm(camera) if aside is None else aside
     for axis in (0, 1):
@@ -86,7 +86,7 @@ def crosstalk(camera: PlenopticCamera) -> float:
 
 
 def neighbours(camera: PlenopticCamera) -> int:
-    """How many lenslets away light can come from, through the round aperture."""
+    """Largest distance, in lenslets, from which light comes through the round aperture."""
     if camera.aperture_diameter_mm is None:
         return 0
     widest = max(camera.aperture_diameter_mm, camera.aperture_mm)

@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import h5py
 import lytro_files
 import numpy as np
+from builders import camera_toml
 from PIL import Image
 from scipy.io import savemat
 
@@ -19,15 +20,7 @@ from campaigning.contents import contents
 from campaigning.processes import ROOT, Outcome, Process, call, fault
 from campaigning.table import MADE, Call
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 3
-lenslets = [24, 32]
-[[layers]]
+SCENE = f"""{camera_toml(3, (24, 32))}[[layers]]
 shape = "circle"
 depth_mm = 5.0
 size_mm = [1.5, 1.5]

@@ -7,21 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tifffile
+from builders import camera_toml
 from click.testing import CliRunner
 from PIL import Image
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.commands.cli import commands
 
-CAMERA = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 5
-lenslets = [48, 60]
-"""
+CAMERA = camera_toml(5, (48, 60))
 
 ACROSS, DEPTH, WIDTH, PEAK = -0.6, 3.0, 0.9, 0.5
 

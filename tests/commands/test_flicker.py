@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import camera_toml
 from click.testing import CliRunner
 from skimage.io import imread, imsave
 
@@ -32,15 +33,7 @@ from lf_flame.formats import write_light_field
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
 
-CAMERA = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 5
-lenslets = [48, 40]
-"""
+CAMERA = camera_toml(5, (48, 40))
 LENS = replace(PAPER_CAMERA, views=5, lenslets=(48, 40))
 DEPTH_MM, FOOT_MM, CELL_MM = 6.0, 2.7, 0.04
 FRAMES, RATE_HZ, FLICKER_HZ = 24, 60.0, 11.6

@@ -10,22 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tifffile
+from builders import camera_toml
 from click.testing import CliRunner
 
 from lf_flame import PAPER_CAMERA, Layer, Scene, render
 from lf_flame.commands.cli import commands
+from lf_flame.commands.emission import read_thickness, thickness_facts
 from lf_flame.scenes.flames import flame_texture
-from lf_flame.tomography.output import read_thickness, thickness_facts
 
-CAMERA = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 5
-lenslets = [48, 60]
-"""
+CAMERA = camera_toml(5, (48, 60))
 
 
 def run(*words):

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from builders import DATA
 from click.testing import CliRunner
-from tiny_data import DATA
 
 from lf_flame import InputError
 from lf_flame._common.atomic_files import write_json, write_text

@@ -7,7 +7,7 @@ import threading
 import time
 
 import pytest
-from tiny_data import DATA
+from builders import DATA
 
 from lf_flame import InputError
 from lf_flame.datasets.clusters import cluster_executor

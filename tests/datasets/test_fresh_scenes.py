@@ -4,13 +4,13 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from builders import DATA
 
 from lf_flame.datasets import fresh_scenes
 from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.fresh_scenes import AHEAD, TOGETHER, fresh_samples
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.store import Dataset
-from tests.tiny_data import DATA
 
 
 @pytest.fixture(scope="module", params=["direct", "exact", "rays"])

@@ -3,7 +3,7 @@
 import hashlib
 
 import pytest
-from tiny_data import DATA
+from builders import DATA
 
 from lf_flame import InputError
 from lf_flame.datasets.config import config_from_json

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from builders import scene_toml
 from click.testing import CliRunner
 from skimage.io import imread, imsave
 
@@ -21,19 +22,7 @@ from lf_flame.commands import cli
 
 ROOT = Path(__file__).parents[2]
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 3
-lenslets = [20, 30]
-[[layers]]
-shape = "circle"
-depth_mm = 5.0
-size_mm = [1.5, 1.5]
-"""
+SCENE = scene_toml(3, (20, 30))
 
 
 def run(*args, cwd=ROOT, program="lf_flame"):
@@ -206,7 +195,7 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     )
     assert_one_sentence(
         run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
-        "preset must be one of paper, closed-form, many, smoke, got 'big'",
+        "preset must be one of paper, closed-form, smoke, got 'big'",
     )
     seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "1000001")
     assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got 1000001")

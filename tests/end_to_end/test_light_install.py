@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from builders import scene_toml
 
 from lf_flame._common.threads import COMPILING
 
@@ -42,19 +43,7 @@ def run(folder, *args):
     )  # fmt: skip
 
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 5
-lenslets = [40, 50]
-[[layers]]
-shape = "triangle"
-depth_mm = 5.0
-size_mm = [1.5, 1.5]
-"""
+SCENE = scene_toml(5, (40, 50), "triangle")
 
 
 @pytest.mark.slow

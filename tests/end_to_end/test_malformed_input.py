@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from builders import camera, scene_toml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from lytro_files import metadata
@@ -22,28 +23,9 @@ from lf_flame.commands import cli, program
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "experiments" / "results"
 
-SCENE = """
-[camera]
-main_lens_focal_mm = 150.0
-focus_distance_mm = 326.0
-lenslet_focal_mm = 0.4
-lenslet_pitch_mm = 0.112
-views = 3
-lenslets = [6, 8]
-[[layers]]
-shape = "circle"
-depth_mm = 0.5
-size_mm = [0.4, 0.4]
-"""
+SCENE = scene_toml(3, (6, 8), depth_mm=0.5, side_mm=0.4)
 
-CAMERA = {
-    "main_lens_focal_mm": 150.0,
-    "focus_distance_mm": 326.0,
-    "lenslet_focal_mm": 0.4,
-    "lenslet_pitch_mm": 0.112,
-    "views": 3,
-    "lenslets": [6, 8],
-}
+CAMERA = camera(3, (6, 8))
 
 CARD = {
     "title": "test", "preset": "smoke", "backbone_weights": "random", "image": [40, 64],

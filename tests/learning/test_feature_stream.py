@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders import DATA
 
 from lf_flame import InputError
 from lf_flame.datasets import fresh_scenes
@@ -11,7 +12,6 @@ from lf_flame.datasets.store import Dataset
 from lf_flame.learning import feature_stream
 from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.feature_stream import BATCH, FeatureStream, compute_features
-from tests.tiny_data import DATA
 
 INDICES = np.array([2, 0, 3])
 

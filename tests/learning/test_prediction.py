@@ -10,6 +10,7 @@ from dataclasses import replace
 import keras
 import numpy as np
 import pytest
+from builders import shapes
 from click.testing import CliRunner
 from skimage.io import imread
 
@@ -29,29 +30,7 @@ from lf_flame.learning.training import TrainingConfig, train
 
 SIZE = (40, 64)
 
-DATA = {
-    "kind": "shapes",
-    "seed": 5,
-    "image": SIZE,
-    "samples": {"smoke": 12},
-    "camera": {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 2.4,
-        "lenslet_pitch_mm": 0.672,
-        "views": 3,
-        "lenslets": SIZE,
-    },
-    "template": {
-        "position_mm": 1.0,
-        "size": 0.1,
-        "brightness": [0.8, 1.0],
-        "objects": [
-            {"shape": "square", "depth_mm": 10.0, "size_mm": [9, 9], "centre_mm": [0, -10]},
-            {"shape": "circle", "depth_mm": -10.0, "size_mm": [9, 9], "centre_mm": [0, 10]},
-        ],
-    },
-}
+DATA = shapes(12, SIZE, 3, sides_mm=(9.0, 9.0))
 
 TRAINING = {
     "title": "Test images",

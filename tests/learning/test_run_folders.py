@@ -3,25 +3,13 @@
 import json
 
 import pytest
+from builders import shapes
 
 from lf_flame import InputError
 from lf_flame.learning.model_card import read_card
 from lf_flame.learning.run_folders import load_run, open_run
 
-DATA = {
-    "kind": "shapes", "seed": 5, "image": [40, 64], "samples": {"smoke": 12},
-    "camera": {
-        "main_lens_focal_mm": 150.0, "focus_distance_mm": 326.0, "lenslet_focal_mm": 2.4,
-        "lenslet_pitch_mm": 0.672, "views": 3, "lenslets": [40, 64],
-    },
-    "template": {
-        "position_mm": 1.0, "size": 0.1, "brightness": [0.8, 1.0],
-        "objects": [
-            {"shape": "square", "depth_mm": 10.0, "size_mm": [9, 9], "centre_mm": [0, -10]},
-            {"shape": "circle", "depth_mm": -10.0, "size_mm": [9, 9], "centre_mm": [0, 10]},
-        ],
-    },
-}  # fmt: skip
+DATA = shapes(12, views=3, sides_mm=(9.0, 9.0))
 
 RECORD = {
     "title": "Test", "preset": "smoke", "seed": 1, "epochs": 2, "best_epoch": 1,

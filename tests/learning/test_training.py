@@ -8,6 +8,7 @@ import keras
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes
 
 from lf_flame import InputError
 from lf_flame._common.config import build
@@ -23,38 +24,12 @@ from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.trainers import make_trainer
 from lf_flame.learning.training import Recipe, TrainingConfig, read_training_config, train
 
-CAMERA = {
-    "main_lens_focal_mm": 150.0,
-    "focus_distance_mm": 326.0,
-    "lenslet_focal_mm": 2.4,
-    "lenslet_pitch_mm": 0.672,
-    "views": 5,
-    "lenslets": [40, 64],
-}
-OBJECTS = [
-    {"shape": "square", "depth_mm": 10.0, "size_mm": [10.0, 10.0], "centre_mm": [0.0, -10.0]},
-    {"shape": "circle", "depth_mm": -10.0, "size_mm": [9.0, 9.0], "centre_mm": [0.0, 10.0]},
-]
-
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     """Twelve small shape light fields with two planes."""
-    values = {
-        "kind": "shapes",
-        "seed": 5,
-        "image": [40, 64],
-        "samples": {"smoke": 12},
-        "camera": CAMERA,
-        "template": {
-            "position_mm": 1.0,
-            "size": 0.1,
-            "brightness": [0.8, 1.0],
-            "objects": OBJECTS,
-        },
-    }
     path = tmp_path_factory.mktemp("data") / "shapes.zarr"
-    make_dataset(config_from_json(values, "here"), 12, path)
+    make_dataset(config_from_json(shapes(12), "here"), 12, path)
     return path
 
 

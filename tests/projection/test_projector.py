@@ -6,6 +6,7 @@ from unittest.mock import patch
 import numba
 import numpy as np
 import pytest
+from builders import OPTICS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,13 +21,6 @@ from lf_flame.refocus import (
 )
 from lf_flame.simulation.planning.effects import EFFECTS, NOT_SEPARABLE
 from lf_flame.simulation.rendering import render_plan
-
-OPTICS = {
-    "main_lens_focal_mm": 150.0,
-    "focus_distance_mm": 326.0,
-    "lenslet_focal_mm": 0.4,
-    "lenslet_pitch_mm": 0.112,
-}
 
 
 def small(views=5, lenslets=(12, 18), **changes):

@@ -22,12 +22,12 @@ def test_boxes_have_the_mean_and_variance_of_the_bundle(small_camera, rays, axis
     optics = OpticalPass(small_camera)
     layer = Layer([[1.0]], 10.0, (30.0, 30.0))
     grid = ray_grid(planes_of(layer), optics, "views", rays, axis, True)
-    bundle, edges = optics.footprint(10.0, axis), grid.edges_mm[0]
+    bundle, edges = optics.footprint(10.0, axis), grid.planes.edges_mm[0]
     cell_mm = edges[1] - edges[0]
-    middles = edges[0] + cell_mm * grid.positions[0]
+    middles = edges[0] + cell_mm * grid.planes.positions[0]
     assert grid.count >= rays
     np.testing.assert_allclose(middles.mean(axis=-1), bundle.centres_mm, atol=1e-12)
-    found = middles.var(axis=-1) + (grid.boxes[0] * cell_mm) ** 2 / 12
+    found = middles.var(axis=-1) + (grid.planes.boxes[0] * cell_mm) ** 2 / 12
     expected = (bundle.lenslet_width_mm**2 + bundle.pixel_width_mm**2) / 12
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
@@ -39,23 +39,23 @@ def test_a_grid_has_the_shape_of_the_image(small_camera):
     planes = planes_of(Layer([[1.0]], 5.0, (9.0, 9.0)), Layer([[0.0]], -5.0, (1.0, 1.0)))
     for layout, along, across in (("views", (5, 24), (5, 30)), ("raw", (1, 120), (1, 150))):
         grid = ray_grid(planes, optics, layout, 4, 0, True)
-        assert grid.positions.shape == (2, *along, grid.count)
-        assert grid.stop_mm.shape == (2, *along, grid.count)
-        assert grid.shifts.shape == grid.stop_shifts_mm.shape == (2, *across)
+        assert grid.planes.positions.shape == (2, *along, grid.count)
+        assert grid.stops.places_mm.shape == (2, *along, grid.count)
+        assert grid.planes.shifts.shape == grid.stops.shifts_mm.shape == (2, *across)
         assert grid.seen.shape == along
         bare = ray_grid(planes, replace(optics, stops=()), layout, 4, 0, True)
-        assert bare.stop_mm.shape[1:3] == along
-        assert len(bare.stop_mm) == len(bare.stop_boxes_mm) == len(bare.stop_shifts_mm) == 0
+        assert bare.stops.places_mm.shape[1:3] == along
+        assert [len(table) for table in bare.stops] == [0] * 4
 
 
 def test_cells_finer_than_a_box_are_averaged(small_camera, rng):
     fine = Layer(rng.uniform(size=(500, 500)), 10.0, (3.0, 3.0))
     grid = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0, True)
-    assert grid.cells[0] < 500
-    assert grid.boxes[0] == pytest.approx(1.0)
+    assert grid.planes.cells[0] < 500
+    assert grid.planes.boxes[0] == pytest.approx(1.0)
     single = ray_grid(planes_of(fine), OpticalPass(small_camera), "views", 3, 0, False)
-    assert single.cells[0] == 500
-    assert single.boxes[0] == 0
+    assert single.planes.cells[0] == 500
+    assert single.planes.boxes[0] == 0
 
 
 @pytest.mark.parametrize("depths", [(-10.0, 20.0), (3.0, 7.0), (-10.0, 0.0), (0.5, 1.5)])
@@ -96,4 +96,4 @@ def test_a_grid_does_not_change(small_camera):
     grid = ray_grid(planes_of(Layer([[1.0]], 5.0, (1.0, 1.0))), OpticalPass(small_camera),
                     "views", 2, 0, True)  # fmt: skip
     with pytest.raises(FrozenInstanceError):
-        grid.boxes = None
+        grid.planes = None

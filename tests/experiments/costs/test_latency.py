@@ -7,6 +7,7 @@ import keras
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
@@ -34,29 +35,7 @@ pytestmark = pytest.mark.slow
 
 SIZE, VIEWS = (32, 64), 3
 
-DATA = {
-    "kind": "shapes",
-    "seed": 5,
-    "image": SIZE,
-    "samples": {"smoke": 10},
-    "camera": {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 2.4,
-        "lenslet_pitch_mm": 0.672,
-        "views": VIEWS,
-        "lenslets": SIZE,
-    },
-    "template": {
-        "position_mm": 1.0,
-        "size": 0.1,
-        "brightness": [0.8, 1.0],
-        "objects": [
-            {"shape": "square", "depth_mm": 10.0, "size_mm": [9, 9], "centre_mm": [0, -8]},
-            {"shape": "circle", "depth_mm": -10.0, "size_mm": [9, 9], "centre_mm": [0, 8]},
-        ],
-    },
-}
+DATA = shapes(10, SIZE, VIEWS, sides_mm=(9.0, 9.0), off_axis_mm=8.0)
 
 TRAINING = {
     "title": "Test images",

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from builders import shapes
 from click.testing import CliRunner
 from matplotlib.image import imread
 from matplotlib.text import Annotation, Text
@@ -34,39 +35,7 @@ from lf_flame.refocus import fourier_refocus
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
-VALUES = {
-    "kind": "shapes",
-    "seed": 5,
-    "image": [40, 64],
-    "samples": {"smoke": 12},
-    "camera": {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 1.2,
-        "lenslet_pitch_mm": 0.336,
-        "views": 5,
-        "lenslets": [80, 128],
-    },
-    "template": {
-        "position_mm": 1.0,
-        "size": 0.1,
-        "brightness": [0.8, 1.0],
-        "objects": [
-            {
-                "shape": "square",
-                "depth_mm": 10.0,
-                "size_mm": [10.0, 10.0],
-                "centre_mm": [0.0, -10.0],
-            },
-            {
-                "shape": "circle",
-                "depth_mm": -10.0,
-                "size_mm": [9.0, 9.0],
-                "centre_mm": [0.0, 10.0],
-            },
-        ],
-    },
-}
+VALUES = shapes(12, coarser=3)
 """Small shape light fields with two planes."""
 
 LABELS = {

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tiny_data import DATA
+from builders import DATA
 
 from experiments.dataset_making.rates import Rate, summarise
 from experiments.dataset_making.report import run_dataset_making, text

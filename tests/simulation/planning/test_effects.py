@@ -4,6 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from builders import camera
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
@@ -11,17 +12,9 @@ from lf_flame import InputError, Layer, PlenopticCamera, Scene, Sensor, plan_eff
 from lf_flame.optics.sensor import STAGES
 from lf_flame.simulation.planning.effects import EFFECTS, MATTER, RAYS
 
-OPTICS = {
-    "main_lens_focal_mm": 150.0,
-    "focus_distance_mm": 326.0,
-    "lenslet_focal_mm": 0.4,
-    "lenslet_pitch_mm": 0.112,
-    "lenslets": (10, 12),
-}
-
 
 def small(views=4, **changes):
-    return PlenopticCamera(**{**OPTICS, "views": views, **changes})
+    return PlenopticCamera(**{**camera(views, (10, 12)), **changes})
 
 
 APERTURE_MM = small().aperture_mm

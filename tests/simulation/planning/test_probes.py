@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import OPTICS
 
 from lf_flame import Layer, PlenopticCamera, Scene, plan_effects
 from lf_flame.optics.ray_bundle import trace_footprint
@@ -23,13 +24,7 @@ SPREADS = ("thickness", "chromatic")
 
 def window(views=5, lenslets=(16, 20), **changes):
     """The paper's optics, with a window of its lenslets."""
-    optics = {
-        "main_lens_focal_mm": 150.0,
-        "focus_distance_mm": 326.0,
-        "lenslet_focal_mm": 0.4,
-        "lenslet_pitch_mm": 0.112,
-    }
-    return PlenopticCamera(**optics, views=views, lenslets=lenslets, **changes)
+    return PlenopticCamera(**OPTICS, views=views, lenslets=lenslets, **changes)
 
 
 def image(layer, camera, *effects):

@@ -1,0 +1,53 @@
+"""Small cameras, scenes and data sets that the tests of several files build."""
+
+OPTICS = {
+    "main_lens_focal_mm": 150.0,
+    "focus_distance_mm": 326.0,
+    "lenslet_focal_mm": 0.4,
+    "lenslet_pitch_mm": 0.112,
+}
+"""The paper's optics."""
+
+
+def camera(views, lenslets, coarser=1):
+    """Values of a camera: the paper's optics, its lenslets so many times as wide and as long."""
+    wider = {name: round(OPTICS[name] * coarser, 3) for name in OPTICS if "lenslet" in name}
+    return {**OPTICS, **wider, "views": views, "lenslets": list(lenslets)}
+
+
+def camera_toml(views, lenslets):
+    """Text of a file with a [camera] table."""
+    lines = (f"{name} = {value}" for name, value in camera(views, lenslets).items())
+    return "\n".join(["", "[camera]", *lines, ""])
+
+
+def scene_toml(views, lenslets, shape="circle", depth_mm=5.0, side_mm=1.5):
+    """Text of a scene file with one layer."""
+    layer = f'shape = "{shape}"\ndepth_mm = {depth_mm}\nsize_mm = [{side_mm}, {side_mm}]\n'
+    return f"{camera_toml(views, lenslets)}[[layers]]\n{layer}"
+
+
+def shapes(samples, image=(40, 64), views=5, coarser=6, sides_mm=(10.0, 9.0), off_axis_mm=10.0):
+    """Values of a data set: a square in front of the focal plane, a circle behind it."""
+    sign = {"square": 1, "circle": -1}
+    return {
+        "kind": "shapes",
+        "seed": 5,
+        "image": list(image),
+        "samples": {"smoke": samples},
+        "camera": camera(views, (6 * side // coarser for side in image), coarser),
+        "template": {
+            "position_mm": 1.0,
+            "size": 0.1,
+            "brightness": [0.8, 1.0],
+            "objects": [
+                {"shape": shape, "depth_mm": 10.0 * sign[shape], "size_mm": [side, side],
+                 "centre_mm": [0.0, -off_axis_mm * sign[shape]]}
+                for shape, side in zip(sign, sides_mm, strict=False)
+            ],
+        },
+    }  # fmt: skip
+
+
+DATA = shapes(2, (10, 16), 3, sides_mm=(4.0,), off_axis_mm=0)
+"""Values of a data set of one square that is made in a moment."""
