@@ -102,7 +102,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.formats.view_sources import is_view_folder
+    from lf_flame.formats.view_files.sources import is_view_folder
     from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame

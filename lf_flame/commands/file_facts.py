@@ -29,9 +29,9 @@ def describe(source: Path) -> Found:
         If it is nothing that the package knows, or cannot be read.
     """
     from lf_flame.formats.images import IMAGE_SUFFIXES
-    from lf_flame.formats.lytro_decoding import is_lytro
-    from lf_flame.formats.lytro_white import holds_white_files
-    from lf_flame.formats.view_sources import is_view_folder
+    from lf_flame.formats.lytro.decoding import is_lytro
+    from lf_flame.formats.lytro.white import holds_white_files
+    from lf_flame.formats.view_files.sources import is_view_folder
 
     if is_lytro(source):
         return lytro_picture(source)
@@ -76,7 +76,7 @@ def _other_folder(source: Path, error: InputError) -> Found:
     """Folder without views, which may hold single files to be looked at."""
     from lf_flame.formats.arrays import ARRAY_SUFFIXES
     from lf_flame.formats.images import IMAGE_SUFFIXES
-    from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
+    from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
 
     known = (*LYTRO_SUFFIXES, *ARRAY_SUFFIXES, *IMAGE_SUFFIXES)
     paths = sorted(path for path in source.iterdir() if path.suffix.lower() in known)
@@ -93,7 +93,7 @@ def _image(source: Path) -> Found:
     """Raw image, lenslet image or stack of pages."""
     from lf_flame.formats import estimate_grid, read_focal_stack
     from lf_flame.formats.images import TIFF_SUFFIXES, read_image
-    from lf_flame.formats.mosaic import refuse_mosaic
+    from lf_flame.formats.raw.colour_pattern import refuse_mosaic
     from lf_flame.formats.stacks import is_stack
 
     if source.suffix.lower() in TIFF_SUFFIXES and is_stack(source):

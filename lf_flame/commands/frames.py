@@ -15,10 +15,10 @@ from lf_flame.commands.light_field_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.lytro_decoding import is_lytro
-from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
-from lf_flame.formats.raw_reading import plan_raw, read_frame
-from lf_flame.formats.view_sources import ARCHIVE, is_view_folder
+from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
+from lf_flame.formats.raw.reading import plan_raw, read_frame
+from lf_flame.formats.view_files.sources import ARCHIVE, is_view_folder
 from lf_flame.lightfield import LightField
 
 

@@ -63,9 +63,9 @@ def _preview(source: Path, ending: str) -> bytes:
 
     from lf_flame import formats
     from lf_flame.formats.images import to_preview, white_level
-    from lf_flame.formats.lytro import check_jpeg
-    from lf_flame.formats.lytro_decoding import is_lytro
-    from lf_flame.formats.lytro_picture import LytroFile
+    from lf_flame.formats.lytro.container import check_jpeg
+    from lf_flame.formats.lytro.decoding import is_lytro
+    from lf_flame.formats.lytro.picture import LytroFile
 
     data = LytroFile(source).thumbnail() if is_lytro(source) else None
     out = io.BytesIO()

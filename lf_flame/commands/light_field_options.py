@@ -199,7 +199,7 @@ class Reading:
 
     def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image."""
-        from lf_flame.formats.view_sources import is_view_folder
+        from lf_flame.formats.view_files.sources import is_view_folder
 
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):
@@ -227,7 +227,7 @@ class Reading:
         from lf_flame import formats
         from lf_flame.formats.coding import notes_on_values
         from lf_flame.formats.reading import subtract_dark
-        from lf_flame.formats.view_sources import is_view_folder
+        from lf_flame.formats.view_files.sources import is_view_folder
 
         if self.white is not None or self.pitch is not None:
             _refuse_options(

@@ -10,13 +10,13 @@ from lf_flame.commands.findings import Found, typed
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
-    from lf_flame.formats.lytro_metadata import LytroMetadata
-    from lf_flame.formats.lytro_picture import LytroFile
+    from lf_flame.formats.lytro.metadata import LytroMetadata
+    from lf_flame.formats.lytro.picture import LytroFile
 
 
 def lytro_picture(source: Path) -> Found:
     """Describe a picture of a Lytro camera."""
-    from lf_flame.formats.lytro_picture import LytroFile
+    from lf_flame.formats.lytro.picture import LytroFile
 
     file = LytroFile(source)
     found = Found("picture of a Lytro camera")
@@ -101,7 +101,7 @@ def _joined(*parts: tuple[str, float | str | None]) -> str:
 
 def _thumbnail_size(file: "LytroFile") -> str | None:
     """Describe the thumbnail of a Lytro picture; None if there is none."""
-    from lf_flame.formats.lytro import check_jpeg
+    from lf_flame.formats.lytro.container import check_jpeg
 
     data = file.thumbnail()
     if data is None:
@@ -115,7 +115,7 @@ def _thumbnail_size(file: "LytroFile") -> str | None:
 
 def lytro_white_files(source: Path) -> Found:
     """Describe white images of a Lytro camera."""
-    from lf_flame.formats.lytro_white import white_files
+    from lf_flame.formats.lytro.white import white_files
 
     with white_files(source) as files:
         metadata = [one.metadata for one in files]

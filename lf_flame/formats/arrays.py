@@ -14,8 +14,8 @@ from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
-from lf_flame.formats.orders import Grid, as_grid
-from lf_flame.formats.view_order import fold
+from lf_flame.formats.view_files.orders import Grid, as_grid
+from lf_flame.formats.view_files.parallax_order import fold
 from lf_flame.lightfield import LightField
 
 HDF5_SUFFIXES, MATLAB_SUFFIX = (".h5", ".hdf5"), ".mat"

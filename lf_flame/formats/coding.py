@@ -9,7 +9,7 @@ from lf_flame._common.input_files import File, check_regular, open_bytes
 from lf_flame._common.tiff_files import open_image
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import MATLAB_SUFFIX
-from lf_flame.formats.view_sources import first_image, is_view_folder
+from lf_flame.formats.view_files.sources import first_image, is_view_folder
 from lf_flame.lightfield import LightField
 
 CODED = (

@@ -14,8 +14,8 @@ from lf_flame._common.hdf5_files import Hdf5File
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import read_array
-from lf_flame.formats.orders import arranged, turned_round
-from lf_flame.formats.view_order import find_order
+from lf_flame.formats.view_files.orders import arranged, turned_round
+from lf_flame.formats.view_files.parallax_order import find_order
 
 VIEWS, DEPTH = "LF", "GT_DEPTH"
 """Names of the views and of their depths."""

@@ -12,14 +12,14 @@ from lf_flame.formats.arrays import ARRAY_SUFFIXES, HDF5_SUFFIXES, read_array
 from lf_flame.formats.hci_files import find_hci_order, is_hci
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lenslet_image import read_lenslet_image
-from lf_flame.formats.lytro_decoding import is_lytro, plan_lytro
-from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES
-from lf_flame.formats.orders import Grid, arranged
+from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
+from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
 from lf_flame.formats.stacks import is_stack, read_view_stack
-from lf_flame.formats.view_folder import scan_view_folder
-from lf_flame.formats.view_mosaic import read_view_mosaic
-from lf_flame.formats.view_order import find_order
-from lf_flame.formats.view_sources import ARCHIVE, LIST, is_view_folder
+from lf_flame.formats.view_files.folder import scan_view_folder
+from lf_flame.formats.view_files.mosaic import read_view_mosaic
+from lf_flame.formats.view_files.orders import Grid, arranged
+from lf_flame.formats.view_files.parallax_order import find_order
+from lf_flame.formats.view_files.sources import ARCHIVE, LIST, is_view_folder
 from lf_flame.lightfield import LightField
 
 

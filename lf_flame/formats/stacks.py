@@ -14,8 +14,8 @@ from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import open_tiff, read_series, transparency
 from lf_flame.errors import InputError
-from lf_flame.formats.orders import Grid, arranged, as_grid
-from lf_flame.formats.view_order import find_order, fold, order_memory
+from lf_flame.formats.view_files.orders import Grid, arranged, as_grid
+from lf_flame.formats.view_files.parallax_order import find_order, fold, order_memory
 from lf_flame.lightfield import LightField
 
 MOST_CHANNELS = 4

@@ -7,7 +7,7 @@ import numpy as np
 from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
-from lf_flame.formats.view_folder import write_view_folder
+from lf_flame.formats.view_files.folder import write_view_folder
 from lf_flame.lightfield import LightField
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from lf_flame import InputError
 from lf_flame.formats import find_white, read_lytro, read_lytro_products
-from lf_flame.formats.lytro_picture import LytroFile
+from lf_flame.formats.lytro.picture import LytroFile
 
 MODELS = ("F01", "ILLUM")
 

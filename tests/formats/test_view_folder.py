@@ -16,8 +16,8 @@ from tifffile import imwrite
 from lf_flame import InputError, Layer, LightField, Scene, read_light_field, render
 from lf_flame._common.arrays import centred
 from lf_flame.formats import read_view_folder, scan_view_folder, write_view_folder
-from lf_flame.formats.orders import ORDERS, arranged
-from lf_flame.formats.view_order import find_order, fold
+from lf_flame.formats.view_files.orders import ORDERS, arranged
+from lf_flame.formats.view_files.parallax_order import find_order, fold
 from lf_flame.refocus import all_in_focus, find_sharpest_slope, shift_and_sum
 from lf_flame.systems import ShiftAndSum
 
@@ -596,7 +596,7 @@ def test_a_writer_that_is_cut_leaves_nothing(tmp_path, rng, monkeypatch):
         written.append(path)
         path.write_bytes(b"half")
 
-    monkeypatch.setattr("lf_flame.formats.view_folder.write_image", full)
+    monkeypatch.setattr("lf_flame.formats.view_files.folder.write_image", full)
     with pytest.raises(OSError, match="disk full"):
         write_view_folder(LightField(rng.uniform(size=(2, 2, 3, 3))), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

@@ -219,7 +219,7 @@ def test_lists_that_are_too_short_or_too_wide_are_refused(tmp_path, monkeypatch)
         read_light_field(path)
     for k in range(4):
         Image.new("L", (4, 4)).save(tmp_path / f"{k}.png")
-    monkeypatch.setattr("lf_flame.formats.view_names.LARGEST_GRID", 9)
+    monkeypatch.setattr("lf_flame.formats.view_files.names.LARGEST_GRID", 9)
     path.write_text("".join(f"{k}.png,{k},{k}\n" for k in range(4)))
     with pytest.raises(InputError, match="4 views cannot fill a grid of 4 x 4"):
         read_light_field(path)

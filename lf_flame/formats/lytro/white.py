@@ -20,10 +20,10 @@ from lf_flame._common.input_files import read_text, readable
 from lf_flame._common.memory import check_memory
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.lytro import parse_table
-from lf_flame.formats.lytro_metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro_picture import LytroPicture
-from lf_flame.formats.lytro_pixels import BYTES_A_PIXEL, check_packed, read_packed, unpack
+from lf_flame.formats.lytro.container import parse_table
+from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
+from lf_flame.formats.lytro.picture import LytroPicture
+from lf_flame.formats.lytro.pixels import BYTES_A_PIXEL, check_packed, read_packed, unpack
 
 LOGGER = logging.getLogger(__name__)
 

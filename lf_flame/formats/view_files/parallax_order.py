@@ -14,7 +14,7 @@ import skimage  # its parts load when they are used
 from scipy.ndimage import gaussian_filter
 
 from lf_flame.errors import InputError
-from lf_flame.formats.orders import SNAKE, Grid, arranged
+from lf_flame.formats.view_files.orders import SNAKE, Grid, arranged
 
 SCALES = (1, 2, 4, 8, 16)
 """Factors by which views are reduced for the parallax search; it should be below one pixel."""
@@ -56,7 +56,7 @@ class FoundOrder:
     Attributes
     ----------
     order : str
-        An order as in `lf_flame.formats.orders`.
+        An order as in `lf_flame.formats.view_files.orders`.
     reason : str
         Sentence for users on how the order was found.
     slopes : (float, float), optional

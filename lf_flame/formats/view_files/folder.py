@@ -17,10 +17,10 @@ from lf_flame._common.printable import printable
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
-from lf_flame.formats.orders import Grid, arranged, as_grid, check_order
-from lf_flame.formats.view_names import name_some, number_grid
-from lf_flame.formats.view_order import FoundOrder, find_order, fold, order_memory
-from lf_flame.formats.view_sources import LIST, find_files, read_list
+from lf_flame.formats.view_files.names import name_some, number_grid
+from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_order
+from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold, order_memory
+from lf_flame.formats.view_files.sources import LIST, find_files, read_list
 from lf_flame.lightfield import LightField
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.decode_plan import DecodePlan, less_dark
 from lf_flame.formats.images import read_image
-from lf_flame.formats.lenslet_grid import LensletGrid, grid_from_pitch
-from lf_flame.formats.lytro_decoding import is_lytro, plan_lytro
-from lf_flame.formats.lytro_picture import read_lytro
-from lf_flame.formats.view_sources import is_view_folder
-from lf_flame.formats.white_image import estimate_grid
+from lf_flame.formats.lytro.decoding import is_lytro, plan_lytro
+from lf_flame.formats.lytro.picture import read_lytro
+from lf_flame.formats.raw.decode_plan import DecodePlan, less_dark
+from lf_flame.formats.raw.lenslet_grid import LensletGrid, grid_from_pitch
+from lf_flame.formats.raw.white_image import estimate_grid
+from lf_flame.formats.view_files.sources import is_view_folder
 from lf_flame.lightfield import LightField
 
 

@@ -115,10 +115,10 @@ def _down_columns(lines, weights, slopes, taps, move, share, out):
 def _resample(queue, lattices, places, array, across, along, taps, taps_down, gain, joined, out):
     """Resample each row of lenslets into its views: first along the pixel rows, then down.
 
-    lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: the
-    named tuples of `lf_flame.formats.decode_plan`. taps, taps_down: tuples of as many elements as
-    there are weights along and across, by which the compiler knows their number. gain: factors of
-    the parts, (v, u, row, column, channel), or None. out: (v, u, row, column, channel).
+    lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: named
+    tuples of `decode_plan`. taps, taps_down: tuples of as many elements as there are weights along
+    and across, by which the compiler knows their number. gain: factors of the parts,
+    (v, u, row, column, channel), or None. out: (v, u, row, column, channel).
     """
     views, size = array.part_down.size, array.columns.size
     cos, sin, tan = array.cos, array.sin, array.sin / array.cos

@@ -8,8 +8,8 @@ from scipy import fft, ndimage
 
 from lf_flame._common import progress
 from lf_flame.errors import InputError
-from lf_flame.formats.grid_fit import flattened, no_grid, refine
-from lf_flame.formats.lenslet_grid import LensletGrid, check_layout
+from lf_flame.formats.raw.grid_fit import flattened, no_grid, refine
+from lf_flame.formats.raw.lenslet_grid import LensletGrid, check_layout
 
 SMALLEST_PITCH = 4.0
 """Smallest pitch in pixels; a smaller micro-image has no shape that could be found."""

@@ -9,7 +9,7 @@ import scipy  # its parts load when they are used
 from scipy import ndimage
 
 from lf_flame.errors import InputError
-from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
 SMOOTHING = math.sqrt(2) / (2 * math.pi)
 """Standard deviation, in pitches, of the Gaussian that locates a micro-image with least noise.

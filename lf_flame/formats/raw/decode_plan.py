@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.formats._decode_kernels import MARGIN, filter_columns, filter_rows, resample
-from lf_flame.formats.bad_pixels import count_saturated, find_bad_pixels
-from lf_flame.formats.bayer import check_bayer, lattices
-from lf_flame.formats.lenslet_grid import LensletGrid
-from lf_flame.formats.mosaic import refuse_mosaic
+from lf_flame.formats.raw._decode_kernels import MARGIN, filter_columns, filter_rows, resample
+from lf_flame.formats.raw.bad_pixels import count_saturated, find_bad_pixels
+from lf_flame.formats.raw.bayer import check_bayer, lattices
+from lf_flame.formats.raw.colour_pattern import refuse_mosaic
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
-from lf_flame.formats.orders import Grid, read_grid
+from lf_flame.formats.view_files.orders import Grid, read_grid
 from lf_flame.lightfield import LightField
 
 

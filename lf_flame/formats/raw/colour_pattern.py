@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from lf_flame.errors import InputError
-from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
 WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
 """Weights of the pixels around a micro-image's centre. Even and odd pixels get equal total weight

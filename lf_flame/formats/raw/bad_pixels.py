@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 
 FACTOR = 2.0
 """Ratio to the pixels at the same place of neighbouring micro-images from which a pixel of a white

@@ -10,16 +10,16 @@ import numpy as np
 from lf_flame._common.input_files import check_regular, read_text
 from lf_flame._common.memory import check_memory
 from lf_flame.errors import InputError
-from lf_flame.formats.lytro import (
+from lf_flame.formats.lytro.container import (
     CONTAINER_SUFFIXES,
     LARGEST_JSON,
     LytroContainer,
     open_container,
     parse_table,
 )
-from lf_flame.formats.lytro_metadata import LytroMetadata, parse_metadata
-from lf_flame.formats.lytro_pixels import BYTES_A_PIXEL, read_packed, unpack
-from lf_flame.formats.lytro_products import LytroProduct, find_products
+from lf_flame.formats.lytro.metadata import LytroMetadata, parse_metadata
+from lf_flame.formats.lytro.pixels import BYTES_A_PIXEL, read_packed, unpack
+from lf_flame.formats.lytro.products import LytroProduct, find_products
 from lf_flame.formats.nested_values import NestedValues, tables
 
 LYTRO_SUFFIXES = (*CONTAINER_SUFFIXES, ".raw")

@@ -7,12 +7,12 @@ import numpy as np
 
 from lf_flame._common.printable import printable
 from lf_flame.errors import InputError
-from lf_flame.formats.decode_plan import DecodePlan
 from lf_flame.formats.images import read_image
-from lf_flame.formats.lenslet_grid import LensletGrid
-from lf_flame.formats.lytro_picture import LYTRO_SUFFIXES, LytroPicture, read_lytro
-from lf_flame.formats.lytro_white import find_white
-from lf_flame.formats.white_image import estimate_grid
+from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES, LytroPicture, read_lytro
+from lf_flame.formats.lytro.white import find_white
+from lf_flame.formats.raw.decode_plan import DecodePlan
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.white_image import estimate_grid
 
 LOGGER = logging.getLogger(__name__)
 

@@ -7,8 +7,8 @@ of views follow the array, so that a rotation of the array against the sensor is
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame.formats.decode_plan import DecodePlan, as_image
-from lf_flame.formats.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.decode_plan import DecodePlan, as_image
+from lf_flame.formats.raw.lenslet_grid import LensletGrid
 from lf_flame.lightfield import LightField
 
 

@@ -11,7 +11,7 @@ from lf_flame._common.input_files import File, read_text
 from lf_flame._common.zip_files import list_zip, read_zip
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.view_names import Count, grid_of, largest_set
+from lf_flame.formats.view_files.names import Count, grid_of, largest_set
 
 ARCHIVE, LIST = ".zip", ".csv"
 """File endings of an archive of views, and of a list of views."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame.errors import InputError
-from lf_flame.formats.lytro_metadata import LytroMetadata
+from lf_flame.formats.lytro.metadata import LytroMetadata
 
 BYTES_A_PIXEL = 16
 """Memory of a picture in bytes per pixel: packed, as levels, and as floats with a copy."""

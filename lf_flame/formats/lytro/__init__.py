@@ -1,0 +1,1 @@
+"""Files of Lytro cameras: containers, metadata, white images, pictures."""

@@ -1,0 +1,1 @@
+"""Raw lenslet images: where the lenslets are, and decoding into views."""

@@ -1,0 +1,1 @@
+"""Light fields as one picture for each view: folders, archives, lists, mosaics, and their order."""
