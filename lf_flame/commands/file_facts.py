@@ -117,18 +117,20 @@ def _image(source: Path) -> Found:
     found.facts["lenslets"] = grid.describe()
     views = round(grid.pitch)
     on_pixels = abs(grid.pitch - views) < 0.02 and abs(grid.rotation) < 1e-3
-    if grid.layout == "rectangular" and on_pixels and not any(n % views for n in image.shape[:2]):
+    in_blocks = not any(n % views for n in image.shape[:2])
+    options = ["--white", "WHITE.png"]
+    try:
+        refuse_mosaic(_middle(image), grid, "raw")
+    except InputError as error:
+        found.notes.append(str(error))
+        options += ["--bayer", "rggb"]
+    if grid.layout == "rectangular" and on_pixels and in_blocks and not found.notes:
         found.kind = "lenslet image"
         found.command = typed("refocus", source, "--views", str(views))
         return found
     found.kind = "raw image of a plenoptic camera, or its white image"
-    if image.ndim == 2:
-        try:
-            refuse_mosaic(_middle(image), grid, "raw")
-        except InputError as error:
-            found.notes.append(str(error))
     found.missing.append("the white image (flat field) of the camera, in the same form.")
-    found.command = typed("refocus", source, "--white", "WHITE.png")
+    found.command = typed("refocus", source, *options)
     return found
 
 

@@ -64,7 +64,7 @@ def refuse_mosaic(image: np.ndarray, grid: LensletGrid, name: str) -> None:
     raise InputError(
         f"The {name} image is a colour mosaic (Bayer), not grey: the four pixels of each 2 x 2 "
         f"have mean levels in the ratio {shown}; decode it as a raw image "
-        f"and state the colours of the upper left four pixels, row by row, as bayer rggb."
+        f"and state the colours of the upper left four pixels, row by row (--bayer rggb)."
     )
 
 

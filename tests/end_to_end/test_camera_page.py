@@ -1,0 +1,56 @@
+"""The page on one's own camera, done as it says, on a raw image made by geometry of its own."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from lf_flame.formats import read_light_field
+
+PAGE = (Path(__file__).parents[2] / "docs" / "your_camera.md").read_text(encoding="utf-8")
+PITCH, SLOPE, DARK, WHITE = 15, 0.4, 500.0, 30000.0
+COLOURS = np.array([[0.6, 1.0], [1.0, 0.7]])  # red, green; green, blue
+
+
+def write_pictures(folder):
+    """A coloured plane under square lenslets, whose detail moves by SLOPE lenslets for a pixel."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[: 30 * PITCH, : 40 * PITCH]
+    seen = [n // PITCH - SLOPE * (n % PITCH - PITCH // 2) for n in (y, x)]
+    waves = rng.normal(0, 0.7, (30, 2))
+    scene = 0.5 + 0.4 * np.mean(
+        [np.sqrt(30) * np.cos(a * seen[0] + b * seen[1] + 9 * a) for a, b in waves], axis=0
+    )
+    away = np.hypot(y % PITCH - PITCH // 2, x % PITCH - PITCH // 2)
+    light = WHITE * np.clip(PITCH / 2 - away, 0.02, 1) * np.tile(COLOURS, (15 * PITCH, 20 * PITCH))
+    dark = DARK + rng.normal(0, 5, y.shape)
+    for name, lit in (("raw", light * np.clip(scene, 0, 1)), ("white", light), ("dark", 0)):
+        tifffile.imwrite(folder / f"{name}.tif", np.rint(lit + dark).astype(np.uint16))
+
+
+@pytest.mark.slow
+def test_the_page_ends_in_the_slope_of_the_picture(tmp_path):
+    write_pictures(tmp_path)
+    (block,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    for line in block.splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "lf-flame"
+        command = [sys.executable, "-m", "lf_flame", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    (record,) = tmp_path.rglob("refocus.json")
+    slopes = tifffile.imread(record.with_name("slope_map.tif"))
+    assert np.median(slopes) == pytest.approx(SLOPE, rel=0.02)
+    json.loads(record.read_text())
+    views = read_light_field(tmp_path / "views.npz")
+    assert views.shape == (15, 15, 30, 40, 3)
+    assert views.weights[7, 7] == 1
+    assert views.weights[0, 0] == 0
+    red, green, blue = views.views[7, 7].mean(axis=(0, 1)) / views.views[7, 7, ..., 1].mean()
+    np.testing.assert_allclose([red, green, blue], [0.6, 1.0, 0.7], rtol=0.02)
