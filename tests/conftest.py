@@ -3,13 +3,19 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import pytest
-from click.testing import CliRunner
-from hypothesis import Phase, settings
+# Tests run side by side. Threads of TensorFlow and of BLAS wait by spinning, and several of them on
+# a core take many times as long. To be set before these load.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for name in ("TF_NUM_INTRAOP_THREADS", "TF_NUM_INTEROP_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
-from lf_flame import PAPER_CAMERA
-from lf_flame.commands.cli import commands
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from click.testing import CliRunner  # noqa: E402
+from hypothesis import Phase, settings  # noqa: E402
+
+from lf_flame import PAPER_CAMERA  # noqa: E402
+from lf_flame.commands.cli import commands  # noqa: E402
 
 # The same examples in every run: what fails for one fails for all. For new ones:
 # pytest --hypothesis-profile=default

@@ -39,7 +39,7 @@ def config():
         "title": "test",
         "seed": 1,
         "split": [0.5, 0.25, 0.25],
-        "model": {"backbone_weights": "random", "backbone_depth": "conv4"},
+        "model": {"backbone_weights": "random", "backbone_depth": "conv3"},
         "presets": {"smoke": {"epochs": 3, "batch_size": 2}},
     }
     return build(TrainingConfig, values, "here")
@@ -137,7 +137,7 @@ def test_the_best_weights_are_kept_and_the_record_is_whole(config, data, tmp_pat
         "recipe",
         "command",
     }
-    assert record["backbone_weights"] == "random (seed 1), conv4"
+    assert record["backbone_weights"] == "random (seed 1), conv3"
 
 
 @pytest.mark.slow
