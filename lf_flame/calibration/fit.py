@@ -73,7 +73,7 @@ def fit_targets(
         raise InputError(
             "All targets must be pictures of one camera, got views of different numbers or sizes."
         )
-    _refuse_few(np.asarray(depths_mm, float))
+    refuse_few_depths(depths_mm)
     ((views, lenslets),) = shapes
     if views[0] != views[1]:
         raise InputError(f"The number of views must be the same down and right, got {views}.")
@@ -111,7 +111,9 @@ def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
     return (mean, error) if abs(mean) > sure * error else (0.0, 0.0)
 
 
-def _refuse_few(depths: np.ndarray) -> None:
+def refuse_few_depths(depths_mm: Sequence[float] | np.ndarray) -> None:
+    """Refuse fewer than three different depths, or depths that are not finite."""
+    depths = np.asarray(depths_mm, float)
     different = len(np.unique(depths))
     if different < LEAST_DISTANCES or not np.all(np.isfinite(depths)):
         raise InputError(
@@ -153,7 +155,7 @@ def fit_law(
     >>> round(fit_law(measured, views=9, lenslets=(60, 90)).law.slope_centre_mm, 3)
     -400.0
     """
-    _refuse_few(measured.depths)
+    refuse_few_depths(measured.depths)
     span = float(np.ptp(measured.depths))
     start = _start(measured)
     solved, position = _explained(measured, start, span, free=False)

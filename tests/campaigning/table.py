@@ -44,6 +44,7 @@ class Call:
 
 LENS = "--camera simulated/simulation.json"
 PLANES = f"{LENS} --depth-mm 0 --depth-mm 5 --bootstrap 2"
+BOARDS = "near.png@-20 middle.png@0 far.png@25"
 DATASET = "dataset shapes.toml --preset smoke"
 MODEL = "--backbone-weights random --backbone-depth conv4"
 TRAIN = f"train training.toml --preset smoke --data data.zarr {MODEL}"
@@ -83,6 +84,7 @@ CALLS = (
     Call("convert simulated/light_field.npz out.npy"),
     Call("convert lenslets.tif out.npy --views 3"),
     Call("convert raw.png out.npy --white white.png"),
+    Call(f"calibrate {BOARDS} --square-mm 5 --views 3 --out out", "near.png middle.png far.png"),
     Call(f"resolution {LENS} --figure out.png"),
     Call(f"reconstruct light_field.npy {PLANES} --out out"),
     Call(f"abel light_field.npy {LENS} --bootstrap 2 --out out"),
