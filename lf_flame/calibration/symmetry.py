@@ -15,10 +15,18 @@ SETTLED = 1e-4
 """Step in pixels below which a position is final."""
 
 
+ACROSS = 8
+"""Largest number of offsets along a radius."""
+
+
 def half_disc(radius: float) -> np.ndarray:
-    """Offsets of a half disc, one of each pair d and -d, shape (m, 2), one pixel apart."""
-    reach = int(np.ceil(radius))
-    rows, columns = (axis.ravel() + 0.5 for axis in np.mgrid[-reach:reach, 0:reach])
+    """Offsets of a half disc, one of each pair d and -d, shape (m, 2).
+
+    They are one pixel apart; more in a large disc, of which `ACROSS` a radius are enough.
+    """
+    apart = max(1.0, radius / ACROSS)
+    reach = int(np.ceil(radius / apart))
+    rows, columns = (apart * (axis.ravel() + 0.5) for axis in np.mgrid[-reach:reach, 0:reach])
     inside = np.hypot(rows, columns) <= radius
     return np.column_stack([rows, columns])[inside]
 
