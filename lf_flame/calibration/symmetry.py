@@ -11,22 +11,14 @@ from scipy.ndimage import map_coordinates, spline_filter
 TURNS = 6
 """Largest number of Gauss-Newton steps."""
 
-SETTLED = 1e-4
+SETTLED = 3e-4
 """Step in pixels below which a position is final."""
 
 
-ACROSS = 8
-"""Largest number of offsets along a radius."""
-
-
 def half_disc(radius: float) -> np.ndarray:
-    """Offsets of a half disc, one of each pair d and -d, shape (m, 2).
-
-    They are one pixel apart; more in a large disc, of which `ACROSS` a radius are enough.
-    """
-    apart = max(1.0, radius / ACROSS)
-    reach = int(np.ceil(radius / apart))
-    rows, columns = (apart * (axis.ravel() + 0.5) for axis in np.mgrid[-reach:reach, 0:reach])
+    """Offsets of a half disc, one of each pair d and -d, shape (m, 2), one pixel apart."""
+    reach = int(np.ceil(radius))
+    rows, columns = (axis.ravel() + 0.5 for axis in np.mgrid[-reach:reach, 0:reach])
     inside = np.hypot(rows, columns) <= radius
     return np.column_stack([rows, columns])[inside]
 
@@ -52,12 +44,13 @@ def centres(image: np.ndarray, starts: np.ndarray, radius: float) -> np.ndarray:
     slopes = np.gradient(image)
     offsets = half_disc(radius)
     found = np.array(starts, float)
+    moving = np.ones(len(found), bool)
     last = np.array(image.shape) - 1.0
     for _ in range(TURNS):
         inside = np.all((found >= radius) & (found <= last - radius), axis=1)
         lost = ~inside | (np.hypot(*(found - starts).T) > radius / 2)
         found[lost] = np.nan
-        live = np.flatnonzero(np.isfinite(found[:, 0]))
+        live = np.flatnonzero(moving & np.isfinite(found[:, 0]))
         if not len(live):
             break
         there = (found[live, None] + offsets).transpose(2, 0, 1)
@@ -71,8 +64,7 @@ def centres(image: np.ndarray, starts: np.ndarray, radius: float) -> np.ndarray:
         right = np.einsum("nmi,nm->ni", jacobian, difference)
         step = np.linalg.solve(normal, right[..., None])[..., 0]
         found[live] -= step
-        if np.abs(step).max() < SETTLED:
-            break
+        moving[live] = np.abs(step).max(axis=1) > SETTLED
     return found
 
 
