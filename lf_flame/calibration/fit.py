@@ -8,6 +8,7 @@ from scipy.stats import f, t
 
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.calibration.law_fit import LawFit, Measurements
+from lf_flame.calibration.plane import inverse
 from lf_flame.calibration.targets import Target
 from lf_flame.errors import InputError
 
@@ -22,6 +23,9 @@ WORST_SHARE = 0.02
 
 SURE = 0.999
 """Probability above which more than noise, or a second centre, is taken to be there."""
+
+FAR = 1e12
+"""Residual, in standard errors, of a trial law that has no value at a target."""
 
 NAMES = ("slope_at_infinity", "slope_mm", "slope_centre_mm", "scale", "scale_centre_mm")
 
@@ -165,7 +169,7 @@ def fit_law(
             solved, position = two, smaller
     _refuse_misfit(measured, solved, position, span)
     numbers = [0, 1, 2, 3, 4 if len(solved.x) == 5 else 2]
-    covariance = np.linalg.inv(solved.jac.T @ solved.jac)[np.ix_(numbers, numbers)]
+    covariance = inverse(solved.jac.T @ solved.jac)[np.ix_(numbers, numbers)]
     covariance[3, 3] += (scale_error * solved.x[3]) ** 2
     values = dict(zip(NAMES, map(float, solved.x[numbers]), strict=True))
     deviations = dict(zip(NAMES, map(float, np.sqrt(np.diag(covariance))), strict=True))
@@ -222,9 +226,8 @@ def _solve(measured: Measurements, start: np.ndarray, position: float):
 
     def residuals(p: np.ndarray) -> np.ndarray:
         slopes, scales = _model(p, measured.depths)
-        return np.concatenate(
-            [(slopes - measured.slopes) / slope_errors, (scales - measured.scales) / scale_errors]
-        )
+        off = [(slopes - measured.slopes) / slope_errors, (scales - measured.scales) / scale_errors]
+        return np.nan_to_num(np.concatenate(off), nan=FAR, posinf=FAR, neginf=-FAR)
 
     return least_squares(residuals, start, method="lm", x_scale="jac", xtol=1e-14, ftol=1e-14)
 

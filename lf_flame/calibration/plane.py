@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from lf_flame.errors import InputError
+
 
 @dataclass(frozen=True)
 class LatticeFit:
@@ -28,6 +30,18 @@ class LatticeFit:
     residual: float
 
 
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Invert a matrix of a fit; refuse one that is singular to rounding."""
+    scale = np.sqrt(np.diag(matrix))
+    even = matrix / scale[:, None] / scale
+    if not (np.all(np.isfinite(even)) and np.linalg.cond(even) < 1e14):
+        raise InputError(
+            "The corners of a target must spread over the picture, and the depths of the targets "
+            "be far apart; from these the law cannot be told."
+        )
+    return np.linalg.inv(even) / scale[:, None] / scale
+
+
 def fit_lattice(
     indices: np.ndarray, points: np.ndarray, distortion: float | None = 0.0
 ) -> LatticeFit:
@@ -49,7 +63,7 @@ def fit_lattice(
     start = np.concatenate([affine[0], affine[1:].ravel(), np.zeros(2 + (distortion is None))])
     fit = least_squares(residuals, start, x_scale="jac", method="lm", xtol=1e-14, ftol=1e-14)
     freedom = max(fit.fun.size - fit.x.size, 1)
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
+    covariance = inverse(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
     a, b, c, d = fit.x[2:6]
     scale = float(np.sqrt(abs(a * d - b * c)))
     gradient = np.array([d, -c, -b, a]) / (2 * scale) * np.sign(a * d - b * c)
@@ -85,5 +99,5 @@ def fit_slopes(
     design = np.column_stack([np.ones(len(points)), points])
     plane, *_ = np.linalg.lstsq(design, slopes, rcond=None)
     variance = np.sum((slopes - design @ plane) ** 2) / max(len(slopes) - 3, 1)
-    error = float(np.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0]))
+    error = float(np.sqrt(variance * inverse(design.T @ design)[0, 0]))
     return float(plane[0]), error, plane[1:]

@@ -119,6 +119,7 @@ def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
         ([0.0, 10.0], "3 different distances"),
         ([0.0, 10.0, 10.0], "3 different distances"),
         ([0.0, 10.0, np.nan], "3 different distances"),
+        ([0.0, 1e-9, 2e-9], "far apart|positive away|no law|range"),
     ],
 )
 def test_too_few_distances_are_refused(depths, said):

@@ -71,6 +71,18 @@ def test_a_tilted_target_is_measured_at_the_centre_of_the_image():
     assert np.abs(flat.slope_at_centre()[2]).max() < 0.1 * abs(gradient[1])
 
 
+def test_corners_are_where_they_are_on_the_board():
+    """Positions from the centre of the image, in mm on the board, lie on its lines."""
+    target = measure_target(BENCH.picture(430.0, 5.0, turn=0.1))
+    y, x = target.points.T * BENCH.scale(430.0) / 5.0
+    down = np.cos(0.1) * y + np.sin(0.1) * x + 0.17
+    right = np.cos(0.1) * x - np.sin(0.1) * y + 0.41
+    for line in (down, right):
+        assert np.abs(line - np.round(line)).max() < 0.02  # a seventh of a lenslet
+    steps = np.column_stack([np.round(down), np.round(right)]) - target.indices
+    assert np.ptp(steps, axis=0).max() == 0
+
+
 def test_views_without_weight_do_not_count():
     picture = BENCH.picture(430.0, 5.0)
     weights = np.ones((5, 5))
