@@ -7,7 +7,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.stats import f, t
 
 from lf_flame.calibration.camera_law import CameraLaw
-from lf_flame.calibration.law_fit import LawFit, Measurements
+from lf_flame.calibration.law_fit import LawFit, Measurements, notes_on
 from lf_flame.calibration.plane import inverse
 from lf_flame.calibration.targets import Target
 from lf_flame.errors import InputError
@@ -195,7 +195,7 @@ def fit_law(
         scale_residuals,
         left_out_mm=left[0],
         left_out_scale=left[1],
-        notes=_notes(position, solved),
+        notes=notes_on(position, solved.x),
     )
 
 
@@ -240,7 +240,7 @@ def _explained(measured: Measurements, start: np.ndarray, span: float, *, free: 
     def excess(position: float) -> float:
         return 2 * _solve(measured, start, position).cost / freedom - 1
 
-    largest = 10 * span
+    largest = 2 * WORST_SHARE * span
     if excess(0.0) <= 0:
         position = 0.0
     elif excess(largest) >= 0:
@@ -292,19 +292,3 @@ def _depth_range(measured: Measurements, span: float, centre: float) -> tuple[fl
     """Range in which the law holds: that of the targets and a little more, before the lens."""
     low, high = float(measured.depths.min()), float(measured.depths.max())
     return max(low - BEYOND * span, (low + float(centre)) / 2), high + BEYOND * span
-
-
-def _notes(position: float, solved) -> list[str]:
-    notes = []
-    if position > 0:
-        notes.append(
-            f"The noise of the pictures alone does not explain the residuals: errors of "
-            f"{position:.2g} mm in the positions of the targets would, and the standard deviations "
-            f"allow for them."
-        )
-    if len(solved.x) == 5:
-        notes.append(
-            f"Slope and scale have different centres ({solved.x[2]:.4g} and {solved.x[4]:.4g} mm): "
-            f"the camera is no thin lens, and only its law is written."
-        )
-    return notes

@@ -81,3 +81,20 @@ class LawFit:
         """Find the standard deviation in mm of the size of a lenslet's image at a depth."""
         gradient = np.array([0, 0, 0, depth_mm - self.law.scale_centre_mm, -self.law.scale])
         return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+
+def notes_on(position: float, p: np.ndarray) -> list[str]:
+    """Sentences on errors of the positions in mm, and on a second centre (p is a, b, c, d, e)."""
+    notes = []
+    if position > 0:
+        notes.append(
+            f"The noise of the pictures alone does not explain the residuals: errors of "
+            f"{position:.2g} mm in the positions of the targets would, and the standard deviations "
+            f"allow for them."
+        )
+    if len(p) == 5:
+        notes.append(
+            f"Slope and scale have different centres ({p[2]:.4g} and {p[4]:.4g} mm): "
+            f"the camera is no thin lens, and only its law is written."
+        )
+    return notes

@@ -4,7 +4,7 @@ A point of the target moves by its slope, in lenslets, from one view to the next
 the positions of all corners in all views is far more exact than a search for the sharpest slope.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -28,6 +28,10 @@ OUTLIER = 5.0
 WORST_RESIDUAL = 0.1
 """Largest residual of the corners, in squares, root mean square."""
 
+
+MOIRE = 0.003
+"""Error in lenslets that neighbouring corners share, where sharp squares are seen by pixels that do
+not overlap: measured on pinhole pictures of boards at all angles, root mean square."""
 
 MOST_UNEVEN = 0.15
 """Largest difference of the motions down and right, and largest rotation in rad."""
@@ -87,7 +91,12 @@ class Target:
         distortion : float or None, optional
             Radial distortion per lenslet squared; None fits it too.
         """
-        return fit_lattice(self.indices, self.points, distortion)
+        found = fit_lattice(self.indices, self.points, distortion)
+        # Moire between squares and pixels moves neighbouring corners alike, which their spread does
+        # not show; it averages out where the target moves by pixels from view to view.
+        motion = abs(self.slope) * (min(self.views) - 1)
+        moire = MOIRE / max(1.0, np.pi * motion) / float(np.std(self.points))
+        return replace(found, scale_error=float(np.hypot(found.scale_error, found.scale * moire)))
 
 
 def measure_target(light_field: LightField, *, dots: bool = False) -> Target:

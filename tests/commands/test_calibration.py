@@ -1,6 +1,7 @@
 """The program `lf-flame calibrate`: from pictures of a target to files that give mm."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -133,3 +134,21 @@ def test_signs_and_depths_agree_with_the_simulator_and_with_decoded_raw_images(t
         )
         size = camera.field_mm(depth)[0] / camera.lenslets[0]
         assert law.mm_per_lenslet(depth) == pytest.approx(size, rel=1e-3)
+
+
+def test_the_viewer_and_flicker_take_a_calibration(boards, tmp_path):
+    """The page names depths from the user's zero; a flame's height is in mm at its depth."""
+    placed, out, _ = boards
+    source, law = placed[2].rpartition("@")[0], out / "calibration.toml"
+    page = tmp_path / "page.html"
+    done = call("view", source, "--camera", law, "--slopes", -0.2, 0.2, "--single-file", page)
+    assert done.exit_code == 0, done.output
+    assert '"focal_plane_mm": -' in page.read_text().replace('":', '": ').replace(":  ", ": ")
+    (tmp_path / "frames").mkdir()
+    for number in range(16):
+        shutil.copy(source, tmp_path / "frames" / f"frame{number}.npz")
+    words = ("--frames-per-second", 100, "--camera", law, "--depth-mm", 6, "--out", tmp_path / "f")
+    done = call("flicker", tmp_path / "frames", *words)
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "f" / "flicker.json").read_text())
+    assert record["pixel_mm"] == pytest.approx(BENCH.scale(ZERO + 6), rel=3e-4)
