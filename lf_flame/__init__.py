@@ -1,8 +1,8 @@
 """Plenoptic simulation, refocusing and learned refocusing of burner flames.
 
-Packages, from the ground up: `optics`, `scenes`, `simulation`, `formats`, `refocus`, `projection`,
-`tomography`, `flame_video`, `viewer`, `datasets`, `learning`, `systems`. They and all public names
-load on first use, so that ``import lf_flame`` needs neither Numba nor Keras.
+Packages, from the ground up: `optics`, `scenes`, `simulation`, `formats`, `refocus`, `calibration`,
+`projection`, `tomography`, `flame_video`, `viewer`, `datasets`, `learning`, `systems`. They and
+all public names load on first use, so that ``import lf_flame`` needs neither Numba nor Keras.
 
 >>> import lf_flame
 >>> camera = lf_flame.PAPER_CAMERA

@@ -1,3 +1,4 @@
+from . import calibration as calibration
 from . import datasets as datasets
 from . import flame_video as flame_video
 from . import formats as formats

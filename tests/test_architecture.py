@@ -24,7 +24,7 @@ FLOORS = [
     ["simulation.rendering"],
     ["simulation.measuring"],
     ["formats", "refocus"],
-    ["flame_video"],
+    ["calibration", "flame_video"],
     ["projection", "tomography", "viewer"],
     ["datasets"],
     ["learning"],

@@ -9,6 +9,7 @@ import cloup
 from lf_flame import __version__
 from lf_flame.commands import (
     axisymmetric,
+    calibration,
     datasets,
     flicker,
     info,
@@ -50,6 +51,7 @@ SECTIONS = [
             light_fields.refocus,
             light_fields.refocus_regions,
             light_fields.convert,
+            calibration.calibrate,
         ],
     ),
     cloup.Section(

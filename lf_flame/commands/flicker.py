@@ -39,7 +39,8 @@ MEASURES = cloup.option_group(
     cloup.option(
         "--camera",
         type=FILE,
-        help="TOML file with a [camera] table, or a simulation.json; lengths are then in mm.",
+        help="Calibration, TOML file with a [camera] table, or simulation.json; lengths are then "
+        "in mm.",
     ),
     cloup.option(
         "--level",
@@ -96,13 +97,13 @@ def flicker(
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.progress import frame_bar
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.calibration import read_lens
     from lf_flame.commands.frames import find_frames, read_frames
     from lf_flame.flame_video import output
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.scenes.scene_files import read_camera
 
     _check_rate(frames_per_second, timestamps)
-    lens = _checked_lens(read_camera(camera) if camera else None, slope, depth_mm)
+    lens = _checked_lens(read_lens(camera) if camera else None, slope, depth_mm)
     names = ("level", "pixel_mm", "burner_row")
     asked = {name: options.pop(name) for name in names}
     measures = _measures(lens, slope, depth_mm, **asked)

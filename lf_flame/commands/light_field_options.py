@@ -17,6 +17,7 @@ from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
 if TYPE_CHECKING:
+    from lf_flame.calibration import CameraLaw
     from lf_flame.formats import LensletGrid
     from lf_flame.lightfield import LightField
     from lf_flame.optics.camera import PlenopticCamera
@@ -92,7 +93,8 @@ SLOPES = cloup.option_group(
         "depths",
         multiple=True,
         type=float,
-        help="Depth to refocus at, in mm from the focal plane; may be repeated; needs --camera.",
+        help="Depth to refocus at, in mm from the focal plane, or from the zero of a calibration; "
+        "may be repeated; needs --camera.",
     ),
     cloup.option(
         "--search",
@@ -117,7 +119,10 @@ SLOPES = cloup.option_group(
     ),
     cloup.option("--map-auto", is_flag=True, hidden=True),
     cloup.option(
-        "--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json."
+        "--camera",
+        type=FILE,
+        help="Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or "
+        "simulation.json.",
     ),
 )
 """Options for the slopes to refocus at."""
@@ -197,7 +202,7 @@ class Reading:
     dark: Path | None = None
     bayer: str | None = None
 
-    def for_camera(self, source: Path, lens: "PlenopticCamera | None") -> "Reading":
+    def for_camera(self, source: Path, lens: "PlenopticCamera | CameraLaw | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image."""
         from lf_flame.formats.view_files.sources import is_view_folder
 
@@ -319,7 +324,7 @@ class Focus:
         """Whether a slope map is requested."""
         return self.map_auto or self.slope_map is not None
 
-    def asked_slopes(self, views: int, lens: "PlenopticCamera | None") -> list[float]:
+    def asked_slopes(self, views: int, lens: "PlenopticCamera | CameraLaw | None") -> list[float]:
         """Give the slopes of shift-and-sum for the given slopes and depths."""
         from lf_flame.optics.slope_conventions import to_slope
 
@@ -366,7 +371,9 @@ class Appearance:
         }
         _refuse_options("a network", **changed, map=slope_map or None)
 
-    def options(self, views: tuple[int, int], lens: "PlenopticCamera | None") -> dict[str, Any]:
+    def options(
+        self, views: tuple[int, int], lens: "PlenopticCamera | CameraLaw | None"
+    ) -> dict[str, Any]:
         """Give `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`."""
         from lf_flame.commands.refocus_job import Aperture
 

@@ -67,13 +67,13 @@ def refocus(source, camera, out, **options):
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
+    from lf_flame.calibration import read_lens
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
-    from lf_flame.scenes.scene_files import read_camera
 
     focus, look, reading = (_pick(kind, options) for kind in (Focus, Appearance, Reading))
-    lens = read_camera(camera) if camera else None
+    lens = read_lens(camera) if camera else None
     if lens is None and (focus.depths or look.f_number is not None):
         raise InputError("--depth-mm and --f-number need the camera: --camera FILE.")
     check_movie(f"sweep.{look.movie}")

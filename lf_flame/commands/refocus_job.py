@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_level
 from lf_flame.lightfield import LightField
@@ -25,7 +26,7 @@ class RefocusJob:
         `interpolation`, `method` and `weights` of `lf_flame.refocus.refocus`.
     network : optional
         System of `lf_flame.systems` that refocuses instead, from values from 0 to 1.
-    camera : PlenopticCamera, optional
+    camera : PlenopticCamera or CameraLaw, optional
         Camera, which gives the depths, in mm, of slopes in file names, figures and the record.
     gain, gamma : float
         Gain (1e-6 to 1e6) and gamma (0.01 to 100) of the pictures for display, see `preview`.
@@ -34,7 +35,7 @@ class RefocusJob:
     light_field: LightField
     options: dict[str, Any] = field(default_factory=dict)
     network: Any = None
-    camera: PlenopticCamera | None = None
+    camera: PlenopticCamera | CameraLaw | None = None
     gain: float = 1.0
     gamma: float = 1.0
 
@@ -129,7 +130,7 @@ class Aperture:
     f_number: float | None = None
 
     def weights(
-        self, views: tuple[int, int], camera: PlenopticCamera | None = None
+        self, views: tuple[int, int], camera: PlenopticCamera | CameraLaw | None = None
     ) -> np.ndarray | None:
         """Give the weights of views, shape (v, u), or None if all views count alike."""
         if self.f_number is not None:
@@ -144,11 +145,18 @@ class Aperture:
             self.viewpoint or (0.0, 0.0),
         )
 
-    def _camera_of(self, views: tuple[int, int], camera: PlenopticCamera | None) -> PlenopticCamera:
+    def _camera_of(
+        self, views: tuple[int, int], camera: PlenopticCamera | CameraLaw | None
+    ) -> PlenopticCamera:
         """Give the camera, after checks of the options that go with an f-number."""
         if self != Aperture(f_number=self.f_number):
             raise InputError("An f-number and another aperture cannot both be given.")
         if camera is None:
             raise InputError(f"An f-number needs the camera, got f_number={self.f_number} alone.")
+        if isinstance(camera, CameraLaw):
+            raise InputError(
+                "An f-number needs the thin-lens camera: camera.toml, which `lf-flame calibrate "
+                "--lenslet-mm` writes; --aperture needs none."
+            )
         camera.check_views(views)
         return camera

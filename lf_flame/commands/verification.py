@@ -20,6 +20,7 @@ RECORDS = (
     "reconstruct.json",
     "temperature.json",
     "flicker.json",
+    "calibration.json",
 )
 """Names of records of folders of pictures; a folder may hold those of several commands."""
 
@@ -74,7 +75,7 @@ def _nothing(path: Path) -> str:
         return "there is nothing of that name; name a file or folder that a command has written."
     return (
         "it holds nothing whose hash is known: no data set, run folder, exported network, nor "
-        "files of refocus, simulate, reconstruct, temperature, flicker or predict."
+        "files of refocus, simulate, reconstruct, temperature, flicker, calibrate or predict."
     )
 
 

@@ -74,7 +74,12 @@ MAKING = cloup.option_group(
 @click.argument("source", type=PATH)
 @SHOWING
 @MAKING
-@cloup.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
+@cloup.option(
+    "--camera",
+    type=FILE,
+    help="Calibration by `lf-flame calibrate`, TOML file with a [camera] table, or "
+    "simulation.json.",
+)
 @READING
 def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
@@ -88,12 +93,12 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
       lf-flame view buddha --network RUN               each picture by a trained network
     """  # noqa: D301 - click reads the backspace
-    from lf_flame.scenes.scene_files import read_camera
+    from lf_flame.calibration import read_lens
     from lf_flame.viewer.exhibit import Exhibit
 
     _check_single_file(options["single_file"], (source, camera, options["white"], options["dark"]))
     _check_making(options["single_file"], network, interpolation)
-    lens = read_camera(camera) if camera else None
+    lens = read_lens(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     system = open_network(network)
     reading = reading.for_camera(source, lens)

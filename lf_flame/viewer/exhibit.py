@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview
 from lf_flame.lightfield import LightField
@@ -48,7 +49,7 @@ class Exhibit:
         Ends of the slider, the lower one first.
     slope : float
         Initial slope.
-    camera : PlenopticCamera, optional
+    camera : PlenopticCamera or CameraLaw, optional
         Camera for depths in mm and f-numbers.
     source : str, optional
         Path in a copied command; without it no command is offered.
@@ -78,7 +79,7 @@ class Exhibit:
     title: str
     slopes: tuple[float, float]
     slope: float
-    camera: PlenopticCamera | None = None
+    camera: PlenopticCamera | CameraLaw | None = None
     source: str | None = None
     reading: Mapping[str, Any] = field(default_factory=dict)
     with_map: bool = True
@@ -221,7 +222,9 @@ def choose_slopes(
     return SlopeRange(low, high, slope, found.certain)
 
 
-def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, Any] | None:
+def _describe_camera(
+    camera: PlenopticCamera | CameraLaw | None, views: tuple
+) -> dict[str, Any] | None:
     """Camera's numbers for ``depth = focus_distance shift / (1 - shift)``, and its f-number.
 
     The depth is that of `PlenopticCamera.slope_to_depth`. The f-number is that of a round aperture
@@ -229,6 +232,14 @@ def _describe_camera(camera: PlenopticCamera | None, views: tuple) -> dict[str, 
     """
     if camera is None:
         return None
+    if isinstance(camera, CameraLaw):  # its depths are from another zero, and it has no f-number
+        return {
+            "focus_distance_mm": camera.focus_distance_mm,
+            "shift_per_slope": 1 / camera.slope_at_infinity,
+            "f_number": None,
+            "focal_plane_mm": camera.focal_plane_mm,
+            "range_mm": list(camera.depth_range_mm),
+        }
     per_slope = camera.lenslet_pitch_mm / camera.view_step_mm * camera.focus_distance_mm
     return {
         "focus_distance_mm": camera.focus_distance_mm,

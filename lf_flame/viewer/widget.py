@@ -5,6 +5,7 @@ from typing import Any
 import anywidget
 import traitlets
 
+from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
@@ -63,7 +64,7 @@ class LightFieldWidget(anywidget.AnyWidget):
 def show(
     light_field: LightField,
     slopes: tuple[float, float] | None = None,
-    camera: PlenopticCamera | None = None,
+    camera: PlenopticCamera | CameraLaw | None = None,
     title: str = "Light field",
     with_map: bool = True,
     interpolation: str = "linear",
@@ -77,7 +78,7 @@ def show(
         Grey light field, or one of three channels.
     slopes : (float, float), optional
         Ends of the slider, the lower one first. Default: the range of the scene.
-    camera : PlenopticCamera, optional
+    camera : PlenopticCamera or CameraLaw, optional
         Camera for depths in mm and f-numbers.
     title : str, optional
         Title of the viewer.

@@ -172,6 +172,12 @@ def _write_inputs(folder: Path) -> None:
         images[f"frames/frame{k:02d}"] = np.where(lit, 200, 0)
     views = rng.integers(0, 255, (2, 1, 24, 30, 3), np.uint8)
     images |= {f"view_{k}": views[k, 0] for k in range(2)}
+    # A checkerboard at three depths, as lenslet images of 3 x 3 views.
+    for name, depth in {"near": -20, "middle": 0, "far": 25}.items():
+        slope, side = 2 - 800 / (depth + 400), 4000 / (depth + 400)
+        t, v, s, u = np.ogrid[:48, -1:2, :56, -1:2]
+        wave = np.sin((t - slope * v) * np.pi / side) * np.sin((s - slope * u) * np.pi / side)
+        images[name] = (127 + 120 * wave).reshape(144, 168)
     for name, pixels in images.items():
         Image.fromarray(np.rint(pixels).astype(np.uint8)).save(folder / f"{name}.png")
     (folder / "views.csv").write_text("view_0.png,0,0\nview_1.png,1,0\n")

@@ -44,6 +44,7 @@ class Call:
 
 LENS = "--camera simulated/simulation.json"
 PLANES = f"{LENS} --depth-mm 0 --depth-mm 5 --bootstrap 2"
+BOARDS = "near.png@-20 middle.png@0 far.png@25"
 DATASET = "dataset shapes.toml --preset smoke"
 MODEL = "--backbone-weights random --backbone-depth conv4"
 TRAIN = f"train training.toml --preset smoke --data data.zarr {MODEL}"
@@ -88,6 +89,7 @@ CALLS = (
     Call("convert picture.png out.npy --mosaic 3x6"),
     Call("convert hci.h5 out.npy"),
     Call("convert toolbox.mat out.npy"),
+    Call(f"calibrate {BOARDS} --square-mm 5 --views 3 --out out", "near.png middle.png far.png"),
     Call(f"resolution {LENS} --figure out.png"),
     Call(f"reconstruct light_field.npy {PLANES} --out out"),
     Call(f"abel light_field.npy {LENS} --bootstrap 2 --out out"),

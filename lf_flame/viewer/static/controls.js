@@ -126,11 +126,12 @@ export class Controls {
   describe(field, value, { camera } = this.viewer.metadata, state = this.viewer.state) {
     if (field === "slope" && camera) {
       const depth = depthOf(camera, value);
-      const where = Number.isFinite(depth) ? `${signed(depth, 1)} mm` : "beyond infinity";
+      const unknown = Number.isNaN(depth) ? "outside the calibration" : "beyond infinity";
+      const where = Number.isFinite(depth) ? `${signed(depth, 1)} mm` : unknown;
       return `${signed(value, 2)}, ${where}`;
     }
     if (field === "slope" || field === "centre") return signed(value, 2);
-    if (field === "width" && camera && state.shape === "round") {
+    if (field === "width" && camera?.f_number && state.shape === "round") {
       return `${value.toFixed(2)}, f/${(camera.f_number / value).toFixed(1)}`;
     }
     return value.toFixed(2);

@@ -72,8 +72,13 @@ export function python(metadata, state) {
   return lines.join("\n");
 }
 
-/** Depth in mm at a slope, of a known camera; infinite beyond what it can focus on. */
-export function depthOf({ focus_distance_mm, shift_per_slope }, slope) {
+/**
+ * Depth in mm at a slope, of a known camera; infinite beyond what it can focus on, NaN outside the
+ * range of a calibration, whose zero is not the focal plane.
+ */
+export function depthOf(camera, slope) {
+  const { focus_distance_mm, shift_per_slope, focal_plane_mm = 0, range_mm } = camera;
   const shift = slope * shift_per_slope;
-  return shift < 1 ? (focus_distance_mm * shift) / (1 - shift) : Infinity;
+  const depth = shift < 1 ? focal_plane_mm + (focus_distance_mm * shift) / (1 - shift) : Infinity;
+  return range_mm && (depth < range_mm[0] || depth > range_mm[1]) ? NaN : depth;
 }

@@ -1,0 +1,5 @@
+"""Calibration of a light-field camera in mm, by pictures of a flat target at known distances."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

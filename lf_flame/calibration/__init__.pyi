@@ -1,0 +1,12 @@
+from .camera_law import CameraLaw as CameraLaw
+from .fit import fit_law as fit_law
+from .fit import fit_targets as fit_targets
+from .lattice import find_lattice as find_lattice
+from .law_files import read_law as read_law
+from .law_files import read_lens as read_lens
+from .law_files import thin_lens as thin_lens
+from .law_fit import LawFit as LawFit
+from .law_fit import Measurements as Measurements
+from .plane import LatticeFit as LatticeFit
+from .targets import Target as Target
+from .targets import measure_target as measure_target

@@ -1,0 +1,224 @@
+"""Measured law of a camera: slope and scale by depth, with the range in which it was measured.
+
+For a thin lens at distance Z from the target, `PlenopticCamera.depth_to_slope` reads
+``slope = B (1 / a0 - 1 / Z)`` with ``B = i0 view_step / pitch``, and a lenslet covers
+``pitch Z / i0``. With depths z from a zero of the user's own, ``Z = z - c``, and these are
+
+    slope(z) = a + b / (z - c)        a = B / a0, b = -B
+    scale(z) = d (z - e)              d = pitch / i0, e = c
+
+Any lens whose views meet in its entrance pupil has this form too, with c = e the place of that
+pupil; a lens whose two centres differ keeps both.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame._common.arrays import Number
+from lf_flame._common.config import strict
+from lf_flame.errors import InputError
+from lf_flame.optics.camera import LONGEST, SHORTEST
+
+TABLE = "law"
+"""Name of the table in a TOML file."""
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class CameraLaw:
+    """Slope and scale of a camera as functions of depth, measured by `fit_law`.
+
+    Parameters
+    ----------
+    slope_at_infinity : float
+        Slope a of what is far away, in lenslets per view step; not 0.
+    slope_mm : float
+        Coefficient b of ``1 / (z - c)`` in the slope, in mm times lenslets per view step; of the
+        other sign than a.
+    slope_centre_mm : float
+        Depth c of the point in which the views meet: the entrance pupil.
+    scale : float
+        Change d of the size in mm of a lenslet's image per mm of depth, above 0.
+    scale_centre_mm : float
+        Depth e at which that size would be 0; equal to c for a thin lens.
+    depth_range_mm : (float, float)
+        Lowest and highest depth for which the law holds.
+    views : int
+        Number of views along each axis; the slope of another number means another depth.
+    lenslets : (int, int)
+        Number of rows and columns of a view.
+    distortion : float, optional
+        Coefficient k of ``r (1 + k r^2)``, the distance r in lenslets from the centre of the image
+        without radial distortion, per lenslet squared.
+    standard_deviations : dict of str to float, optional
+        Standard deviations of the numbers above, by name.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+
+    Examples
+    --------
+    A lens 400 mm before the zero of the depths:
+
+    >>> from lf_flame.calibration import CameraLaw
+    >>> law = CameraLaw(
+    ...     slope_at_infinity=2.0, slope_mm=-800.0, slope_centre_mm=-400.0, scale=0.002,
+    ...     scale_centre_mm=-400.0, depth_range_mm=(-50.0, 50.0), views=9, lenslets=(60, 90),
+    ... )
+    >>> round(law.depth_to_slope(10.0), 4), round(law.slope_to_depth(0.0), 4)
+    (0.0488, 0.0)
+    >>> round(law.mm_per_lenslet(10.0), 3)
+    0.82
+    """
+
+    slope_at_infinity: float
+    slope_mm: float
+    slope_centre_mm: float
+    scale: float
+    scale_centre_mm: float
+    depth_range_mm: tuple[float, float]
+    views: int
+    lenslets: tuple[int, int]
+    distortion: float = 0.0
+    standard_deviations: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self):
+        low, high = self.depth_range_mm
+        numbers = (self.slope_at_infinity, self.slope_mm, self.slope_centre_mm, self.scale,
+                   self.scale_centre_mm, low, high, self.distortion)  # fmt: skip
+        if not np.all(np.isfinite(numbers)) or max(map(abs, numbers)) > LONGEST:
+            raise InputError(f"The numbers of a law must be finite, up to {LONGEST:g}.")
+        if not self.slope_at_infinity * self.slope_mm < 0 or abs(self.slope_mm) < SHORTEST:
+            raise InputError(
+                f"slope_at_infinity and slope_mm must have different signs, and neither be 0, got "
+                f"{self.slope_at_infinity} and {self.slope_mm}."
+            )
+        if not self.scale > 0:
+            raise InputError(f"scale must be above 0, got {self.scale}.")
+        if not max(self.slope_centre_mm, self.scale_centre_mm) < low < high:
+            raise InputError(
+                f"depth_range_mm must rise, and lie beyond both centres "
+                f"({self.slope_centre_mm:g} and {self.scale_centre_mm:g}), got {low:g}, {high:g}."
+            )
+        if self.views < 1 or min(self.lenslets) < 1:
+            raise InputError(
+                f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
+            )
+
+    def depth_to_slope(self, depth_mm: Number) -> Number:
+        """Slope at which a layer is in focus, in lenslets per view step.
+
+        Raises
+        ------
+        InputError
+            If a depth is outside `depth_range_mm`.
+        """
+        self.check_depths(depth_mm)
+        depth = np.asarray(depth_mm, float)
+        return _scalar(self.slope_at_infinity + self.slope_mm / (depth - self.slope_centre_mm))
+
+    def slope_to_depth(self, slope: Number) -> Number:
+        """Depth in mm of the layer in focus at a slope.
+
+        Raises
+        ------
+        InputError
+            If a slope's depth is outside `depth_range_mm`.
+        """
+        depth = self._depth(slope)
+        self.check_depths(depth)
+        return _scalar(depth)
+
+    def slope_to_real_depth(self, slope: Number) -> Number:
+        """Depth in mm as `slope_to_depth`; NaN outside `depth_range_mm`."""
+        depth, (low, high) = self._depth(slope), self.depth_range_mm
+        return _scalar(np.where((depth >= low) & (depth <= high), depth, np.nan))
+
+    def _depth(self, slope: Number) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            beyond = self.slope_mm / (np.asarray(slope, float) - self.slope_at_infinity)
+        return self.slope_centre_mm + beyond
+
+    def mm_per_lenslet(self, depth_mm: Number) -> Number:
+        """Size in mm at a depth of what one lenslet covers, at the centre of the image.
+
+        Raises
+        ------
+        InputError
+            If a depth is outside `depth_range_mm`.
+        """
+        self.check_depths(depth_mm)
+        return _scalar(self.scale * (np.asarray(depth_mm, float) - self.scale_centre_mm))
+
+    def field_mm(self, depth_mm: float) -> tuple[float, float]:
+        """Height and width, in mm, of the field of the central view at a depth."""
+        size = self.mm_per_lenslet(depth_mm)
+        return self.lenslets[0] * size, self.lenslets[1] * size
+
+    @property
+    def focal_plane_mm(self) -> float:
+        """Depth of the focal plane, where the slope is 0; it may lie outside the range."""
+        return self.slope_centre_mm - self.slope_mm / self.slope_at_infinity
+
+    @property
+    def focus_distance_mm(self) -> float:
+        """Distance from the point in which the views meet to the focal plane, in mm."""
+        return -self.slope_mm / self.slope_at_infinity
+
+    def check_depths(self, depths_mm: ArrayLike) -> None:
+        """Refuse depths outside the range in which the law was measured.
+
+        Raises
+        ------
+        InputError
+            If there is such a depth; the message names the first.
+        """
+        low, high = self.depth_range_mm
+        for depth in np.ravel(np.asarray(depths_mm, float)):
+            if not low <= depth <= high:
+                raise InputError(
+                    f"The calibration holds for depths from {low:g} to {high:g} mm, where targets "
+                    f"stood, got {depth:g} mm; calibrate with targets at that depth."
+                )
+
+    def check_views(self, views: tuple[int, ...]) -> None:
+        """Refuse a light field with another number of views: its slopes mean other depths.
+
+        Raises
+        ------
+        InputError
+            If they are not `self.views` each.
+        """
+        if tuple(views[:2]) != (self.views, self.views):
+            raise InputError(
+                f"The calibration is for {self.views} x {self.views} views, but the light field "
+                f"has {views[0]} x {views[1]}: one step between views would be another angle, and "
+                f"each depth wrong; calibrate with pictures of these views."
+            )
+
+    def to_toml(self) -> str:
+        """Give the law as a table of a TOML file, which `read_law` reads."""
+        lines = [f"[{TABLE}]"]
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if not isinstance(value, dict):
+                lines.append(f"{one.name} = {_toml(value)}")
+        if self.standard_deviations:
+            lines += ["", f"[{TABLE}.standard_deviations]"]
+            lines += [f"{name} = {_toml(x)}" for name, x in self.standard_deviations.items()]
+        return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return str(value) if isinstance(value, int) else repr(float(value))
+
+
+def _scalar(array: np.ndarray) -> Any:
+    return array.item() if np.ndim(array) == 0 else array

@@ -1,0 +1,117 @@
+"""The command that calibrates a camera in mm: calibrate.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+import math
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame._common.printable import printable
+from lf_flame.commands.light_field_options import READING, Reading
+from lf_flame.commands.options import FOLDER, FiniteRange
+from lf_flame.errors import InputError
+
+
+class PlacedTarget(click.ParamType):
+    """A light field and its depth in mm, as ``board.npz@-20``."""
+
+    name = "target@mm"
+
+    def convert(self, value, param, ctx):
+        """Split the path from the depth, at the last @."""
+        if isinstance(value, tuple):
+            return value
+        path, at, depth = value.rpartition("@")
+        try:
+            number = float(depth)
+        except ValueError:
+            number = math.nan
+        if not at or not path or not math.isfinite(number):
+            self.fail(
+                f"{value!r} must be a light field and its depth in mm, as board.npz@-20.",
+                param,
+                ctx,
+            )
+        if "\0" in path or not Path(path).exists():
+            self.fail(f"{value!r}: there is no {path!r}.", param, ctx)
+        return Path(path), number
+
+
+@cloup.command()
+@click.argument(
+    "placed", nargs=-1, required=True, type=PlacedTarget(), metavar="TARGET@DEPTH_MM..."
+)
+@cloup.option(
+    "--square-mm",
+    type=FiniteRange(min=0, min_open=True),
+    required=True,
+    help="Side of a square of the checkerboard, or distance between neighbouring dots, in mm.",
+)
+@cloup.option("--dots", is_flag=True, help="The target is a square grid of round dots.")
+@cloup.option(
+    "--lenslet-mm",
+    type=FiniteRange(min=0, min_open=True),
+    help="Distance between the centres of neighbouring lenslets in mm, by their maker; with it "
+    "camera.toml is written too, for reconstruct, abel and simulations.",
+)
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
+def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
+    """Measure a camera in mm, by pictures of a flat target at known depths.
+
+    TARGET@DEPTH_MM is the picture of a checkerboard (or, with --dots, of a square grid of dots),
+    read as by `lf-flame refocus`, and its depth, by which the target was moved along the optical
+    axis. The zero is yours, and depths increase away from the camera. Three depths are the least;
+    take five or more over the range of use, with the target parallel to the lens, filling the
+    picture, its squares 6 lenslets wide or more. Neither focus nor zoom may change between them.
+
+    \b
+      lf-flame calibrate b1.npz@-20 b2.npz@-10 b3.npz@0 b4.npz@10 b5.npz@20 --square-mm 5
+      lf-flame calibrate raw1.png@0 raw2.png@15 raw3.png@30 --white white.png --square-mm 2
+      lf-flame refocus flame.npz --camera calibration/calibration.toml --depth-mm 4
+
+    calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view and
+    flicker. The table tells how far each target is from the law, and from the law of the others
+    alone. calibration.png shows both, and calibration.json holds all numbers.
+    """  # noqa: D301 - click reads the backspace
+    from tqdm import tqdm
+
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.calibration import fit_targets, measure_target, output
+
+    depths = [depth for _, depth in placed]
+    _refuse_few(depths)
+    reading = Reading(**options)
+    with output_folder(out or Path("calibration"), output.RECORD) as folder:
+        targets = []
+        for source, depth in tqdm(placed, "calibrating", unit="target"):
+            try:
+                targets.append(measure_target(reading.read(source), dots=dots))
+            except InputError as error:
+                raise InputError(f"{source}, at {depth:g} mm: {error}") from None
+        fit = fit_targets(depths, targets, square_mm=square_mm)
+        camera, why = output.try_thin_lens(fit, lenslet_mm) if lenslet_mm else (None, "")
+        sources = [recorded_path(source, folder.folder) for source, _ in placed]
+        output.write_calibration(fit, targets, depths, sources, folder, camera)
+        folder.facts |= {
+            "square_mm": square_mm,
+            "dots": dots,
+            "lenslet_mm": lenslet_mm,
+            "reading": reading.given(),
+        }
+    click.echo(output.table(fit, depths, targets))
+    click.echo(output.summary(fit))
+    for note in [*output.notes(fit, depths, targets), *([why] if why else [])]:
+        click.echo(f"Note: {note}", err=True)
+    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
+
+
+def _refuse_few(depths: list[float]) -> None:
+    """Refuse too few depths before any picture is read."""
+    from lf_flame.calibration.fit import refuse_few_depths
+
+    refuse_few_depths(depths)

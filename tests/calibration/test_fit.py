@@ -1,0 +1,189 @@
+"""The law of a camera from targets, against thin lenses of the tests' own."""
+
+import numpy as np
+import pytest
+from checkerboards import Bench
+from scipy.stats import t
+
+from lf_flame import InputError, LightField
+from lf_flame.calibration import (
+    CameraLaw,
+    Measurements,
+    fit_law,
+    fit_targets,
+    measure_target,
+    read_law,
+    read_lens,
+    thin_lens,
+)
+from lf_flame.scenes import read_camera
+
+ZERO = 410.0
+"""Distance from the lens to the zero of depths: anywhere."""
+
+DEPTHS = np.array([-30.0, -14.0, 0.0, 12.0, 30.0])
+
+
+def measured(rng=None, *, depths=DEPTHS, centre=0.0, moved=0.0, noise=1.0):
+    """Slopes and scales of a lens that sees from 0 and measures from `centre`, with noise."""
+    bench = Bench()
+    distance = depths + ZERO
+    slope_errors = np.full(len(depths), 2e-4 * noise)
+    scale_errors = np.full(len(depths), 3e-5 * noise)
+    off = np.zeros((2, len(depths))) if rng is None else rng.normal(size=(2, len(depths)))
+    return Measurements(
+        depths + moved,
+        bench.slope(distance) + off[0] * slope_errors,
+        slope_errors,
+        bench.scale(distance - centre) + off[1] * scale_errors,
+        scale_errors,
+    )
+
+
+def fit(*args, **options):
+    return fit_law(measured(*args, **options), views=5, lenslets=(44, 52))
+
+
+def test_the_law_of_a_thin_lens_is_found_exactly():
+    law = fit().law
+    distance = np.linspace(370, 450, 9)
+    assert law.depth_to_slope(distance - ZERO) == pytest.approx(Bench().slope(distance), abs=1e-9)
+    assert law.slope_to_depth(Bench().slope(distance)) == pytest.approx(distance - ZERO, abs=1e-6)
+    assert law.mm_per_lenslet(distance - ZERO) == pytest.approx(Bench().scale(distance), rel=1e-9)
+    assert law.focal_plane_mm == pytest.approx(400 - ZERO, abs=1e-6)
+    assert law.focus_distance_mm == pytest.approx(400, abs=1e-6)
+
+
+@pytest.mark.parametrize("depths", [DEPTHS, DEPTHS[::2]])
+def test_stated_errors_of_depth_and_scale_cover_the_truth(depths):
+    """Within two in at least 85 of 100 draws, and not far too large; over 200 it is 94 to 98."""
+    away = []
+    for seed in range(100, 130):
+        found = fit(np.random.default_rng(seed), depths=depths)
+        depth = found.law.slope_to_depth(Bench().slope(425.0)) - (425.0 - ZERO)
+        scale = found.law.mm_per_lenslet(425.0 - ZERO) - Bench().scale(425.0)
+        away.append((depth / found.depth_error_mm(15.0), scale / found.scale_error(15.0)))
+        assert found.coverage == pytest.approx(t.ppf(0.975, 2 * len(depths) - 4))
+    inside = np.mean(np.abs(away) < 2, axis=0)
+    assert np.all((inside >= 0.85) & (inside <= 1.0))
+    assert np.all(np.std(away, axis=0) > 0.6)
+
+
+def test_from_pictures_with_noise_to_a_depth():
+    """Depth within 0.1 % of the distance and scale within 0.05 %; a target left out says so too."""
+    bench = Bench(turn=0.01, pitch_error=0.01, pupil=(0.6, -0.9))
+    depths = [-30.0, -10.0, 8.0, 30.0]
+    pictures = [bench.picture(z + ZERO, 5.0, noise=0.01, seed=3, fine=4) for z in depths]
+    found = fit_targets(depths, [measure_target(one) for one in pictures], square_mm=5.0)
+    for distance in (372.0, 400.0, 433.0):
+        depth = found.law.slope_to_depth(bench.slope(distance))
+        assert depth == pytest.approx(distance - ZERO, abs=0.001 * distance)
+        assert abs(depth - (distance - ZERO)) < 4 * found.depth_error_mm(depth)
+        size = found.law.mm_per_lenslet(distance - ZERO)
+        assert size == pytest.approx(bench.scale(distance), rel=5e-4)
+    assert np.abs(found.left_out_mm).max() < 0.4
+    assert np.abs(found.left_out_scale).max() < 5e-4
+
+
+def test_errors_of_the_positions_are_found_and_told():
+    moved = np.random.default_rng(5).normal(0, 0.1, 8)
+    depths = np.linspace(-30, 30, 8)
+    found = fit(np.random.default_rng(1), depths=depths, moved=moved)
+    assert 0.05 < found.position_error_mm < 0.2
+    assert "positions of the targets" in found.notes[0]
+    assert fit(np.random.default_rng(1), depths=depths).position_error_mm < 0.03
+
+
+def test_a_lens_with_two_centres_keeps_both_and_is_no_thin_lens():
+    found = fit(np.random.default_rng(1), centre=60.0, noise=0.03)
+    assert found.law.slope_centre_mm == pytest.approx(-ZERO, abs=3)
+    assert found.law.scale_centre_mm == pytest.approx(60 - ZERO, abs=1)
+    assert found.law.slope_to_depth(Bench().slope(395.0)) == pytest.approx(395 - ZERO, abs=0.01)
+    assert found.law.mm_per_lenslet(0.0) == pytest.approx(Bench().scale(ZERO - 60), rel=1e-4)
+    assert "different centres" in found.notes[-1]
+    with pytest.raises(InputError, match="different centres"):
+        thin_lens(found.law, 0.1)
+
+
+def test_the_thin_lens_of_a_law_is_the_camera_on_the_bench(tmp_path):
+    camera = thin_lens(fit().law, 0.1)
+    assert camera.main_lens_focal_mm == pytest.approx(50, rel=1e-6)
+    assert camera.focus_distance_mm == pytest.approx(400, rel=1e-6)
+    assert camera.view_step_mm == pytest.approx(1.7, rel=1e-6)
+    # The pupil of five views is 8.5 mm wide: i0 / f of a lenslet less one.
+    image = Bench().image
+    assert camera.lenslet_focal_mm == pytest.approx(image / (8.5 / 0.1 - 1), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("depths", "said"),
+    [
+        ([0.0, 10.0], "3 different distances"),
+        ([0.0, 10.0, 10.0], "3 different distances"),
+        ([0.0, 10.0, np.nan], "3 different distances"),
+        ([0.0, 1e-9, 2e-9], "far apart|positive away|no law|range"),
+    ],
+)
+def test_too_few_distances_are_refused(depths, said):
+    with pytest.raises(InputError, match=said):
+        fit(depths=np.array(depths))
+
+
+def test_pictures_at_wrong_distances_are_refused():
+    """Exchanged ones, and depths counted towards the camera."""
+    right = measured()
+    swapped = Measurements(right.depths[[0, 3, 2, 1, 4]], *list(vars(right).values())[1:])
+    with pytest.raises(InputError, match="which picture was taken at which depth"):
+        fit_law(swapped, views=5, lenslets=(44, 52))
+    turned = Measurements(-right.depths, *list(vars(right).values())[1:])
+    with pytest.raises(InputError, match="positive away from the camera"):
+        fit_law(turned, views=5, lenslets=(44, 52))
+
+
+def test_outside_its_range_a_law_gives_no_depth():
+    law = fit().law
+    assert law.depth_range_mm == pytest.approx((-45, 45))
+    with pytest.raises(InputError, match="from -45 to 45 mm"):
+        law.depth_to_slope(50.0)
+    with pytest.raises(InputError, match="from -45 to 45 mm"):
+        law.mm_per_lenslet(-50.0)
+    with pytest.raises(InputError, match="from -45 to 45 mm"):
+        law.slope_to_depth(law.slope_at_infinity)
+    depths = law.slope_to_real_depth(Bench().slope(np.array([300.0, 400.0, 1e9])))
+    assert np.isnan(depths).tolist() == [True, False, True]
+
+
+def test_a_law_survives_its_file_and_is_not_taken_for_a_camera(tmp_path):
+    law, path = fit().law, tmp_path / "calibration.toml"
+    path.write_text(law.to_toml())
+    assert read_law(path) == read_lens(path) == law
+    with pytest.raises(InputError, match="thin-lens camera"):
+        read_camera(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("slope_mm", 5.0),
+        ("slope_at_infinity", 0.0),
+        ("scale", -1e-3),
+        ("depth_range_mm", (5.0, -5.0)),
+        ("depth_range_mm", (-500.0, 5.0)),
+        ("views", 0),
+        ("distortion", float("nan")),
+    ],
+)
+def test_numbers_that_are_no_law_are_refused(name, value):
+    good = {one: x for one, x in vars(fit().law).items() if one != "standard_deviations"}
+    with pytest.raises(InputError):
+        CameraLaw(**{**good, name: value})
+
+
+def test_targets_of_two_cameras_are_refused():
+    small = Bench(lenslets=(30, 34))
+    targets = [measure_target(one.picture(400.0, 4.0)) for one in (small, Bench())]
+    with pytest.raises(InputError, match="one camera"):
+        fit_targets([0.0, 1.0], targets, square_mm=4.0)
+    flat = LightField(np.ones((3, 3, 9, 9)))
+    with pytest.raises(InputError, match="corners"):
+        measure_target(flat)

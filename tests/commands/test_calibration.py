@@ -1,0 +1,154 @@
+"""The program `lf-flame calibrate`: from pictures of a target to files that give mm."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checkerboards import Bench
+from click.testing import CliRunner
+from skimage.io import imread
+
+from lf_flame import PAPER_CAMERA, Layer, Scene, render, write_light_field
+from lf_flame._common.output_folders import verify_outputs
+from lf_flame.calibration import fit_targets, measure_target, read_law
+from lf_flame.commands import cli
+from lf_flame.formats import read_raw
+from lf_flame.formats.images import write_image
+from lf_flame.scenes import read_camera
+
+BENCH = Bench(views=3, lenslets=(36, 44))
+ZERO = 410.0
+DEPTHS = (-25.0, -8.0, 6.0, 25.0)
+
+
+def call(*words):
+    return CliRunner().invoke(cli.commands, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory):
+    """Pictures of a checkerboard at four depths, and what `calibrate` makes of them."""
+    folder = tmp_path_factory.mktemp("boards")
+    placed = []
+    for depth in DEPTHS:
+        path = folder / f"b{depth:g}.npz"
+        write_light_field(BENCH.picture(depth + ZERO, 5.0, noise=0.005, seed=2, fine=4), path)
+        placed.append(f"{path}@{depth:g}")
+    out = folder / "out"
+    done = call("calibrate", *placed, "--square-mm", 5, "--lenslet-mm", 0.1, "--out", out)
+    assert done.exit_code == 0, done.output
+    return placed, out, done.output
+
+
+def test_files_and_table_of_a_calibration(boards):
+    placed, out, said = boards
+    law = read_law(out / "calibration.toml")
+    assert law.depth_to_slope(0.0) == pytest.approx(BENCH.slope(ZERO), abs=1e-3)
+    assert law.mm_per_lenslet(0.0) == pytest.approx(BENCH.scale(ZERO), rel=3e-4)
+    camera = read_camera(out / "camera.toml")
+    assert camera.main_lens_focal_mm == pytest.approx(50, rel=0.01)
+    assert camera.focus_distance_mm == pytest.approx(400, rel=0.01)
+    assert verify_outputs(out, "calibration.json") == 3
+    record = json.loads((out / "calibration.json").read_text())
+    assert [one["depth_mm"] for one in record["targets"]] == list(DEPTHS)
+    assert max(abs(one["left_out_mm"]) for one in record["targets"]) < 1.0
+    assert record["targets"][0]["slope"] == pytest.approx(BENCH.slope(ZERO - 25), abs=2e-3)
+    assert "left out" in said
+    assert "focal plane at z = -10.0" in said or "focal plane at z = -9.9" in said
+
+
+def test_a_picture_is_refocused_at_a_depth_by_the_calibration(boards, tmp_path):
+    """And its slope map becomes mm from the user's zero."""
+    placed, out, _ = boards
+    source, law = placed[0].rpartition("@")[0], out / "calibration.toml"
+    words = ("--camera", law, "--depth-mm", -25, "--map", -0.3, 0.1)
+    done = call("refocus", source, *words, "--out", tmp_path / "r")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "r" / "refocus.json").read_text())
+    assert record["slopes"][0] == pytest.approx(BENCH.slope(ZERO - 25), abs=2e-3)
+    depths, slopes = (imread(tmp_path / "r" / f"{name}_map.tif") for name in ("depth", "slope"))
+    near, far = BENCH.slope(ZERO - 37.5), BENCH.slope(ZERO + 37.5)
+    known = (slopes > near + 2e-3) & (slopes < far - 2e-3)
+    assert BENCH.slope(ZERO + depths[known]) == pytest.approx(slopes[known], abs=2e-3)
+    assert known.mean() > 0.5
+    assert np.isnan(depths[(slopes < near - 2e-3) | (slopes > far + 2e-3)]).all()
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "said"),
+    [
+        ("refocus", ("--depth-mm", 100), "holds for depths from -37.5 to 37.5 mm"),
+        ("refocus", ("--depth-mm", 0, "--f-number", 8), "thin-lens camera"),
+        ("reconstruct", ("--depth-mm", 0), "thin-lens camera"),
+        ("abel", (), "thin-lens camera"),
+    ],
+)
+def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
+    placed, out, _ = boards
+    source = placed[0].rpartition("@")[0]
+    law = out / "calibration.toml"
+    done = call(command, source, "--camera", law, *words, "--out", tmp_path / "x")
+    assert done.exit_code != 0
+    assert said in done.output + str(done.exception)
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda placed: placed[:2], "3 different distances"),
+        (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
+        (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
+        (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),
+        (lambda placed: [*placed[:3], placed[0].replace("@-25", "@25")], "which picture"),
+    ],
+)
+def test_bad_targets_are_refused_in_a_sentence(boards, tmp_path, change, said):
+    done = call("calibrate", *change(boards[0]), "--square-mm", 5, "--out", tmp_path / "x")
+    assert done.exit_code != 0
+    assert said in done.output + str(done.exception)
+    assert not (tmp_path / "x").exists()
+
+
+def test_signs_and_depths_agree_with_the_simulator_and_with_decoded_raw_images(tmp_path):
+    """A checkerboard rendered by the package, written as raw images with a white one."""
+    camera = replace(PAPER_CAMERA, views=9, lenslets=(28, 32))
+    board = np.indices((10, 10)).sum(axis=0) % 2 * 0.8 + 0.1
+    side, depths = 0.8, (-4.0, 1.0, 4.0)
+    # A round pupil, which leaves the corners of each micro-image dark.
+    y, x = np.indices((9, 9)) - 4
+    white = np.tile(np.clip(4.9 - np.hypot(y, x), 0.02, 1.0), camera.lenslets)
+    write_image(tmp_path / "white.tif", white.astype(np.float32))
+    targets = []
+    for depth in depths:
+        layer = Layer(board, depth, (10 * side, 10 * side), (0.2, -0.3))
+        raw = white * render(Scene([layer]), camera).to_raw()
+        write_image(tmp_path / "raw.tif", raw.astype(np.float32))
+        targets.append(measure_target(read_raw(tmp_path / "raw.tif", tmp_path / "white.tif")[0]))
+    law = fit_targets(depths, targets, square_mm=side).law
+    for depth in depths:
+        assert law.depth_to_slope(depth) == pytest.approx(
+            camera.depth_to_slope(depth), rel=0.005, abs=0.003
+        )
+        size = camera.field_mm(depth)[0] / camera.lenslets[0]
+        assert law.mm_per_lenslet(depth) == pytest.approx(size, rel=1e-3)
+
+
+def test_the_viewer_and_flicker_take_a_calibration(boards, tmp_path):
+    """The page names depths from the user's zero; a flame's height is in mm at its depth."""
+    placed, out, _ = boards
+    source, law = placed[2].rpartition("@")[0], out / "calibration.toml"
+    page = tmp_path / "page.html"
+    done = call("view", source, "--camera", law, "--slopes", -0.2, 0.2, "--single-file", page)
+    assert done.exit_code == 0, done.output
+    assert '"focal_plane_mm": -' in page.read_text().replace('":', '": ').replace(":  ", ": ")
+    (tmp_path / "frames").mkdir()
+    for number in range(16):
+        shutil.copy(source, tmp_path / "frames" / f"frame{number}.npz")
+    words = ("--frames-per-second", 100, "--camera", law, "--depth-mm", 6, "--out", tmp_path / "f")
+    done = call("flicker", tmp_path / "frames", *words)
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "f" / "flicker.json").read_text())
+    assert record["pixel_mm"] == pytest.approx(BENCH.scale(ZERO + 6), rel=3e-4)
