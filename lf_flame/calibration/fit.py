@@ -24,6 +24,9 @@ WORST_SHARE = 0.02
 SURE = 0.999
 """Probability above which more than noise, or a second centre, is taken to be there."""
 
+LEAST_ERROR = 1e-7
+"""Smallest error of a slope, and relative one of a scale: float32 pictures hold no more."""
+
 FAR = 1e12
 """Residual, in standard errors, of a trial law that has no value at a target."""
 
@@ -221,8 +224,9 @@ def _start(measured: Measurements) -> np.ndarray:
 def _solve(measured: Measurements, start: np.ndarray, position: float):
     """Fit with the errors of measurement, and an error of position in mm on top."""
     apart = measured.depths - start[2]
-    slope_errors = np.hypot(measured.slope_errors, position * start[1] / apart**2) + 1e-12
-    scale_errors = np.hypot(measured.scale_errors, position * start[3]) + 1e-12 * start[3]
+    slope_errors = np.hypot(measured.slope_errors, position * start[1] / apart**2) + LEAST_ERROR
+    scale_errors = np.hypot(measured.scale_errors, position * start[3])
+    scale_errors += LEAST_ERROR * np.abs(measured.scales)
 
     def residuals(p: np.ndarray) -> np.ndarray:
         slopes, scales = _model(p, measured.depths)
