@@ -9,8 +9,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.light_field_options import READING, Reading
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
+from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
 FLAME = cloup.option_group(

@@ -11,7 +11,7 @@ import click
 from lf_flame import formats
 from lf_flame._common.printable import printable
 from lf_flame.commands.frame_times import number_key
-from lf_flame.commands.light_field_options import Reading
+from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
 from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES

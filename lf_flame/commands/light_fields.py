@@ -10,16 +10,9 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.light_field_options import (
-    APPEARANCE,
-    READING,
-    SLOPES,
-    Appearance,
-    Focus,
-    Reading,
-    open_network,
-)
 from lf_flame.commands.options import FOLDER, PATH, UsablePath
+from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Focus, open_network
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 

@@ -12,8 +12,9 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.light_field_options import READING, Reading, open_network
 from lf_flame.commands.options import FILE, PATH, FiniteRange, UsablePath
+from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.commands.refocus_options import open_network
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from lf_flame import (
 from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import read_timestamps, times_by_names
 from lf_flame.commands.frames import find_frames, read_frames
-from lf_flame.commands.light_field_options import Reading
+from lf_flame.commands.reading_options import Reading
 from lf_flame.flame_video import measure_flame
 from lf_flame.flame_video.flame_shape import APART, CEILING, CUT, DARK
 from lf_flame.flame_video.output import Measures, measure_frames

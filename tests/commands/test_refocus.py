@@ -14,8 +14,8 @@ from lf_flame._common.checksums import file_sha256, sealed
 from lf_flame._common.locks import exclusive
 from lf_flame._common.output_folders import verify_outputs
 from lf_flame.commands import cli, refocus_output
-from lf_flame.commands.light_field_options import SLOPE_CONVENTIONS
 from lf_flame.commands.refocus_job import Aperture
+from lf_flame.commands.refocus_options import SLOPE_CONVENTIONS
 from lf_flame.formats import (
     read_focal_stack,
     read_light_field,

@@ -1,0 +1,182 @@
+"""Options for reading a light field, and the class that holds them.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import cloup
+
+from lf_flame._common import progress
+from lf_flame._common.printable import printable
+from lf_flame.commands.options import PATH, UsablePath
+from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame.calibration import CameraLaw
+    from lf_flame.formats import LensletGrid
+    from lf_flame.lightfield import LightField
+    from lf_flame.optics.camera import PlenopticCamera
+
+READING = cloup.option_group(
+    "How the light field is read",
+    cloup.option(
+        "--views",
+        type=int,
+        help="Number of pixels under a lenslet along each axis, in a lenslet image or raw image "
+        "(default: by the camera).",
+    ),
+    cloup.option(
+        "--order",
+        help="Order in which views are counted (default: found by the parallax): row,col is row by "
+        "row from the top left; -row from the bottom, -col from the right; snake,row,col runs "
+        "every other row back.",
+    ),
+    cloup.option(
+        "--grid",
+        help="Rows x columns of views, as 1x9, if their names hold one running number or most are "
+        "missing; what is missing gets weight 0.",
+    ),
+    cloup.option(
+        "--mosaic", help="Rows x columns of views side by side in one picture SOURCE, as 8x8."
+    ),
+    cloup.option("--axes", help="Meaning of the axes of an array, as vuts, tsvu or ntsc."),
+    cloup.option("--array", help="Name of the array, if SOURCE (.npz, .h5, .mat) holds several."),
+    cloup.option(
+        "--white",
+        type=UsablePath(exists=True, path_type=Path),
+        help="White image (flat field), to decode a raw lenslet image; for a Lytro picture also a "
+        "folder of white images, or caldata-SERIAL.tar.",
+    ),
+    cloup.option(
+        "--dark",
+        type=PATH,
+        help="Dark image, in the format of SOURCE; subtracted from SOURCE and from --white.",
+    ),
+    cloup.option("--pitch", type=float, help="Micro-image pitch of a raw image, in pixels."),
+    cloup.option(
+        "--layout",
+        type=click.Choice(["rectangular", "hexagonal"]),
+        help="Layout of the lenslets of a raw image (default: found in the white image).",
+    ),
+    cloup.option(
+        "--bayer",
+        type=click.Choice(["rggb", "bggr", "grbg", "gbrg"], case_sensitive=False),
+        help="Colours of the upper left 2 x 2 pixels of a raw image of a colour sensor.",
+    ),
+)
+"""Options for reading a light field."""
+
+
+def refuse_options(what: str, **options: Any) -> None:
+    """Refuse options that are given, by their names."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"--{name.replace('_', '-')} does not apply to {what}.")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Options of the group `READING`: how to read a light field."""
+
+    views: int | None = None
+    order: str | None = None
+    grid: str | None = None
+    mosaic: str | None = None
+    axes: str | None = None
+    array: str | None = None
+    white: Path | None = None
+    pitch: float | None = None
+    layout: str | None = None
+    dark: Path | None = None
+    bayer: str | None = None
+
+    def for_camera(self, source: Path, lens: "PlenopticCamera | CameraLaw | None") -> "Reading":
+        """Take the number of views from a camera, if the source is a raw or a lenslet image."""
+        from lf_flame.formats.view_files.sources import is_view_folder
+
+        stated = self.views is not None or self.mosaic is not None
+        if lens is None or stated or is_view_folder(source):
+            return self
+        return replace(self, views=lens.views)
+
+    def given(self) -> dict[str, Any]:
+        """Give the options that were given, paths as text."""
+        options = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {
+            name: str(x) if isinstance(x, Path) else x
+            for name, x in options.items()
+            if x is not None
+        }
+
+    def stored(self) -> dict[str, Any]:
+        """Give the arguments of `read_light_field`."""
+        names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
+        return {name: getattr(self, name) for name in names}
+
+    def read(self, source: Path) -> "LightField":
+        """Read a light field of any kind, and print what was found."""
+        from tqdm import tqdm
+
+        from lf_flame import formats
+        from lf_flame.formats.coding import notes_on_values
+        from lf_flame.formats.reading import subtract_dark
+        from lf_flame.formats.view_files.sources import is_view_folder
+
+        if self.white is not None or self.pitch is not None:
+            refuse_options(
+                f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
+                mosaic=self.mosaic, array=self.array,
+            )  # fmt: skip
+            with progress.stage(f"Reading {printable(source)}"):
+                light_field, grid = formats.read_raw(
+                    source,
+                    self.white,
+                    self.pitch,
+                    self.layout,
+                    self.views,
+                    dark=self.dark,
+                    bayer=self.bayer,
+                )
+            click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
+        elif is_view_folder(source):
+            refuse_options(
+                f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes,
+                bayer=self.bayer, mosaic=self.mosaic, array=self.array,
+            )  # fmt: skip
+            folder = formats.scan_view_folder(source, self.order, grid=self.grid)
+            click.echo(folder.describe(), err=True)
+            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+            light_field = subtract_dark(
+                light_field, self.dark, order=folder.found.order, grid=folder.counted
+            )
+        else:
+            refuse_options(
+                f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer
+            )
+            if self.mosaic is not None:
+                refuse_options("a mosaic of views", views=self.views)
+            light_field = formats.read_light_field(source, **self.stored())
+        v, u, t, s = light_field.views.shape[:4]
+        click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        for note in (light_field.uncounted, *notes_on_values(light_field, source)):
+            if note:
+                click.echo(note, err=True)
+        return light_field
+
+    def describe_grid(self, grid: "LensletGrid") -> str:
+        """Describe the lenslets of a raw image, and what was not searched for."""
+        if self.white is not None:
+            return grid.describe()
+        return (
+            f"{grid.describe()}; the pitch is as given. The rotation and the position of the array "
+            f"were not searched for: that needs a white image (--white)"
+        )
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files that are read beside the source."""
+        return tuple(path for path in (self.white, self.dark) if path is not None)
