@@ -116,7 +116,7 @@ def _resample(queue, lattices, places, array, across, along, taps, taps_down, ga
     """Resample each row of lenslets into its views: first along the pixel rows, then down.
 
     lattices: coefficients, shape (n, rows, columns). places, array, across, along, joined: named
-    tuples of `decode_plan`. taps, taps_down: tuples of as many elements as there are weights along
+    tuples of `resampling`. taps, taps_down: tuples of as many elements as there are weights along
     and across, by which the compiler knows their number. gain: factors of the parts,
     (v, u, row, column, channel), or None. out: (v, u, row, column, channel).
     """

@@ -4,20 +4,16 @@ It is made once for a grid, a white and a dark image, and then decodes any numbe
 """
 
 import logging
-import math
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.formats.raw._decode_kernels import MARGIN, filter_columns, filter_rows, resample
 from lf_flame.formats.raw.bad_pixels import count_saturated, find_bad_pixels
-from lf_flame.formats.raw.bayer import check_bayer, lattices
+from lf_flame.formats.raw.bayer import check_bayer
 from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
+from lf_flame.formats.raw.resampling import Resampling
 from lf_flame.lightfield import LightField
 
 LOGGER = logging.getLogger(__name__)
@@ -35,67 +31,6 @@ mosaic the next pixel of a colour is up to two pixels away."""
 
 LEAST_LEVEL = 0.05
 """Smallest centre brightness, relative to the median, of a micro-image that is trusted."""
-
-STEPS = 256
-"""Number of steps per pixel in a table of weights; linear interpolation errs by 4e-6."""
-
-
-MOVE = 1 / 128
-"""Distance in pixels over which weights change linearly with it; they err by 2e-5."""
-
-NARROW = 1e-3
-"""Breadth of a box, in pixels, below which averaging over it changes nothing."""
-
-
-class Weights(NamedTuple):
-    """Weights of the coefficients beside a position."""
-
-    values: np.ndarray
-    """Table of float32, shape (fractions, taps)."""
-    start: float
-    """Distance of the first coefficient: the largest whole number up to a position plus this."""
-    steps: int
-    """Number of fractions per pixel."""
-
-
-class Array(NamedTuple):
-    """The lenslets, in pixels of a lattice."""
-
-    rows: np.ndarray
-    columns: np.ndarray
-    pitch: float
-    row_pitch: float
-    offset: float
-    """Offset of odd rows, in pitches."""
-    cos: float
-    sin: float
-    part_down: np.ndarray
-    """Centres of the parts of a micro-image, from its centre."""
-    part_along: np.ndarray
-    lines: int
-    """Number of pixel rows that the parts of a micro-image need."""
-    block: int
-    """Number of parts along that a rotated array moves down by less than `MOVE`."""
-    together: int
-    """Number of pixel rows over which it moves a column by less than `MOVE`."""
-    slack: float
-
-
-class Places(NamedTuple):
-    """Lattices of pixels of one colour, each with the padded position of lenslet (0, 0)."""
-
-    left: np.ndarray
-    top: np.ndarray
-    channel: np.ndarray
-    share: np.ndarray
-    """Share of a lattice in its channel."""
-
-
-class Joined(NamedTuple):
-    """Linear interpolation along the rows of a hexagonal array, (parity of the row, column)."""
-
-    left: np.ndarray
-    share: np.ndarray
 
 
 class DecodePlan:
@@ -181,10 +116,8 @@ class DecodePlan:
         self.grid, self.shape = grid, tuple(shape)
         self.bayer = None if bayer is None else check_bayer(bayer, self.shape)
         self.views = views = _count_views(grid, views)
-        step = 1 if bayer is None else 2
-        self._rows, columns = grid.block(self.shape)
-        self._array, self._across, self._along = _geometry(grid, views, step, self._rows, columns)
-        self._joined = _joined(grid, len(columns)) if grid.layout == "hexagonal" else None
+        self._resampling = Resampling(grid, self.shape, views, self.bayer)
+        step = self._resampling.step
         self._black = (
             None if dark is None else _fitting(dark, "dark", self.shape).astype(np.float32)
         )
@@ -195,7 +128,8 @@ class DecodePlan:
         self._gain = None
         lit = np.ones((views, views), bool)
         if white is not None:
-            parts = self._parts(self._mended(_fitting(white, "white", self.shape)))
+            flat = self._mended(_fitting(white, "white", self.shape))
+            parts = self._resampling(flat, self._black, square=False)
             lit, self._gain = _lit(parts), _gain(parts)
         self.weights = _counted(grid, lit, step)
         self._is_new = True
@@ -226,7 +160,7 @@ class DecodePlan:
             )
         if self._is_new:
             self._look_at(image)
-        views = self._parts(self._mended(image), self._gain, self._joined)
+        views = self._resampling(self._mended(image), self._black, self._gain)
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
         return LightField.trusted(views if coloured else views[..., 0], weights=weights)
@@ -253,46 +187,6 @@ class DecodePlan:
     def _refuse_mosaic(self, image: np.ndarray | None, name: str) -> None:
         if self.bayer is None and image is not None:
             refuse_mosaic(image, self.grid, name)
-
-    def _parts(
-        self,
-        image: np.ndarray,
-        gain: np.ndarray | None = None,
-        joined: Joined | None = None,
-    ) -> np.ndarray:
-        """Resample an image into the parts of its micro-images: (v, u, row, column, channel)."""
-        black = self._black
-        if black is not None and black.shape[2] > image.shape[2]:
-            image = np.repeat(image, black.shape[2], axis=2)
-        colours = lattices(self.bayer, image.shape)
-        step = 1 if self.bayer is None else 2
-        height, width = (n // step for n in image.shape[:2])
-        coefficients = np.empty((len(colours), height + 2 * MARGIN, width + 2 * MARGIN), np.float32)
-        flat = image.reshape(image.shape[0], -1)
-        if black is not None:
-            black = np.ascontiguousarray(np.broadcast_to(black, image.shape)).reshape(flat.shape)
-        channels = image.shape[2] if self.bayer is None else 3
-        for one, out in zip(colours, coefficients, strict=True):
-            first = (one.top, one.left * image.shape[2] + one.source)
-            filter_rows(flat, black, first, (step, step * image.shape[2]), step == 1, out)
-            if step == 1:
-                filter_columns(out)
-        places = Places(
-            left=np.array([(self.grid.x0 - one.left) / step + MARGIN for one in colours]),
-            top=np.array([(self.grid.y0 - one.top) / step + MARGIN for one in colours]),
-            channel=np.array([one.channel for one in colours]),
-            share=np.array([one.share for one in colours], np.float32),
-        )
-        columns = self._array.columns.size if joined is None else joined.left.shape[1]
-        out = np.empty((self.views, self.views, len(self._rows), columns, channels), np.float32)
-        if gain is not None:
-            gain = np.ascontiguousarray(np.broadcast_to(gain, (*gain.shape[:4], channels)))
-        across, along = self._across, self._along
-        taps, taps_down = ((0,) * one.values.shape[1] for one in (along, across))
-        resample(
-            coefficients, places, self._array, across, along, taps, taps_down, gain, joined, out
-        )
-        return out
 
 
 def as_image(image: ArrayLike, name: str) -> np.ndarray:
@@ -347,72 +241,6 @@ def _count_views(grid: LensletGrid, views: int | None) -> int:
             f"lenslet, got {views}."
         )
     return int(views)
-
-
-def _geometry(
-    grid: LensletGrid, views: int, step: int, rows: np.ndarray, columns: np.ndarray
-) -> tuple[Array, Weights, Weights]:
-    """Lenslets in pixels of a lattice, and the weights across and along their rows.
-
-    Resampling runs along the pixel rows first and down after: a part is as wide as its distance to
-    the next along a pixel row, and as high as that along a pixel column.
-    """
-    cos, sin = math.cos(grid.rotation), math.sin(grid.rotation)
-    height, width = (side / views for side in grid.window)
-    across = _weights(height * cos, step, 1 + 2 * MOVE)
-    array = Array(
-        rows=rows,
-        columns=columns,
-        pitch=grid.pitch / step,
-        row_pitch=grid.row_pitch / step,
-        offset=0.5 if grid.layout == "hexagonal" else 0.0,
-        cos=cos,
-        sin=sin,
-        part_down=height * centred(views) / step,
-        part_along=width * centred(views) / step,
-        lines=int(cos * height * (views - 1) / step) + across.values.shape[1],
-        block=1 + int(MOVE / max(abs(sin) * width / step, MOVE / views)),
-        together=1 + int(MOVE / max(abs(sin / cos), MOVE / MARGIN**2)),
-        slack=MOVE,
-    )
-    return array, across, _weights(width / cos, step)
-
-
-def _weights(part: float, step: int, beyond: float = 0.0) -> Weights:
-    """Tabulate the kernel for positions up to 1 + `beyond` pixels after the first coefficient's.
-
-    On the full lattice, the parabolic B-spline is averaged over the part. Pixels two apart, which
-    are interpolated linearly, are already averaged over one pixel of the part.
-    """
-    boxes = [1.0, 1.0, 1.0, part] if step == 1 else [1.0, 1.0, max(part - 1, 0.0) / step]
-    boxes = [box for box in boxes if box > NARROW]
-    reach = sum(boxes) / 2
-    fractions = np.arange(int((1 + beyond) * STEPS) + 2) / STEPS
-    taps = math.ceil(2 * reach + beyond)
-    values = _kernel(fractions[:, None] + reach - 1 - np.arange(taps), boxes)
-    return Weights(values.astype(np.float32), 1 - reach, STEPS)
-
-
-def _kernel(distance: np.ndarray, boxes: list[float]) -> np.ndarray:
-    """Boxes of these breadths, convolved: B-splines, averaged (de Boor 2001, chapter 9)."""
-    powers = np.zeros(distance.shape)
-    for signs in product((-1, 1), repeat=len(boxes)):
-        knot = np.dot(signs, boxes) / 2
-        powers += np.prod(signs) * np.maximum(distance + knot, 0.0) ** (len(boxes) - 1)
-    return powers / math.factorial(len(boxes) - 1) / np.prod(boxes)
-
-
-def _joined(grid: LensletGrid, columns: int) -> Joined:
-    """Interpolate a hexagonal array to a square grid that both kinds of rows share."""
-    spacing = grid.row_pitch / grid.pitch
-    count = int((columns - 1.5) / spacing) + 1 if columns > 1 else 0
-    if count < 1:
-        raise InputError(
-            f"A hexagonal array needs at least two whole lenslets along a row, got {columns}."
-        )
-    place = 0.5 + spacing * np.arange(count) - np.array([[0.0], [0.5]])  # in pitches along the row
-    left = np.minimum(place.astype(int), columns - 2)
-    return Joined(left, (place - left).astype(np.float32))
 
 
 def _counted(grid: LensletGrid, lit: np.ndarray, step: int) -> np.ndarray:
