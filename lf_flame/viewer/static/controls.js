@@ -102,7 +102,6 @@ export class Controls {
     }
   }
 
-  /** Show the state that is drawn. */
   show() {
     const { state, metadata } = this.viewer;
     for (const [name, { input, output }] of Object.entries(this.ranges)) {

@@ -25,7 +25,6 @@ export function viridis(part) {
   return VIRIDIS[below].map((x, c) => x + (at - below) * (VIRIDIS[below + 1][c] - x));
 }
 
-/** The colours from the lowest slope to the highest. */
 export const SCALE = `linear-gradient(90deg,${VIRIDIS.map((x) => `rgb(${x})`)})`;
 
 /** Median slope of the certain pixels of a box, or nothing where there are none. */

@@ -58,7 +58,6 @@ function addRows(image, row, height, line, { whole, part }) {
   }
 }
 
-/** Average whole blocks of pixels of all views. */
 export function binned(codes, { views, size, channels }, block) {
   const [height, width] = size.map((n) => Math.floor(n / block));
   const out = new Float32Array(views[0] * views[1] * height * width * channels);

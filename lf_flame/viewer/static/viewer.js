@@ -180,7 +180,6 @@ export class Viewer {
     this.onDrawn?.();
   }
 
-  /** Wait until nothing is left to be drawn. */
   async drawn() {
     do await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
     while (this.frame !== undefined || this.renderer.busy || this.slices?.busy);

@@ -112,7 +112,6 @@ export class WebGLRenderer {
     return program;
   }
 
-  /** Hand over views that have come in. */
   add(first, count) {
     this.pieces.push([first, count]);
     this.upload(first, count);
@@ -182,7 +181,6 @@ export class WebGLRenderer {
     return upright(values, height, width, this.shape.channels);
   }
 
-  /** Wait (for timing). */
   wait() {
     this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }

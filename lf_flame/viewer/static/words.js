@@ -72,10 +72,7 @@ export function python(metadata, state) {
   return lines.join("\n");
 }
 
-/**
- * Depth in mm at a slope, of a known camera; infinite beyond what it can focus on, NaN outside the
- * range of a calibration, whose zero is not the focal plane.
- */
+/** Depth in mm at a slope; infinite beyond what a camera can focus on, NaN outside a calibration. */
 export function depthOf(camera, slope) {
   const { focus_distance_mm, shift_per_slope, focal_plane_mm = 0, range_mm } = camera;
   const shift = slope * shift_per_slope;
