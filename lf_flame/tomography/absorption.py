@@ -90,10 +90,10 @@ class AbsorbingOperator(LinearOperator):
                 f"The optical thickness must be of the grid's shape {grid.shape}, got "
                 f"{thickness.shape}."
             )
-        views = grid.camera.views
-        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=(views, views, *grid.pixels))
-        planes = grid.shape[0]
-        one = int(np.prod(self.dimsd)) * self.dtype.itemsize
+        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=grid.data_shape)
+        self._grid = grid
+        planes, views = grid.shape[0], grid.camera.views
+        one = views**2 * int(np.prod(grid.pixels)) * self.dtype.itemsize
         check_memory(planes * one, f"Transmissions of {planes} planes, as every view sees them,")
         exact = [(plane_bands(grid, p, 0), plane_bands(grid, p, 1)) for p in range(planes)]
         self._seen = _seen_through(grid, exact, thickness, self.dtype)
@@ -103,20 +103,24 @@ class AbsorbingOperator(LinearOperator):
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         glow = self._own * x.reshape(self.dims).astype(self.dtype, copy=False)
-        v, u, t, s = self.dimsd
-        raw = np.zeros((v * t, u * s), self.dtype)
+        views, (t, s) = self._grid.camera.views, self._grid.pixels
+        raw = np.zeros((views * t, views * s), self.dtype)
         for bands, plane, seen in zip(self._bands, glow, self._seen, strict=True):
             raw += seen * _apply(bands, plane)
-        return raw.reshape(v, t, u, s).transpose(0, 2, 1, 3).ravel()
+        return self._grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        views = y.reshape(self.dimsd).astype(self.dtype, copy=False)
-        v, u, t, s = self.dimsd
-        raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        raw = self._raw(y)
         cells = [
             _apply(back, seen * raw) for back, seen in zip(self._back, self._seen, strict=True)
         ]
         return (self._own * np.stack(cells)).ravel()
+
+    def _raw(self, y: np.ndarray) -> np.ndarray:
+        """Place fitted views in the layout (v, t) by (u, s), with 0 elsewhere."""
+        views = self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
+        v, u, t, s = views.shape
+        return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
 
     def mean_transmission(self) -> np.ndarray:
         """Fraction of each cell's light that leaves towards the camera, averaged over the views.
@@ -126,10 +130,10 @@ class AbsorbingOperator(LinearOperator):
         ndarray of float64, shape (planes, rows, columns)
             Mean transmission, above 0, at most 1; the plane's own factor where no view sees a cell.
         """
-        means = []
+        means, counted = [], self._raw(np.ones(self.dimsd, self.dtype))
         for back, seen in zip(self._back, self._seen, strict=True):
-            weight = _apply(back, np.ones_like(seen)).astype(np.float64)
-            through = _apply(back, seen)
+            weight = _apply(back, counted).astype(np.float64)
+            through = _apply(back, seen * counted)
             means.append(np.divide(through, weight, out=np.ones_like(weight), where=weight > 0))
         return self._own * np.stack(means)
 

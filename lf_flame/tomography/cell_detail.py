@@ -69,15 +69,18 @@ class SmoothStack:
     """
 
     def __init__(self, grid: FrustumGrid):
-        self._pairs = [_pair_sums(grid, axis) for axis in (0, 1)]
+        self._pairs = [
+            [_pair_sums(grid, axis, views) for axis, views in enumerate(group)]
+            for group in grid.view_groups()
+        ]
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
         """Give the filtered focal stack of cells, float32, shape (planes, rows, columns)."""
         courses = [smooth_course(plane) for plane in cells]
-        down, across = self._pairs
         stack = [
             sum(
                 (y @ np.ascontiguousarray((x @ course.T).T))
+                for down, across in self._pairs
                 for y, x, course in zip(down[plane], across[plane], courses, strict=True)
             )
             for plane in range(len(cells))
@@ -85,15 +88,21 @@ class SmoothStack:
         return np.array(stack, np.float32)
 
 
-def _pair_sums(grid: FrustumGrid, axis: int) -> list[list[sparse.csr_array]]:
+def _pair_sums(grid: FrustumGrid, axis: int, views: np.ndarray) -> list[list[sparse.csr_array]]:
     """Sum over views and pixels the overlap of a line of cells in one plane with parts in another.
+
+    Parameters
+    ----------
+    views : ndarray of int
+        Indices of views along the axis.
 
     Returns
     -------
     list of list of csr_array, shape (cells, FINER * cells)
         Sums by the depth plane of the cells, then by that of the parts.
     """
-    planes = range(len(grid.depths_mm))
+    planes, pixels = range(len(grid.depths_mm)), grid.pixels[axis]
+    rows = (views[:, None] * pixels + np.arange(pixels)).ravel()
     coarse, fine = [], []
     for plane in planes:
         layer = grid.empty_layer(plane)
@@ -102,6 +111,6 @@ def _pair_sums(grid: FrustumGrid, axis: int) -> list[list[sparse.csr_array]]:
             layer.depth_mm,
             layer.size_mm,
         )
-        coarse.append(layer_bands(layer, grid.camera, grid.block, axis).T.tocsr())
-        fine.append(layer_bands(parts, grid.camera, grid.block, axis))
+        coarse.append(layer_bands(layer, grid.camera, grid.block, axis)[rows].T.tocsr())
+        fine.append(layer_bands(parts, grid.camera, grid.block, axis)[rows])
     return [[sparse.csr_array(coarse[p] @ fine[q]) for q in planes] for p in planes]

@@ -1,4 +1,4 @@
-"""Views of a light field that a fit uses: an inner square of views with equal weights."""
+"""Views of a light field that a fit uses, which have equal weights."""
 
 from dataclasses import replace
 
@@ -7,9 +7,43 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.tomography.frustum_grid import FrustumGrid
 
 FEWEST = 3
 """Smallest number of views along each axis with which depth can be found."""
+
+
+def fitted_views(light_field: LightField, grid: FrustumGrid) -> tuple[FrustumGrid, tuple[str, ...]]:
+    """Leave out views without weight from the views that a grid fits.
+
+    Returns
+    -------
+    FrustumGrid
+        Grid of the views that count.
+    tuple of str
+        A sentence that says so if views were left out.
+
+    Raises
+    ------
+    InputError
+        If too few views remain, or their weights differ.
+    """
+    weights, views = light_field.weights, grid.camera.views
+    if weights is not None and weights.shape == (views, views):
+        some = weights[weights > 0]
+        if np.ptp(some) > 0:
+            raise InputError(
+                f"A fit needs views that all count alike, or not at all, got weights from "
+                f"{some.min():g} to {some.max():g}."
+            )
+        counted = weights > 0 if grid.counted is None else (weights > 0) & grid.counted
+        grid = replace(grid, counted=counted)
+    if grid.counted is None:
+        return grid, ()
+    return grid, (
+        f"{grid.view_count} of the {views**2} views are fitted: the others do not count, or the "
+        f"round aperture cuts them.",
+    )
 
 
 def counted_views(

@@ -111,9 +111,9 @@ def check_data(
         )
     alone = _odd_view(views, chi_squared, noise)
     found += alone
-    if not alone or np.median(chi_squared) > VIEW_EXCESS:
+    if not alone or np.nanmedian(chi_squared) > VIEW_EXCESS:
         found += _unexplained(views, chi_squared, noise, residual)
-    found += _check_edges(views, noise)
+    found += _check_edges(views, noise, len(chi_squared))
     peak = views.max()
     ceiling = int(np.count_nonzero(views == peak))
     if peak > 0 and ceiling >= SATURATED:
@@ -178,9 +178,9 @@ def _has_light(views: np.ndarray, noise: float) -> bool:
 
 def _odd_view(views: np.ndarray, chi_squared: np.ndarray, noise: float) -> list[str]:
     """Name the worst view if it, or it and one other, is wrong, and the rest is not."""
-    worst = np.unravel_index(np.argmax(chi_squared), chi_squared.shape)
-    middle, highest = float(np.median(chi_squared)), float(chi_squared[worst])
-    third = float(np.sort(chi_squared, axis=None)[-3:][0])
+    worst = np.unravel_index(np.nanargmax(chi_squared), chi_squared.shape)
+    middle, highest = float(np.nanmedian(chi_squared)), float(chi_squared[worst])
+    third = float(np.sort(chi_squared[np.isfinite(chi_squared)])[-3:][0])
     residual = np.sqrt(highest) * noise
     if (
         residual > MODEL_ERROR * views.max()
@@ -201,7 +201,7 @@ def _unexplained(
     if residual is None:
         return []
     peak, size = float(views.max()), float(np.sqrt(np.mean(np.square(residual, dtype=np.float64))))
-    likeness, middle = _likeness(residual), float(np.median(chi_squared))
+    likeness, middle = _likeness(residual), float(np.nanmedian(chi_squared))
     structured = likeness > STRUCTURE and np.sqrt(likeness) * size > MODEL_ERROR * peak
     far_above = middle > VIEW_EXCESS and size > MODEL_ERROR * peak
     if not structured and not far_above:
@@ -240,13 +240,16 @@ def _causes(views: np.ndarray, noise: float) -> list[str]:
         first.append(found.pop(4))
     light = views.mean(axis=(2, 3), dtype=np.float64)
     corners = light[np.ix_([0, -1], [0, -1])]
-    if corners.max() < DARK_CORNERS * np.median(light):
+    if light.shape[1] > 1 and corners.max() < DARK_CORNERS * np.median(light):
         first.append(found.pop(3))
     return first + found
 
 
-def _check_edges(views: np.ndarray, noise: float) -> list[str]:
-    """Warn of light at the edges of the field: a background, or emission that is cut off."""
+def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
+    """Warn of light at the edges of the field: a background, or emission that is cut off.
+
+    count: number of views along an axis.
+    """
     edge = measure_edge(views)
     if edge.is_background and edge.clipped:
         return [
@@ -266,6 +269,6 @@ def _check_edges(views: np.ndarray, noise: float) -> list[str]:
     if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():
         return [
             f"Light reaches the field's edge ({edge.brightest:.3g}): emission there is cut, and "
-            f"wrong within {views.shape[0] // 2} views' parallax of it."
+            f"wrong within {count // 2} views' parallax of it."
         ]
     return []

@@ -179,12 +179,14 @@ def trust_figure(found: "Reconstruction"):
 def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0) -> None:
     """Draw chi-squared by view on a logarithmic scale about 1; white if only noise remains."""
     shown = np.clip(chi_squared, 1e-3, 1e6)
-    most = max(2.0, float(np.exp(np.abs(np.log(shown)).max())))
+    most = max(2.0, float(np.exp(np.nanmax(np.abs(np.log(shown))))))
     picture = axis.imshow(shown, cmap="RdBu_r", norm=LogNorm(1 / most, most))
     if max(shown.shape) <= MOST_NUMBERED:
         axis.set_xticks(range(shown.shape[1]))
         axis.set_yticks(range(shown.shape[0]))
         for (v, u), value in np.ndenumerate(chi_squared):
+            if np.isnan(value):  # not fitted
+                continue
             ink = "w" if abs(np.log(shown[v, u])) > 0.6 * np.log(most) else "k"
             axis.text(u, v, f"{value:.2g}", ha="center", va="center", fontsize=6, color=ink)
     axis.set_title("chi-squared of each view\n(1: noise alone is left)", fontsize=9)

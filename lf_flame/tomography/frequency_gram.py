@@ -82,9 +82,15 @@ class FrequencyGram:
         self.size = (rows, columns)
         one = rows * (columns // 2 + 1) * grid.shape[0] ** 2 * 8
         check_memory(COPIES * one, f"{grid.shape[0]} planes of {rows} x {columns} cells")
-        down = _axis_gram(grid, 0, rows)
-        across = _axis_gram(grid, 1, columns)[: columns // 2 + 1]
-        self.matrices = down[:, None] * across[None]
+        down, across = _transfer(grid, 0, rows), _transfer(grid, 1, columns)
+        across = across[:, : columns // 2 + 1]
+        if grid.counted is None:  # the sums over all views are real
+            self.matrices = _products(down).real[:, None] * _products(across).real[None]
+            return
+        self.matrices = np.zeros((rows, columns // 2 + 1, grid.shape[0], grid.shape[0]))
+        for v, u in grid.view_groups():
+            one, other = _products(down[v]), _products(across[u])
+            self.matrices += (one[:, None] * other[None]).real
 
     @cached_property
     def squared_frequency(self) -> np.ndarray:
@@ -106,8 +112,8 @@ class FrequencyGram:
 
     @property
     def scale(self) -> float:
-        """Diagonal element at frequency 0: the squared number of views along an axis."""
-        return float(self.grid.camera.views**2)
+        """Diagonal element at frequency 0: the number of views."""
+        return float(self.grid.view_count)
 
     @cached_property
     def decomposition(self) -> tuple[np.ndarray, np.ndarray]:
@@ -232,12 +238,22 @@ def depth_roughness(grid: FrustumGrid) -> np.ndarray:
     return DEPTH_WEIGHT * (length / abs(steps[0])) ** 7 * (differences.T @ differences)
 
 
-def _axis_gram(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
-    """Sum the products of transfer functions of two depth planes over the views along an axis.
+def _products(functions: np.ndarray) -> np.ndarray:
+    """Sum the products of transfer functions of two depth planes over views.
 
     Returns
     -------
-    ndarray of float64, shape (frequencies, planes, planes)
+    ndarray of complex128, shape (frequencies, planes, planes)
+    """
+    return np.einsum("vfp,vfq->fpq", functions.conj(), functions)
+
+
+def _transfer(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
+    """Transfer functions of the depth planes for the views along an axis.
+
+    Returns
+    -------
+    ndarray of complex128, shape (views, frequencies, planes)
     """
     lenslets = list(grid.camera.lenslets)
     lenslets[axis] = length * grid.block
@@ -248,5 +264,4 @@ def _axis_gram(grid: FrustumGrid, axis: int, length: int) -> np.ndarray:
         bands = plane_bands(wide, plane, axis)
         seen = bands[:, [middle + wide.reach]].toarray().reshape(grid.camera.views, length)
         transfer.append(fft.fft(np.roll(seen, -middle, axis=1), axis=1))
-    functions = np.stack(transfer, axis=-1)
-    return np.einsum("vfp,vfq->fpq", functions.conj(), functions).real
+    return np.stack(transfer, axis=-1)

@@ -7,12 +7,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.scenes.scene import Layer, Scene
 
 MOST_PLANES = 200
 """Largest number of depth planes; with more, the matrices by frequency fill the memory."""
+
+FEWEST = 3
+"""Smallest number of rows and of columns of views with which depth can be found."""
 
 FEW_PLANES = 8
 """Largest number of planes that count as separate sheets; more planes sample a volume."""
@@ -36,11 +40,19 @@ class FrustumGrid:
     Parameters
     ----------
     camera : PlenopticCamera
-        Camera with the ideal aperture that matches the lenslets.
+        Camera; of a round aperture only the views count whose part of the lens is a whole square.
     depths_mm : sequence of float
         Depths of the planes from the focal plane, in mm; rising or falling, all different.
     block : int, optional
         Number of lenslets along each axis that are averaged into one pixel, and into one cell.
+    counted : array_like of bool, shape (views, views), optional
+        Views that are fitted; of these, the ones with a counterpart on the other side of the
+        central view. Default: all that the aperture leaves whole.
+
+    Attributes
+    ----------
+    counted : ndarray of bool, shape (views, views), or None
+        Views that are fitted; None if all are.
 
     Raises
     ------
@@ -61,6 +73,7 @@ class FrustumGrid:
     camera: PlenopticCamera
     depths_mm: Sequence[float]
     block: int = 1
+    counted: np.ndarray | None = field(default=None, repr=False, compare=False)
     slopes: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self):
@@ -74,8 +87,7 @@ class FrustumGrid:
                 f"block must be 1 or more lenslets and divide the {lenslets[0]} x {lenslets[1]} "
                 f"lenslets, got {self.block}."
             )
-        if self.camera.aperture_diameter_mm is not None:
-            raise InputError(_round_aperture(self.camera))
+        object.__setattr__(self, "counted", self._counted())
         for name in NOT_MODELLED:
             if getattr(self.camera, name):
                 raise InputError(
@@ -86,6 +98,53 @@ class FrustumGrid:
             raise InputError(
                 "Emission by depth needs images divided by a white image (falloff_corrected)."
             )
+
+    def _counted(self) -> np.ndarray | None:
+        whole = _whole_views(self.camera)
+        counted = whole if self.counted is None else whole & np.asarray(self.counted, bool)
+        counted = counted & counted[::-1, ::-1]
+        spans = [int(counted.any(axis=axis).sum()) for axis in (1, 0)]
+        if min(spans) < min(FEWEST, self.camera.views):
+            raise InputError(
+                f"A fit needs whole views in {FEWEST} rows and {FEWEST} columns or more, got "
+                f"{spans[0]} and {spans[1]} that count and that the aperture leaves whole."
+            )
+        return None if counted.all() else counted
+
+    @property
+    def view_count(self) -> int:
+        """Number of views that are fitted."""
+        return self.camera.views**2 if self.counted is None else int(self.counted.sum())
+
+    @property
+    def data_shape(self) -> tuple[int, int, int, int]:
+        """Shape of the fitted views: (v, u, t, s), or one after the other, (n, 1, t, s)."""
+        views = (self.camera.views,) * 2 if self.counted is None else (self.view_count, 1)
+        return (*views, *self.pixels)
+
+    def pick(self, views: np.ndarray) -> np.ndarray:
+        """Pick the views that are fitted from all, in the shape `data_shape`."""
+        return views if self.counted is None else views[self.counted][:, None]
+
+    def place(self, picked: np.ndarray, missing: float = 0.0) -> np.ndarray:
+        """Place picked views, or one number for each, among all, the opposite of `pick`."""
+        if self.counted is None:
+            return picked
+        views = np.full((*self.counted.shape, *picked.shape[2:]), missing, picked.dtype)
+        views[self.counted] = picked[:, 0]
+        return views
+
+    def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Rows of views that fit the same columns, and these: indices, together each view once."""
+        if self.counted is None:
+            every = np.arange(self.camera.views)
+            return [(every, every)]
+        columns, group = np.unique(self.counted, axis=0, return_inverse=True)
+        return [
+            (np.flatnonzero(group.ravel() == k), np.flatnonzero(one))
+            for k, one in enumerate(columns)
+            if one.any()
+        ]
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -154,26 +213,12 @@ class FrustumGrid:
         return down @ layer.texture @ across.T
 
 
-def _round_aperture(camera: PlenopticCamera) -> str:
-    """Say why a round aperture is refused, and which views are complete."""
-    diameter, views = camera.aperture_diameter_mm, camera.views
-    found = (
-        f"Emission by depth needs views whose part of the lens is a whole square, and a round "
-        f"aperture of {diameter:g} mm (aperture_diameter_mm) cuts or darkens the outer ones: "
-    )
-    # The largest central square of views inside the circle.
-    inner = int(diameter / (np.sqrt(2) * camera.view_step_mm) + 1e-9)
-    inner = min(inner, views)
-    inner -= (views - inner) % 2
-    if inner < 2:
-        return f"{found}it leaves fewer than 2 x 2 views whole."
-    first = (views - inner) // 2
-    inside = f"{first}:{first + inner}"
-    return (
-        f"{found}keep the inner {inner} x {inner} of {views} x {views} views, "
-        f"light_field.views[{inside}, {inside}], and state a camera of views = {inner}, "
-        f"pixel_pitch_mm = {camera.pixel_mm:.6g} and no aperture_diameter_mm."
-    )
+def _whole_views(camera: PlenopticCamera) -> np.ndarray:
+    """Find the views whose square of the main lens lies wholly in its aperture, (v, u)."""
+    far = (np.abs(centred(camera.views)) + 0.5) * camera.view_step_mm
+    diameter = camera.aperture_diameter_mm
+    largest = np.inf if diameter is None else diameter / 2 * (1 + 1e-9)
+    return np.hypot(far[:, None], far) <= largest
 
 
 def _checked_depths(depths_mm: Sequence[float]) -> np.ndarray:

@@ -146,7 +146,7 @@ class PlaneFit:
         """Solve another problem with the options of a fit, starting from its cells."""
         if self.options.penalty == VARIATION:
             # The filtered noise of a cell is the sum of the noise of its views.
-            weight = known.strength * known.noise * self.gram.grid.camera.views
+            weight = known.strength * known.noise * np.sqrt(self.gram.scale)
             return fit_total_variation(problem, weight, iterations, known.cells)
         order, nonnegative = self.options.order, self.options.nonnegative
         return problem.solve(

@@ -20,7 +20,7 @@ from lf_flame.tomography.frustum_grid import FrustumGrid
 
 
 class ProjectionOperator(LinearOperator):
-    """Linear operator from emission of cells, (plane, row, column), to views (v, u, t, s).
+    """Linear operator from emission of cells, (plane, row, column), to the views that are fitted.
 
     Both are flattened for products.
 
@@ -54,8 +54,8 @@ class ProjectionOperator(LinearOperator):
     def __init__(self, grid: FrustumGrid, dtype: str = "float32"):
         if np.dtype(dtype) not in (np.float32, np.float64):
             raise InputError(f"dtype must be float32 or float64, got {dtype}.")
-        views = grid.camera.views
-        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=(views, views, *grid.pixels))
+        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=grid.data_shape)
+        self._grid = grid
         self._across = [plane_bands(grid, p, 1).astype(dtype) for p in range(grid.shape[0])]
         down = [plane_bands(grid, p, 0).astype(dtype) for p in range(grid.shape[0])]
         self._down = sparse.hstack(down, format="csr")
@@ -65,13 +65,13 @@ class ProjectionOperator(LinearOperator):
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         cells = x.reshape(self.dims).astype(self.dtype, copy=False)
         lines = [(bands @ plane.T).T for bands, plane in zip(self._across, cells, strict=True)]
-        v, u, t, s = self.dimsd
+        views, (t, s) = self._grid.camera.views, self._grid.pixels
         raw = self._down @ np.ascontiguousarray(np.concatenate(lines))
-        return raw.reshape(v, t, u, s).transpose(0, 2, 1, 3).ravel()
+        return self._grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        views = y.reshape(self.dimsd).astype(self.dtype, copy=False)
-        v, u, t, s = self.dimsd
+        views = self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
+        v, u, t, s = views.shape
         raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
         planes, rows, columns = self.dims
         lines = (self._up @ raw).reshape(planes, rows, u * s)

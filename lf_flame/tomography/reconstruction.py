@@ -13,7 +13,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import spread_thickness
 from lf_flame.tomography.background import Level
 from lf_flame.tomography.cell_detail import SmoothStack
-from lf_flame.tomography.counted_views import counted_views
+from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_overlap, check_range, check_spacing
 from lf_flame.tomography.error_bars import (
     check_bootstrap,
@@ -78,7 +78,8 @@ class Reconstruction:
     tried : tuple of TriedStrength
         Strengths that were tried (the L-curve), weakest first.
     chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each view, in units of the noise's variance.
+        Mean squared residual of each view, in units of the noise's variance; NaN of views that are
+        not fitted.
     warnings : tuple of str
         Sentences on disagreements of data and model.
     background, background_sigma : float
@@ -252,12 +253,11 @@ def reconstruct(
     smooth_penalty = penalty == ROUGHNESS
     check_bootstrap(bootstrap)
     rng = np.random.default_rng(rng)
-    light_field, camera, left_out = counted_views(light_field, grid.camera)
-    grid = replace(grid, camera=camera) if left_out else grid
+    grid, left_out = fitted_views(light_field, grid)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     if background not in (None, FIT):
         raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
-    views = average_blocks(light_field, grid.camera, grid.block)
+    views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
     fit = PlaneFit(operator, gram, options)
@@ -268,7 +268,7 @@ def reconstruct(
     seen, leaves = explain.seen(found.cells), explain.leaves
     residual = views - seen
     chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
-    chi_squared /= noise_variance(found.noise)
+    chi_squared = grid.place(chi_squared / noise_variance(found.noise), np.nan)
     # All as the light that leaves towards the camera; noise is the same with absorption.
     smooth = SmoothStack(grid)
     twice = smooth_penalty and nonnegative and corrected

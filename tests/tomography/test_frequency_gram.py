@@ -1,6 +1,7 @@
 """The Gram matrix by frequency, against the operator and against its closed form."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,17 @@ def test_it_equals_the_adjoint_of_the_operator_after_the_operator(grid):
     cells[middle] = np.random.default_rng(0).random(cells[middle].shape)
     seen = operator.rmatvec(operator.matvec(cells.ravel())).reshape(grid.shape)
     assert apply_by_frequency(gram, cells) == pytest.approx(seen, abs=1e-9 * seen.max())
+
+
+ROUND = np.hypot(*np.mgrid[-2:3, -2:3]) < 2.5
+SLANTED = np.abs(np.subtract(*np.mgrid[-2:3, -2:3])) < 3  # like a pupil seen from aside
+
+
+@pytest.mark.parametrize("counted", [ROUND, SLANTED])
+def test_so_it_does_for_some_of_the_views(camera, counted):
+    grid = FrustumGrid(replace(camera, views=5), DEPTHS, counted=counted)
+    test_it_equals_the_adjoint_of_the_operator_after_the_operator(grid)
+    assert FrequencyGram(grid).scale == counted.sum()
 
 
 def test_it_has_the_closed_form(grid):

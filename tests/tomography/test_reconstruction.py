@@ -239,16 +239,20 @@ def test_views_that_do_not_count_are_not_fitted(grid, camera, noisy, rng):
     own = replace(camera, views=5, pixel_pitch_mm=pixel)
     expected = reconstruct(inner, FrustumGrid(own, DEPTHS))
     found = reconstruct(whole, grid)
-    np.testing.assert_allclose(found.emission, expected.emission, rtol=1e-5, atol=1e-7)
-    assert found.chi_squared.shape == (5, 5)
-    assert [one for one in found.warnings if one.startswith("Only the inner 5 x 5 of the 7 x 7")]
+    away = np.abs(found.emission - expected.emission).max()
+    assert away < 0.01 * expected.emission.max()  # cells reach further out
+    assert np.isfinite(found.chi_squared).sum() == 25
+    assert [one for one in found.warnings if one.startswith("25 of the 49 views are fitted")]
 
 
 @pytest.mark.parametrize("case", ["too few", "unlike"])
 def test_views_that_count_oddly_are_refused(grid, clean, case):
-    weights = np.ones((7, 7))
-    weights[3, 2] = 0 if case == "too few" else 0.5
-    with pytest.raises(InputError, match="inner square of 3 x 3 views or more that all count"):
+    weights, message = np.ones((7, 7)), "all count alike, or not at all, got weights from 0.5 to 1"
+    weights[3, 2] = 0.5
+    if case == "too few":
+        weights[:], message = 0, "3 rows and 3 columns or more, got 2 and 3"
+        weights[2:4:2, 2:5] = weights[4, 2:5] = 1
+    with pytest.raises(InputError, match=message):
         reconstruct(LightField(clean.views, weights=weights), grid)
 
 

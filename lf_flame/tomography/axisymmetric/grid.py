@@ -89,6 +89,8 @@ class AxisymmetricGrid:
     depth_ratio: float = 1.0
 
     def __post_init__(self):
+        if self.camera.aperture_diameter_mm is not None:
+            raise InputError(_round_aperture(self.camera))
         if self.which not in WHICH_VIEWS:
             raise InputError(f"which must be one of {WHICH_VIEWS}, got {self.which!r}.")
         if not np.isfinite([self.axis_mm, self.depth_mm, self.radius_mm]).all():
@@ -296,3 +298,25 @@ def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
         entries.append((share[inside] / places.shape[1], cell[inside], node[inside]))
     values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     return sparse.coo_array((values, (rows, columns)), shape=(len(places), nodes)).tocsr()
+
+
+def _round_aperture(camera: PlenopticCamera) -> str:
+    """Say why a round aperture is refused, and which views are complete."""
+    diameter, views = camera.aperture_diameter_mm, camera.views
+    found = (
+        f"An axisymmetric flame needs views whose part of the lens is a whole square, and a round "
+        f"aperture of {diameter:g} mm (aperture_diameter_mm) cuts or darkens the outer ones: "
+    )
+    # The largest central square of views inside the circle.
+    inner = int(diameter / (np.sqrt(2) * camera.view_step_mm) + 1e-9)
+    inner = min(inner, views)
+    inner -= (views - inner) % 2
+    if inner < 2:
+        return f"{found}it leaves fewer than 2 x 2 views whole."
+    first = (views - inner) // 2
+    inside = f"{first}:{first + inner}"
+    return (
+        f"{found}keep the inner {inner} x {inner} of {views} x {views} views, "
+        f"light_field.views[{inside}, {inside}], and state a camera of views = {inner}, "
+        f"pixel_pitch_mm = {camera.pixel_mm:.6g} and no aperture_diameter_mm."
+    )
