@@ -46,7 +46,7 @@ class DecodePlan:
 
     The pixels of each colour of a Bayer mosaic are interpolated linearly by themselves, without a
     demosaic: no light moves between colours, and none further than two pixels. This blurs detail
-    of a micro-image that is finer than some pixels. It changes slopes by up to 1 %.
+    of a micro-image that is finer than some pixels. It changes slopes by 1 % or so.
 
     A hexagonal array is resampled to a square grid with the distance of its rows: the rows stay,
     and along each row linear interpolation removes the offset of every other row and changes the
