@@ -247,7 +247,7 @@ def _pillow_page(path: Source, index: int) -> np.ndarray:
         image.seek(index)
         tile: Any = image.tile[0]
         rawmode, tags = str(tile.args[0]), getattr(image, "tag_v2", {})
-        # Of what it unpacks libtiff makes RGB.
+        # libtiff gives RGB for what it unpacks.
         if image.mode == "YCbCr" and tags.get(SUBSAMPLING) != (1, 1):
             raise NotImplementedError("colours that several pixels share are not supported")
         high = np.asarray(image.convert("RGB") if image.mode == "YCbCr" else image)

@@ -15,7 +15,7 @@ LONGEST = 600
 
 @dataclass
 class Found:
-    """What a file is.
+    """Kind and facts of a file.
 
     Attributes
     ----------
@@ -23,9 +23,9 @@ class Found:
     facts : dict of str to str
         Facts by name, in the order in which they are printed.
     notes : list of str
-        What the user should know, one sentence each.
+        Sentences for the user.
     missing : list of str
-        What is missing to read it, one sentence each.
+        Sentences on the files or options that are needed to read it.
     command : str
         Command to type next; empty if there is none.
     """

@@ -3,13 +3,11 @@
 import glob
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from lf_flame import formats
-from lf_flame._common.printable import printable
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
@@ -17,7 +15,7 @@ from lf_flame.formats.arrays import ARRAY_SUFFIXES
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.lytro.decoding import is_lytro
 from lf_flame.formats.lytro.picture import LYTRO_SUFFIXES
-from lf_flame.formats.raw.reading import plan_raw, read_frame
+from lf_flame.formats.raw.reading import read_frame
 from lf_flame.formats.view_files.sources import ARCHIVE, is_view_folder
 from lf_flame.lightfield import LightField
 
@@ -116,26 +114,15 @@ def read_frames(paths: Sequence[Path], reading: Reading) -> Iterator[LightField]
 
 def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField], LightField]:
     """Read the first frame, and choose the reader of the others."""
-    if reading.white is not None or reading.pitch is not None or is_lytro(path):
-        plan, first = plan_raw(
-            path,
-            reading.white,
-            reading.pitch,
-            reading.layout,
-            reading.views,
-            dark=reading.dark,
-            bayer=reading.bayer,
-        )
-        click.echo(f"{printable(path)}: {reading.describe_grid(plan.grid)}", err=True)
+    if reading.is_raw or is_lytro(path):
+        plan, first = reading.plan(path)
         return lambda path: plan.decode(read_frame(path)), plan.decode(first)
     if is_view_folder(path):
-        folder = formats.scan_view_folder(path, reading.order, grid=reading.grid)
-        click.echo(folder.describe(), err=True)
-        reading = replace(
-            reading, order=folder.found.order, grid="x".join(map(str, folder.counted))
-        )
+        folder = reading.scan(path)
+        order, grid = folder.found.order, folder.counted
 
-    def read(one: Path) -> LightField:
-        return formats.read_light_field(one, **reading.stored())
+        def read(one: Path) -> LightField:
+            return formats.read_light_field(one, order=order, grid=grid, dark=reading.dark)
 
-    return read, read(path)
+        return read, read(path)
+    return reading.read_stored, reading.read_stored(path)

@@ -16,8 +16,10 @@ from lf_flame.commands.options import PATH, UsablePath
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from lf_flame.calibration import CameraLaw
-    from lf_flame.formats import LensletGrid
+    from lf_flame.formats import DecodePlan, LensletGrid, ViewFolder
     from lf_flame.lightfield import LightField
     from lf_flame.optics.camera import PlenopticCamera
 
@@ -112,54 +114,66 @@ class Reading:
             if x is not None
         }
 
-    def stored(self) -> dict[str, Any]:
-        """Give the arguments of `read_light_field`."""
+    @property
+    def is_raw(self) -> bool:
+        """Whether the source is said to be a raw image."""
+        return self.white is not None or self.pitch is not None
+
+    def plan(self, source: Path) -> "tuple[DecodePlan, np.ndarray]":
+        """Read a raw image, plan its decoding, and print what was found."""
+        from lf_flame.formats.raw.reading import plan_raw
+
+        refuse_options(
+            f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
+            mosaic=self.mosaic, array=self.array,
+        )  # fmt: skip
+        stated = self.white, self.pitch, self.layout, self.views
+        with progress.stage(f"Reading {printable(source)}"):
+            plan, image = plan_raw(source, *stated, dark=self.dark, bayer=self.bayer)
+        click.echo(f"{printable(source)}: {self._describe(plan.grid)}", err=True)
+        return plan, image
+
+    def scan(self, source: Path) -> "ViewFolder":
+        """Find the views of a folder, an archive or a list, and print what was found."""
+        from lf_flame import formats
+
+        refuse_options(
+            f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes,
+            bayer=self.bayer, mosaic=self.mosaic, array=self.array,
+        )  # fmt: skip
+        folder = formats.scan_view_folder(source, self.order, grid=self.grid)
+        click.echo(folder.describe(), err=True)
+        return folder
+
+    def read_stored(self, source: Path) -> "LightField":
+        """Read a light field from any other file."""
+        from lf_flame import formats
+
+        refuse_options(f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer)
+        if self.mosaic is not None:
+            refuse_options("a mosaic of views", views=self.views)
         names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
-        return {name: getattr(self, name) for name in names}
+        return formats.read_light_field(source, **{name: getattr(self, name) for name in names})
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""
         from tqdm import tqdm
 
-        from lf_flame import formats
         from lf_flame.formats.coding import notes_on_values
         from lf_flame.formats.reading import subtract_dark
         from lf_flame.formats.view_files.sources import is_view_folder
 
-        if self.white is not None or self.pitch is not None:
-            refuse_options(
-                f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
-                mosaic=self.mosaic, array=self.array,
-            )  # fmt: skip
-            with progress.stage(f"Reading {printable(source)}"):
-                light_field, grid = formats.read_raw(
-                    source,
-                    self.white,
-                    self.pitch,
-                    self.layout,
-                    self.views,
-                    dark=self.dark,
-                    bayer=self.bayer,
-                )
-            click.echo(f"{printable(source)}: {self.describe_grid(grid)}", err=True)
+        if self.is_raw:
+            plan, image = self.plan(source)
+            light_field = plan.decode(image)
         elif is_view_folder(source):
-            refuse_options(
-                f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes,
-                bayer=self.bayer, mosaic=self.mosaic, array=self.array,
-            )  # fmt: skip
-            folder = formats.scan_view_folder(source, self.order, grid=self.grid)
-            click.echo(folder.describe(), err=True)
+            folder = self.scan(source)
             light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
             light_field = subtract_dark(
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
-            refuse_options(
-                f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer
-            )
-            if self.mosaic is not None:
-                refuse_options("a mosaic of views", views=self.views)
-            light_field = formats.read_light_field(source, **self.stored())
+            light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
         for note in (light_field.uncounted, *notes_on_values(light_field, source)):
@@ -167,9 +181,9 @@ class Reading:
                 click.echo(note, err=True)
         return light_field
 
-    def describe_grid(self, grid: "LensletGrid") -> str:
+    def _describe(self, grid: "LensletGrid") -> str:
         """Describe the lenslets of a raw image, and what was not searched for."""
-        if self.white is not None:
+        if self.white is not None or self.pitch is None:
             return grid.describe()
         return (
             f"{grid.describe()}; the pitch is as given. The rotation and the position of the array "

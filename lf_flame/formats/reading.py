@@ -155,7 +155,7 @@ MEANT_FOR = {
     "mosaic": f"mosaic counts views side by side in an image ({', '.join(IMAGE_SUFFIXES)})",
     "grid": "grid counts views in a folder, pages or an array",
 }
-"""What each argument is for."""
+"""Purpose of each argument that fits some files only, for messages."""
 
 
 def _refuse_for_others(path: Path, **arguments: object) -> None:

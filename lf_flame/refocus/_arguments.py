@@ -172,7 +172,7 @@ def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str
     indices : iterable of (int, int)
         Row and column of each view that is needed.
     what : str
-        What needs them, for the message.
+        Method that needs them, for the message.
     """
     own = views.weights if isinstance(views, LightField) else None
     for v, u in indices:

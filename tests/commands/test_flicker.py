@@ -512,6 +512,19 @@ def test_folders_of_views_are_frames(tmp_path):
         assert frame.views == pytest.approx(scale * views.swapaxes(0, 1), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("reading", "message"),
+    [
+        (Reading(bayer="rggb"), "--bayer does not apply to .* without --white or --pitch"),
+        (Reading(pitch=9.0, order="col,row"), "--order does not apply to the raw image"),
+    ],
+)
+def test_options_that_frames_cannot_take_are_refused(tmp_path, reading, message):
+    np.save(tmp_path / "f0.npy", np.ones((3, 3, 8, 9), np.float32))
+    with pytest.raises(InputError, match=message):
+        next(read_frames([tmp_path / "f0.npy"], reading))
+
+
 def test_raw_images_are_decoded_by_the_lenslets_of_the_first(tmp_path):
     """As `Reading` decodes each by itself, where nothing else is different."""
     rows, columns = np.indices((90, 108))

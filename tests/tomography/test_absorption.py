@@ -1,5 +1,7 @@
 """Absorption is as the simulator composes it, front to back, and what it takes is given back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -119,6 +121,26 @@ def test_the_mean_share_that_leaves_is_between_those_of_the_views(camera):
     assert shares.max() <= 1 + 1e-6
     assert shares[0].min() >= np.exp(-thickness[0].max() - thickness[1].max())
     assert worst(shares[1], -np.expm1(-thickness[1]) / thickness[1]) < 1e-6
+
+
+def test_views_that_are_not_fitted_neither_see_nor_count(camera, rng):
+    """The operator's views are some of all; the mean transmission is that of these alone."""
+    full = FrustumGrid(camera, [8.0, -6.0])
+    counted = np.abs(np.subtract(*np.indices((camera.views,) * 2))) < 3
+    grid = replace(full, counted=counted)
+    thickness = spread_thickness(grid, smooth_thickness(grid, 1.0))
+    some, every = (AbsorbingOperator(one, thickness, "float64") for one in (grid, full))
+    cells = rng.uniform(size=grid.shape).ravel()
+    views = every.matvec(cells).reshape(every.dimsd)
+    assert worst(some.matvec(cells).reshape(some.dimsd), views[counted][:, None]) < 1e-12
+    noise = rng.uniform(size=some.dimsd)
+    assert np.vdot(some.matvec(cells), noise) == pytest.approx(cells @ some.rmatvec(noise.ravel()))
+    ones = np.ones(int(np.prod(some.dimsd)))
+    seen, even = (one.rmatvec(ones) for one in (some, ProjectionOperator(grid, "float64")))
+    share = (seen[even > 0] / even[even > 0]).ravel()
+    found = some.mean_transmission().ravel()[even > 0]
+    np.testing.assert_allclose(found, share, rtol=1e-9)
+    assert worst(found, every.mean_transmission().ravel()[even > 0]) > 1e-4
 
 
 def mixture(camera, total):

@@ -147,7 +147,7 @@ def scan_view_folder(
         way: ``row,col`` (row by row from the top left), ``col,row``, ``-row,col`` (rows from the
         bottom), ``row,-col``, and so on; with ``snake,`` before it where every other row (of
         ``col,row``: column) runs back. Default: the order that the parallax of the four central
-        views shows (`lf_flame.formats.view_order.find_order`), else ``row,col``.
+        views shows (`lf_flame.formats.view_files.parallax_order.find_order`), else ``row,col``.
     grid : (int, int) or str, optional
         Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
         than a third of the views are missing. What is missing gets weight 0.
