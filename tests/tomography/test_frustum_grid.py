@@ -114,6 +114,13 @@ def test_an_aperture_that_leaves_no_views_whole_is_refused(camera):
         FrustumGrid(replace(camera, aperture_diameter_mm=3 * camera.view_step_mm), [0.0])
 
 
+def test_a_view_counts_with_the_one_on_the_other_side(camera):
+    counted = np.ones((camera.views,) * 2, bool)
+    counted[0, 1] = False
+    grid = FrustumGrid(camera, [0.0], counted=counted)
+    assert np.argwhere(~grid.counted).tolist() == [[0, 1], [camera.views - 1, camera.views - 2]]
+
+
 def test_one_plane_in_focus_is_a_grid(camera):
     grid = FrustumGrid(camera, [0.0])
     assert grid.shape[0] == 1
