@@ -644,7 +644,7 @@ def test_hot_and_dead_pixels_are_found_and_replaced(layout, bayer, rng, caplog):
     raw, dark = 0.5 * white * scene, 64 + 2 * rng.standard_normal(shape)
     caplog.set_level("INFO")
     if bayer:  # so that a neighbour of another colour would not do
-        raw, white = (as_mosaic(image, ORDERS[1]) for image in (raw, white))
+        raw = as_mosaic(raw, ORDERS[1])
     whole = decode_raw(raw + dark, grid, white=white + dark, dark=dark, bayer=bayer).views
     assert "hot or dead" not in caplog.text
     inside = ndimage.minimum_filter(white, 9) > 500  # off the rims
@@ -656,7 +656,7 @@ def test_hot_and_dead_pixels_are_found_and_replaced(layout, bayer, rng, caplog):
     found = decode_raw(lit, grid, white=flat, dark=black, bayer=bayer)
     assert 35 <= int(re.search(r"(\d+) hot or dead pixels", caplog.text)[1]) <= 40
     wrong = np.abs(found.views - whole) > 0.1 * whole.mean()
-    assert wrong[found.weights > 0].mean() < 0.002
+    assert wrong[found.weights > 0].mean() < 3e-4
     caplog.clear()
     decode_raw(lit, grid, white=flat, bayer=bayer)  # which shows both kinds
     assert 30 <= int(re.search(r"(\d+) hot or dead pixels", caplog.text)[1]) <= 40

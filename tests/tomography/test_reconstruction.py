@@ -232,13 +232,14 @@ def inner_views(light_field, count, rng):
     return LightField(light_field.views[inner]), LightField(views, weights=weights)
 
 
-def test_views_that_do_not_count_are_not_fitted(grid, camera, noisy, rng):
+@pytest.mark.parametrize("penalty", ["roughness", "variation"])
+def test_views_that_do_not_count_are_not_fitted(penalty, grid, camera, noisy, rng):
     """As by a camera of the inner views alone, whose pixels are as large."""
     inner, whole = inner_views(noisy(0.01), 5, rng)
     pixel = camera.lenslet_pitch_mm * (1 + camera.lenslet_focal_mm / camera.image_distance_mm) / 7
     own = replace(camera, views=5, pixel_pitch_mm=pixel)
-    expected = reconstruct(inner, FrustumGrid(own, DEPTHS))
-    found = reconstruct(whole, grid)
+    expected = reconstruct(inner, FrustumGrid(own, DEPTHS), penalty=penalty)
+    found = reconstruct(whole, grid, penalty=penalty)
     away = np.abs(found.emission - expected.emission).max()
     assert away < 0.01 * expected.emission.max()  # cells reach further out
     assert np.isfinite(found.chi_squared).sum() == 25
