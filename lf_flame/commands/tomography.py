@@ -171,7 +171,7 @@ def reconstruct(
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.emission import read_thickness, thickness_facts
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.tomography import FrustumGrid
+    from lf_flame.tomography import FrustumGrid, Roughness
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
@@ -181,13 +181,20 @@ def reconstruct(
         raise InputError(
             "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
         )
+    if l_curve and options["penalty"] != "roughness":
+        raise InputError(
+            "--l-curve tries the strengths of --penalty roughness; leave it out with "
+            f"--penalty {options['penalty']}, which has one strength."
+        )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     notes = notes_on_coding(source)
     with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
-        options |= {"whole_curve": l_curve, "optical_thickness": thickness}
+        options["optical_thickness"] = thickness
+        if l_curve:
+            options["penalty"] = Roughness(whole_curve=True)
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
