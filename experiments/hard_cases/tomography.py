@@ -10,11 +10,12 @@ from lf_flame import Layer, LightField, Scene, render
 from lf_flame.optics.camera import PAPER_CAMERA
 from lf_flame.refocus import shift_and_sum
 from lf_flame.scenes.flames import flame_texture
-from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(72, 84))
 DEPTHS_MM = (3.0, 0.0, -4.0)
 PLACES = ((-1.0, 6.5), (0.2, 5.5), (2.6, 4.5))
+LINEAR = Roughness(nonnegative=False)
 
 
 @cache
@@ -67,7 +68,7 @@ def five_electrons() -> Values:
     views, grid = clean(), FrustumGrid(CAMERA, DEPTHS_MM)
     electrons = np.random.default_rng(2).poisson(5 * views / views.max())
     counted = LightField((electrons * views.max() / 5).astype(np.float32))
-    obvious = reconstruct(counted, grid, nonnegative=False).emission.clip(0)
+    obvious = reconstruct(counted, grid, penalty=LINEAR).emission.clip(0)
     return by_plane(planted(grid), obvious, reconstruct(counted, grid).emission)
 
 
@@ -81,7 +82,7 @@ def five_electrons() -> Values:
 def dark_plane() -> Values:
     grid, noisy = FrustumGrid(CAMERA, (*DEPTHS_MM, -8.0)), in_noise(clean(), 0.02)
     total = planted(FrustumGrid(CAMERA, DEPTHS_MM)).sum()
-    linear = reconstruct(noisy, grid, nonnegative=False).emission.clip(0)[3].sum()
+    linear = reconstruct(noisy, grid, penalty=LINEAR).emission.clip(0)[3].sum()
     return Values(0.0, linear / total, reconstruct(noisy, grid).emission[3].sum() / total, 1.0)
 
 

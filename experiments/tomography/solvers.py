@@ -19,7 +19,8 @@ from experiments.tomography.tasks import DEPTHS_MM, OURS, Row, relative_errors, 
 from experiments.tomography.tikhonov import fit_tikhonov
 from lf_flame import PAPER_CAMERA, Layer, LightField, Scene, render
 from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
-from lf_flame.tomography.plane_fit import VARIATION, average_blocks
+from lf_flame.tomography.penalties import VARIATION
+from lf_flame.tomography.plane_fit import average_blocks
 
 VARIATION_METHOD = "total variation"
 LSMR_METHOD = "Tikhonov by LSMR, strength of least true error"

@@ -27,7 +27,7 @@ from experiments.tomography.phantoms import (
 )
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, Roughness, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
 from lf_flame.tomography.resolution import angular_width
 
@@ -90,7 +90,8 @@ def by_focal_stack(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
 
 def by_clipping(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
     """Fit without the bound at zero, and cut negative light off afterwards."""
-    return np.clip(reconstruct(light_field, grid, nonnegative=False).emission, 0, None)
+    linear = reconstruct(light_field, grid, penalty=Roughness(nonnegative=False))
+    return np.clip(linear.emission, 0, None)
 
 
 def by_gradients(light_field: LightField, grid: FrustumGrid) -> np.ndarray:

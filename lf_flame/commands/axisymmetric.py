@@ -4,6 +4,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import cloup
@@ -13,6 +14,11 @@ from lf_flame.commands.colour_fits import COLOURS_HELP, THIN_HELP, refuse_thin, 
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame.lightfield import LightField
+    from lf_flame.optics.camera import PlenopticCamera
+    from lf_flame.tomography import FlameAxis
 
 FLAME = cloup.option_group(
     "Where the flame is",
@@ -107,9 +113,8 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.formats.view_files.sources import is_view_folder
     from lf_flame.scenes.scene_files import read_camera
-    from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
+    from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.axisymmetric.soot import reconstruct_axisymmetric_soot
@@ -130,19 +135,10 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     colours, thin = options.pop("colours"), options.pop("thin")
     refuse_thin(colours, thin)
     calibration = read_colours(colours) if colours else None
-    reading = reading.for_camera(source, lens)
-    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not is_view_folder(source):
-        reading = Reading(views=1)  # any file is a picture then
-    light_field = reading.read(source)
+    light_field = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
-    alone = light_field.views.shape[1] < 3
-    if alone and axis_depth is None:
-        raise InputError(
-            f"{source} holds {light_field.views.shape[1]} view columns, which do not tell the "
-            f"axis' depth: state it, --axis-depth."
-        )
     grey = light_field if calibration is None else light_field.grey()
-    axis = find_axis(grey, lens, axis_depth if alone else None)
+    axis = _look_for_axis(source, grey, lens, axis_depth)
     grid = AxisymmetricGrid(
         lens,
         axis.across_mm if axis_mm is None else axis_mm,
@@ -171,13 +167,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         rng = np.random.default_rng(seed)
         found = reconstruct_axisymmetric(light_field, grid, rng=rng, **options)
         write_flame(found, axis, folder)
-        folder.facts |= {
-            "source": recorded_path(source, folder.folder),
-            "seed": seed,
-            "bootstrap": options["bootstrap"],
-            "warnings": found.warnings,
-            "notes": [*notes, *found.unseen],
-        }
+        folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
+        folder.facts |= {"bootstrap": options["bootstrap"], "warnings": found.warnings}
+        folder.facts |= {"notes": [*notes, *found.unseen]}
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
     for note in (*notes, *found.unseen):
@@ -187,3 +179,30 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         f"{found.noise:.3g} a pixel; radial.csv, axial.csv, section.tif, section.png and {RECORD} "
         f"are in {printable(folder.folder)}"
     )
+
+
+def _read_views(source: Path, reading: Reading, lens: "PlenopticCamera") -> "LightField":
+    """Read a light field of a camera, or any picture if the camera has a single view."""
+    from lf_flame.formats.view_files.sources import is_view_folder
+
+    reading = reading.for_camera(source, lens)
+    if lens.views == 1 and reading in (Reading(), Reading(views=1)) and not is_view_folder(source):
+        reading = Reading(views=1)
+    return reading.read(source)
+
+
+def _look_for_axis(
+    source: Path, light_field: "LightField", lens: "PlenopticCamera", depth_mm: float | None
+) -> "FlameAxis":
+    """Find the axis; its depth too where there are enough view columns."""
+    from lf_flame.tomography import find_axis
+
+    columns = light_field.views.shape[1]
+    if columns >= 3:
+        return find_axis(light_field, lens, None)
+    if depth_mm is None:
+        raise InputError(
+            f"{source} holds {columns} view columns, which do not tell the axis' depth: state it, "
+            f"--axis-depth."
+        )
+    return find_axis(light_field, lens, depth_mm)

@@ -174,7 +174,7 @@ def reconstruct(
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.commands.emission import read_thickness, thickness_facts
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.tomography import FrustumGrid
+    from lf_flame.tomography import FrustumGrid, Roughness
     from lf_flame.tomography import reconstruct as find_emission
     from lf_flame.tomography.colour_calibration import read_colours
     from lf_flame.tomography.emission_folder import RECORD
@@ -186,6 +186,11 @@ def reconstruct(
         raise InputError(
             "Say where emission is sought: either --depths FROM TO STEP or --depth-mm."
         )
+    if l_curve and options["penalty"] != "roughness":
+        raise InputError(
+            "--l-curve tries the strengths of --penalty roughness; leave it out with "
+            f"--penalty {options['penalty']}, which has one strength."
+        )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     refuse_thin(colours, thin)
@@ -196,7 +201,8 @@ def reconstruct(
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     notes = notes_on_coding(source)
     out = out or Path("reconstructed") / source.stem
-    options["whole_curve"] = l_curve
+    if l_curve:
+        options["penalty"] = Roughness(whole_curve=True)
     if calibration is not None:
         soot = reconstruct_soot(
             light_field, grid, calibration, absorbing=not thin, seed=seed, **options

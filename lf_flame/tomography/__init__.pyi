@@ -16,6 +16,8 @@ from .emission_folder import EmissionFolder as EmissionFolder
 from .frequency_gram import FrequencyGram as FrequencyGram
 from .frustum_grid import FrustumGrid as FrustumGrid
 from .output import write_reconstruction as write_reconstruction
+from .penalties import Roughness as Roughness
+from .penalties import TotalVariation as TotalVariation
 from .projection_operator import ProjectionOperator as ProjectionOperator
 from .pyrometry import Temperatures as Temperatures
 from .pyrometry import soot_temperature as soot_temperature

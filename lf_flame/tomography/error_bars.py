@@ -1,6 +1,7 @@
 """Effect of noise and penalty on a reconstruction: bootstrap redraws, and the covariance."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage, special
@@ -18,6 +19,45 @@ LEVEL = 0.95
 
 MOST_DRAWS = 10_000
 """Largest number of draws; error bars are then known to 0.7 %, and more is a mistake."""
+
+
+class Prior(NamedTuple):
+    """Prior on differences of neighbouring cells: normal, with the penalty as inverse covariance.
+
+    Attributes
+    ----------
+    strength : float
+        Strength of the penalty.
+    order : int
+        Order of the differences.
+    noise : float
+        Standard deviation of the noise inside the flame, in whose units the penalty is.
+    """
+
+    strength: float
+    order: int
+    noise: float
+
+
+class Expected(NamedTuple):
+    """Expectation and scatter of a light field, from which others are drawn.
+
+    Attributes
+    ----------
+    stack : ndarray, shape (planes, rows, columns)
+        Filtered focal stack of the emission.
+    sd : ndarray, shape (v, u, t, s)
+        Standard deviation of each pixel's noise.
+    level_error : float
+        Standard deviation of a uniform background that was subtracted; 0 without.
+    prior : Prior or None
+        Prior on the emission; None if none is drawn.
+    """
+
+    stack: np.ndarray
+    sd: np.ndarray
+    level_error: float
+    prior: Prior | None
 
 
 def check_bootstrap(bootstrap: int) -> None:
@@ -56,10 +96,7 @@ def draw_noise(
 def redraw(
     operator: ProjectionOperator,
     gram: FrequencyGram,
-    stack: np.ndarray,
-    sd: np.ndarray,
-    level_error: float,
-    prior: tuple[float, int, float],
+    expected: Expected,
     count: int,
     rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
@@ -72,32 +109,25 @@ def redraw(
     Parameters
     ----------
     operator, gram : ProjectionOperator, FrequencyGram
-    stack : ndarray, shape (planes, rows, columns)
-        Filtered focal stack of the emission.
-    sd, rng
-        As for `draw_noise`.
-    level_error : float
-        Standard deviation of a uniform background that was subtracted; 0 without.
-    prior : (strength, order, noise)
-        Strength and order of the penalty, and standard deviation of the noise inside the flame, in
-        whose units the penalty is; a strength or a noise of 0 draws no prior.
+    expected : Expected
     count : int
         Number of redraws.
+    rng : numpy.random.Generator
 
     Yields
     ------
     RangeFit
         Problem ready to be solved; its misfit is undefined.
     """
-    even = np.ones(int(np.prod(operator.dimsd)), np.float32) if level_error else None
-    strength, order, lit = prior
+    even = np.ones(int(np.prod(operator.dimsd)), np.float32) if expected.level_error else None
+    prior = expected.prior
     for _ in range(count):
-        drawn = stack + draw_noise(operator, sd, rng)
+        drawn = expected.stack + draw_noise(operator, expected.sd, rng)
         if even is not None:
-            off = np.float32(level_error * rng.standard_normal())
+            off = np.float32(expected.level_error * rng.standard_normal())
             drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
-        if lit:
-            drawn += np.float32(lit) * gram.draw_penalty(strength, order, rng)
+        if prior is not None and prior.noise:
+            drawn += np.float32(prior.noise) * gram.draw_penalty(prior.strength, prior.order, rng)
         yield RangeFit(gram, drawn, 0.0, 0)
 
 

@@ -1,5 +1,7 @@
 """Model of a light field: emission, absorption, and a uniform background."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from lf_flame.errors import InputError
@@ -36,18 +38,28 @@ class Explainer:
     """
 
     def __init__(self, fit: PlaneFit, grid: FrustumGrid, thickness: np.ndarray | None):
-        self._fit = fit
+        self._fit, self._grid = fit, grid
         self._absorption = None
         self.leaves = np.ones((grid.shape[0], 1, 1), np.float32)
         if thickness is not None and thickness.any():
             self._absorption = Absorption(fit.operator, grid, thickness)
             self.leaves = grid.crop(self._absorption.transmission)
 
-    def __call__(self, views: np.ndarray) -> tuple[Explanation, bool]:
-        """Fit; also returns whether the correction for absorption converged."""
+    def __call__(self, views: np.ndarray) -> Explanation:
+        """Fit, and fit again until the correction for absorption converges."""
         if self._absorption is None:
-            return self._fit.explain(views), True
-        return self._absorption.settle(views, self._fit.explain)
+            return self._fit.explain(views)
+        found, settled = self._absorption.settle(views, self._fit.explain)
+        return replace(found, settled=settled)
+
+    def emission(self, cells: np.ndarray) -> np.ndarray:
+        """Emission of the central view's pixels, for the light that leaves each cell."""
+        return np.ascontiguousarray(self._grid.crop(cells) / self.leaves)
+
+    @property
+    def error_factor(self) -> np.ndarray:
+        """Factor by which absorption raises the rms error of each plane, shape (planes,)."""
+        return np.sqrt(np.mean(np.square(1 / self.leaves, dtype=np.float64), axis=(1, 2)))
 
     def seen(self, cells: np.ndarray) -> np.ndarray:
         """Light field for the light that leaves each cell, shape (v, u, t, s)."""

@@ -1,6 +1,7 @@
 """Fit of depth planes to a light field: noise, strength, foreground, and detail within cells."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,32 +11,43 @@ from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import align_views
 from lf_flame.tomography.cell_detail import SmoothStack
-from lf_flame.tomography.error_bars import draw_noise, noise_by_pixel, noise_variance
+from lf_flame.tomography.error_bars import (
+    Prior,
+    draw_noise,
+    noise_by_pixel,
+    noise_variance,
+    standard_errors,
+)
 from lf_flame.tomography.foreground import Fitting, find_foreground
-from lf_flame.tomography.frequency_gram import FrequencyGram
+from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
 from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
 
-ROUGHNESS, VARIATION = "roughness", "variation"
-PENALTIES = ROUGHNESS, VARIATION
-"""Names of the penalties: on squared differences between cells, for smooth emission; on the length
-of gradients (total variation), for emission with sharp edges."""
-
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of `lf_flame.tomography.reconstruct` that all of its fits share."""
+    """Options of `lf_flame.tomography.reconstruct` that all of its fits share.
+
+    Raises
+    ------
+    InputError
+        If noise or strength is negative or not finite, or there is no iteration.
+    """
 
     noise: float | None
     strength: float | None
-    order: int
-    nonnegative: bool
     iterations: int
-    whole_curve: bool
-    dark_cells: bool
-    penalty: str
+    penalty: Penalty
+
+    def __post_init__(self) -> None:
+        for name, value in (("noise", self.noise), ("strength", self.strength)):
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
+        if self.iterations < 1:
+            raise InputError(f"iterations must be 1 or more, got {self.iterations}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +68,8 @@ class Explanation:
         Strength of the regularisation.
     tried : tuple of TriedStrength
         Strengths that were tried.
+    settled : bool
+        Whether the correction for absorption converged.
     """
 
     cells: np.ndarray
@@ -65,6 +79,7 @@ class Explanation:
     uneven: np.ndarray
     strength: float
     tried: tuple[TriedStrength, ...]
+    settled: bool = True
 
     @property
     def pixel_noise(self) -> np.ndarray:
@@ -91,6 +106,11 @@ class PlaneFit:
     def __init__(self, operator: ProjectionOperator, gram: FrequencyGram, options: FitOptions):
         self.operator, self.gram, self.options = operator, gram, options
 
+    @cached_property
+    def smooth(self) -> SmoothStack:
+        """Filtered focal stack of smooth functions through cells."""
+        return SmoothStack(self.gram.grid)
+
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
         """Fit a light field; if a fit is given, with its strength and foreground, starting from it.
 
@@ -104,56 +124,56 @@ class PlaneFit:
             problem = self._problem(views)
             measured = problem.measure_noise()
             uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
-        sd = measured if options.noise is None else float(options.noise)
+        noise = measured if options.noise is None else float(options.noise)
         if known is not None:
             cells = self.again(problem, known, options.iterations)
-            return Explanation(
-                cells, known.foreground, sd, measured, uneven, known.strength, known.tried
-            )
+            return replace(known, cells=cells, noise=noise, measured=measured, uneven=uneven)
         dark = np.zeros(self.gram.grid.shape, np.float32)
-        draft = Explanation(dark, None, sd, measured, uneven, options.strength or 0.0, ())
-        if options.penalty == VARIATION:
-            strength = STRENGTH if options.strength is None else float(options.strength)
-            draft = replace(draft, strength=strength)
-            return replace(draft, cells=self.again(problem, draft, 2 * options.iterations))
-        return self._fit_smooth(problem, draft)
+        draft = Explanation(dark, None, noise, measured, uneven, options.strength or 0.0, ())
+        if isinstance(options.penalty, Roughness):
+            return self._fit_smooth(problem, draft, options.penalty)
+        strength = STRENGTH if options.strength is None else float(options.strength)
+        draft = replace(draft, strength=strength)
+        return replace(draft, cells=self.again(problem, draft, 2 * options.iterations))
 
-    def _fit_smooth(self, problem: RangeFit, draft: Explanation) -> Explanation:
+    def _fit_smooth(self, problem: RangeFit, draft: Explanation, penalty: Roughness) -> Explanation:
         """Choose the strength, fit, find the dark cells, and fit again."""
-        options = self.options
-        by_place = draft.uneven.mean(axis=(0, 1), dtype=np.float64)
-        around = np.pad(by_place, self.gram.grid.reach, mode="edge")
-        share, variance = around / around.sum(), noise_variance(draft.noise)
+        options, share = self.options, self._noise_share(draft)
         few = min(options.iterations, max(20, options.iterations // 8))
-        search = StrengthSearch(problem, variance, share, options.order, options.nonnegative, few)
-        if options.whole_curve:
+        order, nonnegative = penalty.order, penalty.nonnegative
+        variance = noise_variance(draft.noise)
+        search = StrengthSearch(problem, variance, share, order, nonnegative, few)
+        if penalty.whole_curve:
             search.try_all()
         chosen = search.find() if options.strength is None else float(options.strength)
         tried = tuple(search.tried[key] for key in sorted(search.tried))
         half = options.iterations // 2
-        first = problem.solve(
-            chosen, options.order, options.nonnegative, half or 1, search.nearest(chosen)
-        )
+        first = problem.solve(chosen, order, nonnegative, half or 1, search.nearest(chosen))
         draft = replace(draft, cells=first.cells, strength=chosen, tried=tried)
-        if not options.nonnegative:
+        if not nonnegative:
             return draft
-        if options.dark_cells:
-            draft = self._with_foreground(problem, draft, share)
+        if penalty.dark_cells:
+            draft = self._with_foreground(problem, draft, order, share)
         rest = options.iterations - half
         return replace(draft, cells=self.again(problem, draft, rest)) if half else draft
 
     def again(self, problem: RangeFit, known: Explanation, iterations: int) -> np.ndarray:
         """Solve another problem with the options of a fit, starting from its cells."""
-        if self.options.penalty == VARIATION:
+        penalty = self.options.penalty
+        if isinstance(penalty, TotalVariation):
             # The filtered noise of a cell is the sum of the noise of its views.
             weight = known.strength * known.noise * np.sqrt(self.gram.scale)
             return fit_total_variation(problem, weight, iterations, known.cells)
-        order, nonnegative = self.options.order, self.options.nonnegative
         return problem.solve(
-            known.strength, order, nonnegative, iterations, known.cells, known.foreground
+            known.strength,
+            penalty.order,
+            penalty.nonnegative,
+            iterations,
+            known.cells,
+            known.foreground,
         ).cells
 
-    def correct(self, known: Explanation, smooth: SmoothStack, iterations: int) -> np.ndarray:
+    def correct(self, known: Explanation, iterations: int) -> np.ndarray:
         """Estimate the error that a fit makes for a flame like the one it found, as a correction.
 
         The light field of a smooth function through the cells, without noise, is fitted in the same
@@ -163,25 +183,57 @@ class PlaneFit:
         Returns
         -------
         ndarray of float32, shape (planes, rows, columns)
-            Correction to add; it makes no cell negative.
+            Correction to add; it makes no cell negative. It is 0 if the penalty asks for none.
         """
-        seen = RangeFit(self.gram, smooth(known.cells), 0.0, 0)
+        if not self.options.penalty.corrects:
+            return np.zeros_like(known.cells)
+        seen = RangeFit(self.gram, self.smooth(known.cells), 0.0, 0)
         again = self.again(seen, known, iterations)
         return np.maximum(known.cells - again, -known.cells)
+
+    def prior(self, known: Explanation, seen: np.ndarray) -> Prior | None:
+        """Prior on the emission that the penalty means; None for total variation.
+
+        Parameters
+        ----------
+        known : Explanation
+        seen : ndarray, shape (v, u, t, s)
+            Light field of its cells.
+        """
+        penalty = self.options.penalty
+        if isinstance(penalty, TotalVariation):
+            return None
+        return Prior(known.strength, penalty.order, known.lit_noise(seen))
+
+    def linear_errors(self, known: Explanation) -> np.ndarray:
+        """Estimate the errors of the unconstrained linear fit, as `Reconstruction.sigma_linear`.
+
+        For total variation, which is not linear, it is that of the fit without a penalty.
+        """
+        penalty = self.options.penalty
+        if isinstance(penalty, TotalVariation):
+            return standard_errors(self.gram, known.noise, 0.0, ROUGHNESS_ORDER)
+        return standard_errors(self.gram, known.noise, known.strength, penalty.order)
 
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
         squared = float(np.sum(np.square(views, dtype=np.float64)))
         return RangeFit(self.gram, stack, squared, views.size)
 
+    def _noise_share(self, draft: Explanation) -> np.ndarray:
+        """Fraction of the noise in each cell of a plane, shape (rows, columns)."""
+        by_place = draft.uneven.mean(axis=(0, 1), dtype=np.float64)
+        around = np.pad(by_place, self.gram.grid.reach, mode="edge")
+        return around / around.sum()
+
     def _with_foreground(
-        self, problem: RangeFit, draft: Explanation, share: np.ndarray
+        self, problem: RangeFit, draft: Explanation, order: int, share: np.ndarray
     ) -> Explanation:
         """Find the cells that may emit; the draw of the noise always has the same seed."""
         rng = np.random.default_rng(0)
         stack = draw_noise(self.operator, draft.pixel_noise, rng)
         noise_alone = RangeFit(self.gram, stack, 0.0, 0)
-        fitting = Fitting(draft.strength, self.options.order, noise_variance(draft.noise), share)
+        fitting = Fitting(draft.strength, order, noise_variance(draft.noise), share)
         foreground, cells = find_foreground(problem, noise_alone, draft.cells, fitting)
         return replace(draft, foreground=foreground, cells=cells)
 

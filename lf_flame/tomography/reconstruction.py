@@ -1,8 +1,9 @@
 """Emission by depth from one light field, with error bars and warnings."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,26 +13,20 @@ from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import spread_thickness
 from lf_flame.tomography.background import Level
-from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_overlap, check_range, check_spacing
 from lf_flame.tomography.error_bars import (
+    Expected,
     check_bootstrap,
     noise_variance,
     redraw,
     scatter,
-    standard_errors,
 )
 from lf_flame.tomography.explainer import Explainer
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
+from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
-from lf_flame.tomography.plane_fit import (
-    PENALTIES,
-    ROUGHNESS,
-    FitOptions,
-    PlaneFit,
-    average_blocks,
-)
+from lf_flame.tomography.penalties import ROUGHNESS, Penalty, as_penalty
+from lf_flame.tomography.plane_fit import Explanation, FitOptions, PlaneFit, average_blocks
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import TriedStrength
 
@@ -148,16 +143,11 @@ def reconstruct(
     *,
     noise: float | None = None,
     strength: float | None = None,
-    order: int = ROUGHNESS_ORDER,
-    nonnegative: bool = True,
     iterations: int = ITERATIONS,
-    dark_cells: bool = True,
-    corrected: bool = True,
-    whole_curve: bool = False,
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
-    penalty: str = ROUGHNESS,
+    penalty: str | Penalty = ROUGHNESS,
     background: str | None = None,
 ) -> Reconstruction:
     """Find the emission on a grid's depth planes that explains a light field.
@@ -180,20 +170,8 @@ def reconstruct(
         light field. Default: measured from the part that no emission on the grid explains.
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
-    order : int, optional
-        Order of the differences that are penalised, 1 to 4.
-    nonnegative : bool, optional
-        Whether emission is kept at 0 or above; if not, the fit is linear.
     iterations : int, optional
         Number of iterations of the splitting that keeps light from being negative.
-    dark_cells : bool, optional
-        Whether light that is hardly brighter than noise alone would make it is set to 0, unless the
-        light field contradicts this: see `lf_flame.tomography.foreground`.
-    corrected : bool, optional
-        Whether the effect of penalty and constant cells on a flame is computed and corrected: see
-        `lf_flame.tomography.plane_fit.PlaneFit.correct`.
-    whole_curve : bool, optional
-        Whether all strengths are tried, for the L-curve, instead of the few that are needed.
     bootstrap : int, optional
         Number of bootstrap redraws of the light field of the found emission, with the measured
         dependence of noise on brightness, each fitted again for `Reconstruction.sigma`: 0, or 2
@@ -206,10 +184,11 @@ def reconstruct(
         `Layer`, a plane transmits ``(1 - exp(-tau)) / tau`` of its own light and ``exp(-tau)`` of
         the light from behind it, at greater depth. The penalty then acts on the emission as it
         leaves towards the camera. Default: no absorption.
-    penalty : {"roughness", "variation"}, optional
-        Kind of regularisation. "variation" (total variation) is for emission with sharp edges; its
-        strength is in standard deviations of a cell's filtered noise, 2 by default, and `order`,
-        `nonnegative`, `dark_cells`, `corrected` and `whole_curve` are not used.
+    penalty : {"roughness", "variation"}, Roughness or TotalVariation, optional
+        Kind of regularisation: roughness for flames, which are smooth, and total variation for
+        emission with sharp edges, by name or as `lf_flame.tomography.Roughness` with its options.
+        Strengths of "variation" are in standard deviations of a cell's filtered noise, 2 by
+        default.
     background : {"fit"}, optional
         "fit" subtracts a uniform background of unknown level: the mean of the pixels that no
         emission reaches, so some of the field must be dark. Its error is in the error bars.
@@ -244,93 +223,117 @@ def reconstruct(
     >>> bool(np.abs(found.emission - grid.crop(cells)).max() < 0.1)
     True
     """
-    _check_options(noise, strength, order, iterations)
-    if penalty not in PENALTIES:
-        raise InputError(f"penalty must be one of {', '.join(PENALTIES)}, got {penalty!r}.")
-    options = FitOptions(
-        noise, strength, order, nonnegative, iterations, whole_curve, dark_cells, penalty
-    )
-    smooth_penalty = penalty == ROUGHNESS
+    options = FitOptions(noise, strength, iterations, as_penalty(penalty))
     check_bootstrap(bootstrap)
+    if background not in (None, FIT):
+        raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     rng = np.random.default_rng(rng)
     grid, left_out = fitted_views(light_field, grid)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
-    if background not in (None, FIT):
-        raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
-    operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    fit = PlaneFit(operator, gram, options)
+    fit = PlaneFit(ProjectionOperator(grid), FrequencyGram(grid), options)
     explain = Explainer(fit, grid, thickness)
     level = explain.level(views) if background == FIT else Level(0.0, 0.0)
     views = views - np.float32(level.mean) if level.mean else views
-    found, settled = explain(views)
-    seen, leaves = explain.seen(found.cells), explain.leaves
-    residual = views - seen
-    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
-    chi_squared = grid.place(chi_squared / noise_variance(found.noise), np.nan)
-    # All as the light that leaves towards the camera; noise is the same with absorption.
-    smooth = SmoothStack(grid)
-    twice = smooth_penalty and nonnegative and corrected
-    half, few = max(1, iterations // 2), max(1, iterations // 4)
-    correction = fit.correct(found, smooth, half) if twice else np.zeros_like(found.cells)
-    cells, again = found.cells + correction, []
-    if bootstrap:
-        prior = found.strength, order, found.lit_noise(seen) if smooth_penalty else 0.0
-        drawn_from = smooth(cells), found.pixel_noise, level.error, prior
-        drawn_anew = redraw(operator, gram, *drawn_from, bootstrap, rng)
-        for one in progress.steps(drawn_anew, "error bars", bootstrap, "draw"):
-            drawn = replace(found, cells=fit.again(one, found, few))
-            # Each draw has its own correction, times any number from 0 to 2 with equal probability
-            # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
-            own = rng.uniform(0, 2) * fit.correct(drawn, smooth, few) if twice else 0
-            again.append(grid.crop(drawn.cells + own) / leaves)
-    emission = np.ascontiguousarray(grid.crop(cells) / leaves)
-    return Reconstruction(
+    found = explain(views)
+    fitted = _Fitted(views, level, found, explain.seen(found.cells))
+    # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
+    # does not change; `Explainer.emission` turns it into emission.
+    correction = fit.correct(found, max(1, iterations // 2))
+    emission = explain.emission(found.cells + correction)
+    drawn = _draw_again(fit, fitted, correction, bootstrap, rng)
+    draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
+    result = Reconstruction(
         grid=grid,
         emission=emission,
-        correction=np.ascontiguousarray(grid.crop(correction) / leaves),
-        draws=np.array(again, np.float32).reshape(-1, *emission.shape),
-        sigma_linear=_raised(leaves)
-        * standard_errors(gram, found.noise, found.strength if smooth_penalty else 0.0, order),
+        correction=explain.emission(correction),
+        draws=draws.reshape(-1, *emission.shape),
+        sigma_linear=explain.error_factor * fit.linear_errors(found),
         noise=found.noise,
         strength=found.strength,
         tried=found.tried,
-        chi_squared=chi_squared,
-        warnings=(
-            *left_out,
-            *check_data(
-                views,
-                chi_squared,
-                found.noise,
-                found.measured,
-                noise is not None,
-                residual=residual,
-            ),
-            *check_spacing(grid),
-            *(check_overlap(grid, emission) if again else ()),
-            *(() if settled else (UNSETTLED,)),
-        ),
+        chi_squared=grid.place(fitted.chi_squared, np.nan),
+        warnings=left_out,
         background=level.mean,
         background_sigma=level.error,
     )
+    said = _disagreements(result, fitted, stated=noise is not None)
+    return replace(result, warnings=(*left_out, *said))
 
 
-def _raised(leaves: np.ndarray) -> np.ndarray:
-    """Root-mean-square factor by which a plane's errors grow if this fraction of light leaves."""
-    return np.sqrt(np.mean(np.square(1 / leaves, dtype=np.float64), axis=(1, 2)))
+class _Fitted(NamedTuple):
+    """Views without background, and their fit.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+        Views that were fitted, averaged over blocks.
+    level : Level
+        Background that was subtracted.
+    found : Explanation
+        Light that explains the views.
+    seen : ndarray of float32, shape of `views`
+        Views of that light.
+    """
+
+    views: np.ndarray
+    level: Level
+    found: Explanation
+    seen: np.ndarray
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Part of the views that the fit does not explain."""
+        return self.views - self.seen
+
+    @property
+    def chi_squared(self) -> np.ndarray:
+        """Mean squared residual of each fitted view, in units of the noise's variance."""
+        power = np.square(self.residual, dtype=np.float64).mean(axis=(2, 3))
+        return power / noise_variance(self.found.noise)
 
 
-def _check_options(
-    noise: float | None, strength: float | None, order: int, iterations: int
-) -> None:
-    for name, value in (("noise", noise), ("strength", strength)):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
-    if order not in (1, 2, 3, 4):
-        raise InputError(f"order must be 1, 2, 3 or 4, got {order}.")
-    if iterations < 1:
-        raise InputError(f"iterations must be 1 or more, got {iterations}.")
+def _draw_again(
+    fit: PlaneFit, fitted: _Fitted, correction: np.ndarray, count: int, rng: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Fit light fields with redrawn noise, each with a correction of its own (bootstrap)."""
+    if not count:
+        return
+    found, few = fitted.found, max(1, fit.options.iterations // 4)
+    expected = Expected(
+        fit.smooth(found.cells + correction),
+        found.pixel_noise,
+        fitted.level.error,
+        fit.prior(found, fitted.seen),
+    )
+    redrawn = redraw(fit.operator, fit.gram, expected, count, rng)
+    for problem in progress.steps(redrawn, "error bars", count, "draw"):
+        drawn = replace(found, cells=fit.again(problem, found, few))
+        if not fit.options.penalty.corrects:
+            yield drawn.cells
+            continue
+        # The correction of each draw is multiplied by any number from 0 to 2 with equal probability
+        # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
+        yield drawn.cells + rng.uniform(0, 2) * fit.correct(drawn, few)
+
+
+def _disagreements(result: Reconstruction, fitted: _Fitted, stated: bool) -> tuple[str, ...]:
+    """Sentences on disagreements of data and model; `stated`: whether the user gave the noise."""
+    found = fitted.found
+    return (
+        *check_data(
+            fitted.views,
+            result.chi_squared,
+            found.noise,
+            found.measured,
+            stated,
+            residual=fitted.residual,
+        ),
+        *check_spacing(result.grid),
+        *(check_overlap(result.grid, result.emission) if len(result.draws) else ()),
+        *(() if found.settled else (UNSETTLED,)),
+    )
 
 
 def planes_between(from_mm: float, to_mm: float, step_mm: float) -> Sequence[float]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import Layer, LightField, Scene, render
-from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 
 DEPTHS_MM = [3.0, 0.0, -4.0]
 
@@ -28,7 +28,7 @@ def test_light_that_noise_makes_is_taken_from_no_flame(grid, flames, clean):
     """The naive fit gives dark cells light, and takes it from bright ones at other depths."""
     truth = np.array([grid.crop(grid.average(layer, k)) for k, layer in enumerate(flames.layers)])
     noisy = in_noise(clean, 0.05)
-    naive = reconstruct(noisy, grid, dark_cells=False, corrected=False).emission
+    naive = reconstruct(noisy, grid, penalty=Roughness(dark_cells=False, corrected=False)).emission
     found = reconstruct(noisy, grid).emission
     dark = truth < 1e-6 * truth.max()
     assert (found[dark] > 0).mean() < 0.3 * (naive[dark] > 0).mean()
@@ -54,7 +54,7 @@ def test_faint_light_that_many_pixels_see_is_kept(camera, grid, flames, clean):
 
 
 def test_without_noise_nothing_is_taken_for_dark(grid, clean):
-    plain = reconstruct(clean, grid, dark_cells=False).emission
+    plain = reconstruct(clean, grid, penalty=Roughness(dark_cells=False)).emission
     found = reconstruct(clean, grid).emission
     assert np.abs(found - plain).max() < 2e-3 * plain.max()
 
@@ -69,7 +69,7 @@ def test_a_correction_takes_the_cells_error_off(grid, flames, clean):
     """Cells glow evenly and flames do not: with hardly any noise that is the error that is left."""
     truth = np.array([grid.crop(grid.average(layer, k)) for k, layer in enumerate(flames.layers)])
     noisy = in_noise(clean, 0.002)
-    plain = reconstruct(noisy, grid, corrected=False)
+    plain = reconstruct(noisy, grid, penalty=Roughness(corrected=False))
     found = reconstruct(noisy, grid)
     assert not plain.correction.any()
     np.testing.assert_allclose(found.emission - found.correction, plain.emission, atol=1e-6)

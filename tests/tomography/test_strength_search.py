@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lf_flame import LightField
-from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 from lf_flame.tomography.strength_search import STRENGTHS, roughness
 
 
@@ -13,8 +13,9 @@ def tried(camera):
     """Linear fits of all strengths to a light field of nothing but noise."""
     noise = np.random.default_rng(0).standard_normal((7, 7, 72, 84), dtype=np.float32)
     grid = FrustumGrid(camera, [3.0, 0.0, -4.0])
-    options = {"noise": 1.0, "nonnegative": False, "strength": 0.01, "whole_curve": True}
-    return reconstruct(LightField(noise), grid, **options).tried
+    penalty = Roughness(nonnegative=False, whole_curve=True)
+    found = reconstruct(LightField(noise), grid, noise=1.0, strength=0.01, penalty=penalty)
+    return found.tried
 
 
 def test_strengths_are_half_decades(tried):

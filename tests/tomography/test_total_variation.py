@@ -6,7 +6,13 @@ from scipy import ndimage
 
 from experiments.tomography.tikhonov import fit_tikhonov
 from lf_flame import InputError, Layer, LightField, Scene, render
-from lf_flame.tomography import FrequencyGram, FrustumGrid, ProjectionOperator, reconstruct
+from lf_flame.tomography import (
+    FrequencyGram,
+    FrustumGrid,
+    ProjectionOperator,
+    Roughness,
+    reconstruct,
+)
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.total_variation import fit_total_variation
 
@@ -94,6 +100,8 @@ def test_what_cannot_be_is_refused(camera, clean):
     grid = FrustumGrid(camera, [3.0, 0.0])
     with pytest.raises(InputError, match="penalty must be one of roughness, variation"):
         reconstruct(clean, grid, penalty="edges")
+    with pytest.raises(InputError, match="order must be 1, 2, 3 or 4, got 5"):
+        Roughness(order=5)
     operator = ProjectionOperator(grid)
     with pytest.raises(InputError, match="must be of the operator's shape"):
         fit_tikhonov(operator, clean.views[1:], 0.1)

@@ -1,5 +1,7 @@
 """Least-squares fit of a half section, with regularisation (roughness) and no negative light."""
 
+from typing import NamedTuple
+
 import numpy as np
 from pyproximal import Box, ProxOperator
 from pyproximal.optimization.primal import ADMM
@@ -16,6 +18,27 @@ STEP = 10.0
 
 PROBES = 32
 """Number of random vectors that estimate traces (Hutchinson 1990): 1 % error for 1,000."""
+
+
+class SolveOptions(NamedTuple):
+    """Options of one fit.
+
+    Attributes
+    ----------
+    strength : float
+        Strength of the penalty.
+    order : int
+        Order of the differences that are penalised.
+    nonnegative : bool
+        Whether emission is kept at 0 or above; if not, the fit is linear, and takes one step.
+    iterations : int
+        Number of iterations of the splitting.
+    """
+
+    strength: float
+    order: int
+    nonnegative: bool
+    iterations: int
 
 
 class BandedGram:
@@ -179,7 +202,7 @@ class AxisymmetricFit:
         self,
         back: np.ndarray,
         sd: float,
-        options: tuple[float, int, bool, int],
+        options: SolveOptions,
         start: np.ndarray,
         rng: np.random.Generator,
     ) -> np.ndarray:
@@ -196,8 +219,7 @@ class AxisymmetricFit:
             Backprojected noise of the light field.
         sd : float
             Standard deviation of a pixel's noise inside the flame.
-        options : (strength, order, nonnegative, iterations)
-            Options of `solve`.
+        options : SolveOptions
         start : ndarray, shape (1, heights, radii)
             Emission from which to start.
         rng : numpy.random.Generator
@@ -206,11 +228,9 @@ class AxisymmetricFit:
         -------
         ndarray of float64, shape (heights, radii)
         """
-        strength, order, nonnegative, iterations = options
         noise = back.ravel() * self.gram.unit
-        noise += sd * self.gram.draw_penalty(strength, order, rng)
-        drawn = self._linear + noise
-        return self._solve(drawn, strength, order, nonnegative, iterations, start)[0]
+        noise += sd * self.gram.draw_penalty(options.strength, options.order, rng)
+        return self._solve(self._linear + noise, options, start)[0]
 
     def explain(self, back: np.ndarray) -> np.ndarray:
         """Emission of the unpenalised fit to another backprojected light field."""
@@ -237,12 +257,8 @@ class AxisymmetricFit:
 
         Parameters
         ----------
-        strength, order
-            Strength and order of `BandedGram.penalty`.
-        nonnegative : bool
-            Whether emission is kept at 0 or above; if not, the fit is linear, and takes one step.
-        iterations : int
-            Number of iterations of the splitting.
+        strength, order, nonnegative, iterations
+            As for `SolveOptions`.
         start : ndarray, shape (1, heights, radii), optional
             Emission from which to start.
 
@@ -251,20 +267,16 @@ class AxisymmetricFit:
         Fit
             Fit with cells of shape (1, heights, radii).
         """
-        cells = self._solve(self._linear, strength, order, nonnegative, iterations, start)
+        options = SolveOptions(strength, order, nonnegative, iterations)
+        cells = self._solve(self._linear, options, start)
         apart = cells.ravel() / self.gram.unit - self._plain
         misfit = float(apart @ self.gram.multiply(apart))
         return Fit(cells, misfit)
 
     def _solve(
-        self,
-        linear: np.ndarray,
-        strength: float,
-        order: int,
-        nonnegative: bool,
-        iterations: int,
-        start: np.ndarray | None,
+        self, linear: np.ndarray, options: SolveOptions, start: np.ndarray | None
     ) -> np.ndarray:
+        strength, order, nonnegative, iterations = options
         gram = self.gram
         if nonnegative:
             quadratic = _Quadratic(gram.factor(1 / STEP, strength, order), linear)

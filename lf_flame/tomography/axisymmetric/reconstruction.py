@@ -12,34 +12,18 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric.axis import find_axis
-from lf_flame.tomography.axisymmetric.fit import AxisymmetricFit, BandedGram
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
-from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
 from lf_flame.tomography.axisymmetric.roundness import (
-    DepthRatio,
     check_misfit,
     check_roundness,
     check_stated,
     name_unseen,
 )
+from lf_flame.tomography.axisymmetric.section_fit import SectionFit
 from lf_flame.tomography.counted_views import counted_views
 from lf_flame.tomography.data_checks import check_data, check_range
-from lf_flame.tomography.error_bars import (
-    bar_times,
-    check_bootstrap,
-    noise_by_pixel,
-    noise_variance,
-)
-from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
+from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
 from lf_flame.tomography.plane_fit import average_blocks
-from lf_flame.tomography.strength_search import StrengthSearch
-
-MODEL_ERROR = 1e-3
-"""Noise relative to the brightest pixel below which not the noise but the grid limits a fit."""
-
-ITERATIONS = 200
-"""Number of iterations of the splitting (ADMM) for the solution; a quarter of it for each strength
-that is tried and for each draw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,57 +145,29 @@ def reconstruct_axisymmetric(
     check_range(views, noise)
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
     axis = find_axis(light_field, grid.camera, depth)
-    operator, gram = AxisymmetricOperator(grid), BandedGram(grid)
-    back = operator.rmatvec(views.ravel().astype(float)).reshape(grid.shape)
-    squared = float(np.sum(np.square(views, dtype=np.float64)))
-    problem = AxisymmetricFit(gram, back, squared, views.size, rng)
-    measured = problem.measure_noise()
-    sd = measured if noise is None else float(noise)
-    best = problem.unpenalised()
-    uneven = noise_by_pixel(operator, views, best)
-    # With photon noise, bright nodes see more noise than the mean pixel.
-    seen = operator.rmatvec(np.broadcast_to(uneven, views.shape).ravel())
-    by_node = seen / np.maximum(operator.rmatvec(np.ones(views.size)), 1e-300)
-    by_node = by_node.reshape(grid.shape)
-    limited = max(sd, MODEL_ERROR * float(views.max()))
-    variance = noise_variance(limited) * float(by_node.mean())
-    share = by_node / by_node.sum()
-    search = StrengthSearch(problem, variance, share, ROUGHNESS_ORDER, True, ITERATIONS // 4)
-    chosen = search.find_by_risk() if strength is None else float(strength)
-    options = (chosen, ROUGHNESS_ORDER, True, ITERATIONS)
-    cells = problem.solve(*options, search.nearest(chosen)).cells
-    fitted = operator.matvec(cells.ravel()).reshape(views.shape)
-    residual = views - fitted
-    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3)) / noise_variance(sd)
-    by_place = sd * np.sqrt(uneven)
-    # The prior's scale is the noise inside the flame, for which the strength was chosen.
-    light = max(float(np.sum(cells)), 1e-300)
-    lit_sd = sd * np.sqrt(float(np.sum(by_node * cells[0])) / light)
-    draws, fewer = [], (*options[:3], ITERATIONS // 4)
-    for _ in range(bootstrap):
-        noise_alone = by_place * rng.standard_normal(views.shape)
-        back = operator.rmatvec(noise_alone.ravel()).reshape(grid.shape)
-        draws.append(problem.draw(back, lit_sd, fewer, cells, rng))
-    rest = views - operator.matvec(best.ravel()).reshape(views.shape)
-    depth_ratio = DepthRatio(operator, problem, cells[0], rest, by_place)
+    fit = SectionFit(grid, views, noise, rng)
+    section = fit.solve(strength)
+    residual = section.residual
+    power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
+    chi_squared = power / noise_variance(fit.noise)
+    draws = fit.draw(section, bootstrap, rng)
+    depth_ratio = fit.depth_ratio(section)
     departures = check_roundness(axis) + check_stated(axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
     misfit = check_misfit(residual, float(views.max()))
-    unsaid = None if misfit else residual
+    # What the misfit already says is not said again.
+    checked = None if misfit else residual
+    stated = noise is not None
+    said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
     return AxisymmetricFlame(
         grid=grid,
-        emission=cells[0].astype(np.float32),
-        draws=np.array(draws, np.float32).reshape(-1, *grid.shape),
-        noise=sd,
-        strength=chosen,
+        emission=section.cells[0].astype(np.float32),
+        draws=draws,
+        noise=fit.noise,
+        strength=section.options.strength,
         chi_squared=chi_squared,
-        warnings=(
-            *left_out,
-            *departures,
-            *misfit,
-            *check_data(views, chi_squared, sd, measured, noise is not None, residual=unsaid),
-        ),
+        warnings=(*left_out, *departures, *misfit, *said),
         unseen=name_unseen(axis, depth_ratio),
     )
 
