@@ -51,7 +51,7 @@ NEWTON_STEPS = 6
 LEAST_SIGNAL = 3.0
 """Smallest emission with a temperature, in standard deviations of its noise."""
 
-LEAST_ERROR = 1e-9
+LEAST_ERROR = 1e-6
 """Smallest relative error of an emission in a weight, so that no weight is infinite."""
 
 
@@ -277,7 +277,7 @@ class _LogCurves:
         ratio = wanted[self._outer[0]] - wanted[self._outer[1]]
         inverse = np.interp(ratio, self._ratio[::-1], self.inverse[::-1])
         for _ in range(NEWTON_STEPS):
-            rest = wanted - np.stack([one(inverse) for one in self._curves])
+            rest = _centred(wanted - np.stack([one(inverse) for one in self._curves]), weights)
             slopes, curvature = self._slopes(inverse, weights)
             step = np.sum(weights * slopes * rest, axis=0) / curvature
             inverse = np.clip(inverse + step, low, high)
@@ -286,7 +286,7 @@ class _LogCurves:
     def _slopes(self, inverse: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slopes of the curves less their weighted mean, and the sum of their weighted squares."""
         slopes = np.stack([one(inverse, 1) for one in self._curves])
-        slopes = slopes - np.sum(weights * slopes, axis=0) / np.sum(weights, axis=0)
+        slopes = _centred(slopes, weights)
         return slopes, np.sum(weights * slopes**2, axis=0)
 
     def compare(
@@ -297,6 +297,11 @@ class _LogCurves:
         rest = wanted - np.stack([one(inverse) for one in self._curves])
         mean = np.sum(weights * rest, axis=0) / np.sum(weights, axis=0)
         return np.sum(weights * (rest - mean) ** 2, axis=0), np.exp(mean)
+
+
+def _centred(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Subtract the weighted mean over the colours: the amount of soot drops out."""
+    return values - np.sum(weights * values, axis=0) / np.sum(weights, axis=0)
 
 
 def _checked_emissions(

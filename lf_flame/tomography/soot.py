@@ -31,6 +31,11 @@ SETTLED = 2e-3
 CLIPPED = 1.25
 """Total thickness in rounds under way, relative to `MOST_THICKNESS`."""
 
+UNSETTLED = (
+    "Emission and absorption have not settled: the flame is too thick for this light field, or its "
+    "colours contradict each other."
+)
+
 
 class Emission(Protocol):
     """Emission in one colour, as a fit finds it."""
@@ -73,17 +78,30 @@ class Soot(Generic[Found]):
     warnings: tuple[str, ...]
 
 
-Fit = Callable[[int, np.ndarray | None, Found | None, bool], Found]
-"""Fits the emission of a colour: its number, its optical thickness or None, the last fit or None,
-and whether error bars are wanted."""
+@dataclass(frozen=True)
+class Steps(Generic[Found]):
+    """What the rounds need of a geometry.
 
-Total = Callable[[np.ndarray], float]
-"""Largest total of an optical thickness along a ray."""
+    Attributes
+    ----------
+    first : callable
+        Emission of a colour, by its number, of a flame that does not absorb.
+    again : callable
+        Emission of a colour with an optical thickness, given the emission of the last round.
+    finish : callable
+        The same with error bars and warnings; thickness None for a flame that does not absorb.
+    total : callable
+        Largest total of an optical thickness along a ray.
+    """
+
+    first: Callable[[int], Emission]
+    again: Callable[[int, np.ndarray, Any], Emission]
+    finish: Callable[[int, np.ndarray | None, Any], Found]
+    total: Callable[[np.ndarray], float]
 
 
 def solve_soot(
-    fit: Fit[Found],
-    total: Total,
+    steps: Steps[Found],
     calibration: ColourCalibration,
     *,
     absorbing: bool = True,
@@ -93,10 +111,8 @@ def solve_soot(
 
     Parameters
     ----------
-    fit : callable
-        Fit of one colour with a given optical thickness, see `Fit`.
-    total : callable
-        Largest total of an optical thickness along a ray.
+    steps : Steps
+        Fits of one colour with a given optical thickness.
     calibration : ColourCalibration
         Absolute gains and spectral responses of the colours.
     absorbing : bool, optional
@@ -114,26 +130,26 @@ def solve_soot(
         If no cell has a temperature, or the flame is too thick.
     """
     count = len(calibration.gains)
+    found = [steps.first(c) for c in range(count)]
     if not absorbing:
-        thin = tuple(fit(c, None, None, True) for c in range(count))
-        found_thin = temperatures_of(thin, calibration, soot_exponent)
-        return Soot(thin, found_thin, np.zeros((count, *thin[0].emission.shape)), np.zeros(count), ())
-    thickness: np.ndarray | None = None
-    found: list[Found] = [fit(c, None, None, False) for c in range(count)]
+        thin = tuple(steps.finish(c, None, found[c]) for c in range(count))
+        known = temperatures_of(thin, calibration, soot_exponent)
+        nothing = np.zeros((count, *thin[0].emission.shape))
+        return Soot(thin, known, nothing, np.zeros(count), ())
+    thickness = np.zeros((count, *found[0].emission.shape))
     settled = False
-    for _ in progress.steps(range(MOST_ROUNDS), "emission and absorption", MOST_ROUNDS, "round"):
-        if thickness is not None:
-            found = [fit(c, thickness[c], found[c], False) for c in range(count)]
+    for number in progress.steps(range(MOST_ROUNDS), "absorption", MOST_ROUNDS, "round"):
+        if number:
+            found = [steps.again(c, thickness[c], found[c]) for c in range(count)]
         fresh = _thickness(found, calibration, soot_exponent)
-        totals = [total(one) for one in fresh]
-        most = CLIPPED * MOST_THICKNESS
-        fresh *= min(1.0, most / max(totals))
-        change = fresh if thickness is None else np.abs(fresh - thickness)
+        highest = max(steps.total(one) for one in fresh)
+        fresh *= min(1.0, CLIPPED * MOST_THICKNESS / highest)
+        change = max(steps.total(one) for one in np.abs(fresh - thickness))
         thickness = fresh
-        if max(total(one) for one in change) < SETTLED:
+        if change < SETTLED:
             settled = True
             break
-    totals = np.array([total(one) for one in thickness])
+    totals = np.array([steps.total(one) for one in thickness])
     if totals.max() > MOST_THICKNESS:
         name = calibration.responses.names[int(np.argmax(totals))]
         raise InputError(
@@ -141,12 +157,9 @@ def solve_soot(
             f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
             f"behind, or the gains of the calibration are too small."
         )
-    colours = tuple(fit(c, thickness[c], found[c], True) for c in range(count))
+    colours = tuple(steps.finish(c, thickness[c], found[c]) for c in range(count))
     temperatures = temperatures_of(colours, calibration, soot_exponent)
-    warnings = () if settled else (
-        "Emission and absorption have not settled: the flame is too thick for this light field.",
-    )  # fmt: skip
-    return Soot(colours, temperatures, thickness, totals, warnings)
+    return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
 
 
 def split_colours(light_field: LightField, calibration: ColourCalibration) -> list[LightField]:
@@ -214,27 +227,26 @@ def reconstruct_soot(
     """
     lights = split_colours(light_field, calibration)
 
-    def fit(
-        c: int, thickness: np.ndarray | None, last: Reconstruction | None, bars: bool
-    ) -> Reconstruction:
+    def fit(c: int, thickness: np.ndarray | None, draws: int, last: Any) -> Reconstruction:
         chosen = dict(options)
-        if last is not None and thickness is not None:
+        if last is not None and not draws:
             chosen["strength"] = last.strength
         return reconstruct(
             lights[c],
             grid,
             optical_thickness=thickness,
-            bootstrap=bootstrap if bars else 0,
+            bootstrap=draws,
             rng=seed + c,
             **chosen,
         )
 
-    def total(thickness: np.ndarray) -> float:
-        return float(thickness.sum(axis=0).max())
-
-    return solve_soot(
-        fit, total, calibration, absorbing=absorbing, soot_exponent=soot_exponent
+    steps = Steps(
+        first=lambda c: fit(c, None, 0, None),
+        again=lambda c, thickness, last: fit(c, thickness, 0, last),
+        finish=lambda c, thickness, last: fit(c, thickness, bootstrap, last),
+        total=lambda thickness: float(thickness.sum(axis=0).max()),
     )
+    return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
 
 
 def temperatures_of(

@@ -232,6 +232,12 @@ class AxisymmetricFit:
         noise += sd * self.gram.draw_penalty(options.strength, options.order, rng)
         return self._solve(self._linear + noise, options, start)[0]
 
+    def solve_for(
+        self, back: np.ndarray, options: SolveOptions, start: np.ndarray
+    ) -> np.ndarray:
+        """Fit another backprojected light field, (heights, radii); starts from known emission."""
+        return self._solve(back.ravel() * self.gram.unit, options, start)
+
     def explain(self, back: np.ndarray) -> np.ndarray:
         """Emission of the unpenalised fit to another backprojected light field."""
         scaled = linalg.cho_solve_banded((self._factor, True), back.ravel() * self.gram.unit)

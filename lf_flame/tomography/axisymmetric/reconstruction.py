@@ -6,12 +6,13 @@ the fit is regularised and without negative light.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.axisymmetric.axis import find_axis
+from lf_flame.tomography.axisymmetric.axis import FlameAxis, find_axis
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.roundness import (
     check_misfit,
@@ -138,42 +139,93 @@ def reconstruct_axisymmetric(
     True
     """
     check_fit_options(noise, strength, bootstrap)
+    looked = look_at(light_field, grid)
+    check_range(looked.views, noise)
     rng = np.random.default_rng(rng)
+    fit = SectionFit(looked.grid, looked.views, noise, rng)
+    stated = noise is not None
+    return explain_views(looked, fit, strength, stated=stated, bootstrap=bootstrap, rng=rng)
+
+
+class Looked(NamedTuple):
+    """Views of a light field that a fit uses, and what is seen of the axis in them.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+        Views in the grid's pixels.
+    grid : AxisymmetricGrid
+        Grid of the camera that has these views.
+    axis : FlameAxis
+    left_out : tuple of str
+        A sentence that says so if views were left out.
+    """
+
+    views: np.ndarray
+    grid: AxisymmetricGrid
+    axis: FlameAxis
+    left_out: tuple[str, ...]
+
+
+def look_at(light_field: LightField, grid: AxisymmetricGrid) -> Looked:
+    """Select the views that a fit uses, averaged over the grid's blocks, and find the axis."""
     light_field, camera, left_out = counted_views(light_field, grid.camera)
     grid = replace(grid, camera=camera) if left_out else grid
-    views = _looked_at(light_field, grid)
-    check_range(views, noise)
+    views = _pixels(light_field, grid)
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
-    axis = find_axis(light_field, grid.camera, depth)
-    fit = SectionFit(grid, views, noise, rng)
-    section = fit.solve(strength)
+    return Looked(views, grid, find_axis(light_field, camera, depth), left_out)
+
+
+def explain_views(
+    looked: Looked,
+    fit: SectionFit,
+    strength: float | None,
+    *,
+    stated: bool,
+    bootstrap: int,
+    rng: np.random.Generator,
+) -> AxisymmetricFlame:
+    """Solve a fit, draw its errors, and compare data and model.
+
+    Parameters
+    ----------
+    looked : Looked
+    fit : SectionFit
+        Fit to the looked-at views, or to these with a correction.
+    strength : float or None
+        Strength of the regularisation; None for that of least expected error.
+    stated : bool
+        Whether the noise was stated.
+    bootstrap : int
+    rng : numpy.random.Generator
+    """
+    section, views = fit.solve(strength), fit.views
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared = power / noise_variance(fit.noise)
     draws = fit.draw(section, bootstrap, rng)
     depth_ratio = fit.depth_ratio(section)
-    departures = check_roundness(axis) + check_stated(axis, grid, views)
+    departures = check_roundness(looked.axis) + check_stated(looked.axis, looked.grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
     misfit = check_misfit(residual, float(views.max()))
     # What the misfit already says is not said again.
     checked = None if misfit else residual
-    stated = noise is not None
     said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
     return AxisymmetricFlame(
-        grid=grid,
+        grid=looked.grid,
         emission=section.cells[0].astype(np.float32),
         draws=draws,
         noise=fit.noise,
         strength=section.options.strength,
         chi_squared=chi_squared,
-        warnings=(*left_out, *departures, *misfit, *said),
-        unseen=name_unseen(axis, depth_ratio),
+        warnings=(*looked.left_out, *departures, *misfit, *said),
+        unseen=name_unseen(looked.axis, depth_ratio),
     )
 
 
-def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
-    """Select the views that a grid uses, averaged over its blocks."""
+def _pixels(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
+    """Average the used views over blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
         alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
         return average_blocks(light_field, alone, grid.block)
