@@ -53,15 +53,15 @@ class Trial:
     camera: PlenopticCamera
 
 
-def effect_trials(camera: PlenopticCamera) -> dict[str, Trial]:
+def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str, Trial]:
     """Set up, for each effect, a small flame before a camera in which the effect matters.
 
-    Sizes and depths follow from the camera: the flame is 16 lenslets high, and its layers stand
-    where the slope is 0.4, 0.8 or -0.4.
+    Sizes and depths follow from the camera: the flame is 16 lenslets high, or as many as given,
+    and its layers stand where the slope is 0.4, 0.8 or -0.4.
     """
     near, far, front = (camera.slope_to_depth(slope) for slope in (0.4, 0.8, -0.4))
     lenslet_mm = camera.field_mm(near)[0] / camera.lenslets[0]
-    height = 16 * lenslet_mm
+    height = lenslets_high * lenslet_mm
     texture = flame_texture(height, height / 8, cell_mm=height / 60)
     size = (height, 2 * HALF_WIDTH * height / 8)
     flame, behind = Layer(texture, near, size), Layer(texture, far, size)
