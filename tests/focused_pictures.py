@@ -19,7 +19,7 @@ class Waves:
     """A picture ``1/2 + sum of cos``: waves of some lengths in all directions, from a seed."""
 
     lengths: tuple[float, float] = (16.0, 50.0)
-    count: int = 24
+    count: int = 16
     seed: int = 1
 
     def at(self, y, x, radius=0.0):
@@ -29,9 +29,14 @@ class Waves:
         for _ in range(self.count):
             wave, angle = 2 * np.pi / rng.uniform(*self.lengths), rng.uniform(0, np.pi)
             phase = wave * (np.sin(angle) * y + np.cos(angle) * x) + rng.uniform(0, 2 * np.pi)
-            across = np.maximum(wave * np.asarray(radius, float), 1e-9)
-            light += 0.05 * np.cos(phase) * 2 * j1(across) / across
+            light += np.cos(phase) * disc(wave * np.asarray(radius, float)) / 2 / self.count
         return light
+
+
+def disc(radius):
+    """Mean of a wave of one radian over a disc, in terms of the wave at its centre."""
+    values, where = np.unique(np.maximum(radius, 1e-9), return_inverse=True)
+    return (2 * j1(values) / values)[where.reshape(np.shape(radius))]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import math
 from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lf_flame.errors import InputError
 from lf_flame.formats.focused.lenslets import FocusedLenslets
@@ -14,13 +15,10 @@ PARTS = 4
 """Number of parts along each axis of a picture in which the lenslets are compared."""
 
 COHERENT = 0.8
-"""Smallest share of the parts' contrast, of the lenslets' period, that is of one phase."""
+"""Smallest share of the contrast with the lenslets' period that has one phase along a side."""
 
-LARGEST_SHIFT = 0.12
+LARGEST_SHIFT = 0.08
 """Largest displacement of the lenslets in a picture from those of the calibration, in pitches."""
-
-LARGEST_ERROR = 2e-3
-"""Largest relative error of the pitch: over a hundred lenslets, a fifth of one."""
 
 
 def check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object) -> None:
@@ -46,32 +44,39 @@ def check_fit(image: np.ndarray, lenslets: FocusedLenslets, calibration: object)
     grey = np.atleast_3d(image).mean(axis=2, dtype=np.float64)
     pitch = lenslets.grid.pitch
     amplitudes = _amplitudes(flattened(grey, 2 * pitch), lenslets)
-    total = amplitudes.mean(axis=1)
-    strength = np.sqrt(np.mean(np.abs(amplitudes) ** 2, axis=1))
-    if strength.min() > 0 and np.all(np.abs(total) > COHERENT * strength):
-        shift = np.abs(np.angle(total)) / (2 * math.pi)
-        if np.all(shift < LARGEST_SHIFT):
-            return
+    strength = np.sqrt(np.mean(np.abs(amplitudes) ** 2, axis=(1, 2)))
+    sides = [amplitudes[:, 0], amplitudes[:, -1], amplitudes[:, :, 0], amplitudes[:, :, -1]]
+    means = np.array([side.mean(axis=1) for side in sides])
+    if strength.min() > 0 and np.all(np.abs(means) > COHERENT * strength):
+        away = pitch * np.abs(np.angle(means)).max() / (2 * math.pi)
+    else:
+        away = _distance(grey, lenslets)
+    if away > LARGEST_SHIFT * pitch:
         raise InputError(
             f"The lenslets of {calibration} do not fit the picture, in which the micro-images lie "
-            f"up to {shift.max() * pitch:.2g} pixels beside theirs: the picture must be whole, as "
-            f"the camera gave it."
+            f"{away:.2g} pixels beside theirs or more: both must be of the same camera, and the "
+            f"picture whole, neither scaled nor cropped."
         )
+
+
+def _distance(grey: np.ndarray, lenslets: FocusedLenslets) -> float:
+    """Largest distance of micro-images that a picture shows from the calibration's; 0 if none."""
     turned = abs(lenslets.grid.rotation) > math.pi / 12  # straight columns
     try:
-        found = estimate_grid(np.rot90(grey) if turned else grey, pitch, lenslets.grid.layout)
-    except InputError:
-        return
-    if abs(found.pitch / pitch - 1) > LARGEST_ERROR:
-        raise InputError(
-            f"The lenslets of {calibration} do not fit the picture, which shows a pitch of "
-            f"{found.pitch:.5g} pixels, not {pitch:.5g}: it must be of this camera, and neither "
-            f"scaled nor cropped."
+        found = estimate_grid(
+            np.rot90(grey) if turned else grey, lenslets.grid.pitch, lenslets.grid.layout
         )
+        centres = found.centres(grey.shape[::-1] if turned else grey.shape).reshape(-1, 2)
+    except InputError:
+        return 0.0
+    if turned:
+        centres = np.stack([centres[:, 1], grey.shape[1] - 1 - centres[:, 0]], axis=1)
+    stated = lenslets.array(grey.shape).centres.reshape(-1, 2)
+    return float(cKDTree(stated).query(centres)[0].max())
 
 
 def _amplitudes(contrast: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Fourier amplitudes of the lenslets' shortest periods, shape (periods, parts).
+    """Fourier amplitudes of the lenslets' shortest periods, shape (periods, parts down, parts along).
 
     The phase is 0 where the micro-images' centres are brightest.
     """
@@ -99,4 +104,4 @@ def _amplitudes(contrast: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
                 for rows, columns in product(*parts)
             ]
         )
-    return np.array(out)
+    return np.array(out).reshape(len(out), PARTS, PARTS)
