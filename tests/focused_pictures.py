@@ -46,7 +46,7 @@ class Camera:
     pitch: float = 23.3  # of the micro-images
     rotation: float = 0.012  # counter-clockwise
     offset: tuple[float, float] = (4.2, -3.1)  # right, up, of a lenslet of the first kind
-    shape: tuple[int, int] = (380, 420)
+    shape: tuple[int, int] = (320, 350)
     gap: float = 60.0  # B
     lens: float = 9000.0  # D
     hexagonal: bool = True

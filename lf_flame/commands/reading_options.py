@@ -73,7 +73,7 @@ READING = cloup.option_group(
         "--focused",
         type=UsablePath(exists=True, path_type=Path),
         help="Calibration (.xml) of a Raytrix camera, or white image of another camera with focused "
-        "lenslets: each lenslet sees a part of the picture, sharp.",
+        "lenslets.",
     ),
     cloup.option(
         "--virtual-depth",
@@ -154,18 +154,22 @@ class Reading:
             f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
             mosaic=self.mosaic, array=self.array,
         )  # fmt: skip
-        common = {"white": self.white, "views": self.views, "dark": self.dark, "bayer": self.bayer}
+        plan: DecodePlan | FocusedPlan
         with progress.stage(f"Reading {printable(source)}"):
             if self.focused is None:
-                what = f"{source} without --focused"
-                refuse_options(what, virtual_depth=self.virtual_depth)
-                plan, image = plan_raw(source, pitch=self.pitch, layout=self.layout, **common)
+                refuse_options(f"{source} without --focused", virtual_depth=self.virtual_depth)
+                plan, image = plan_raw(
+                    source, self.white, self.pitch, self.layout, self.views,
+                    dark=self.dark, bayer=self.bayer,
+                )  # fmt: skip
                 said = self._describe(plan.grid)
             else:
                 refuse_options("--focused", pitch=self.pitch, layout=self.layout)
-                depth = self.virtual_depth
-                plan, image = plan_focused(source, self.focused, virtual_depth=depth, **common)
-                said = plan.describe()
+                plan, image = plan_focused(
+                    source, self.focused, virtual_depth=self.virtual_depth, views=self.views,
+                    white=self.white, dark=self.dark, bayer=self.bayer,
+                )  # fmt: skip
+                said = plan.lenslets.describe()
         click.echo(f"{printable(source)}: {said}", err=True)
         return plan, image
 

@@ -17,7 +17,7 @@ from lf_flame.formats import (
 from lf_flame.formats.images import write_image
 from lf_flame.refocus import find_sharpest_slope
 
-BLURRED = (0.0, 1.3, 2.1)
+BLURRED = (0.0, 2.0, 4.0)
 """Radii in pixels by which the three kinds blur a micro-image."""
 
 
@@ -73,7 +73,7 @@ def test_the_virtual_depth_of_a_plane_is_found(depth, camera):
     known = found.depth[np.isfinite(found.depth)]
     truth = camera.apparent(depth)
     assert found.share > 0.9
-    assert np.median(known) == pytest.approx(truth, rel=0.003)
+    assert np.median(known) == pytest.approx(truth, rel=0.005)
     assert np.mean(np.abs(known / truth - 1) < 0.01) > 0.5
     assert np.mean(np.abs(known / truth - 1) < 0.03) > 0.95
 
@@ -162,7 +162,7 @@ def test_slopes_of_views_follow_from_the_virtual_depth(lenslets_of, depth):
 
 
 def test_a_step_in_depth_keeps_both_sides(lenslets_of):
-    camera = Camera(shape=(380, 520))
+    camera = Camera(shape=(320, 520))
     raw = camera.record(lambda y, x: np.where(x < 0, 2.4, 3.6), Waves((18, 50)))
     found = find_virtual_depth(raw, lenslets_of(camera))
     x = found.array.centres[..., 1] - 260
@@ -256,22 +256,19 @@ def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
     path = tmp_path / "calibration.xml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_raytrix(path, (380, 420)).array((380, 420))
+        read_raytrix(path, (320, 350)).array((320, 350))
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"diameter": 23.6}, ""), ({"diameter": 22.0}, ""), ({"x": 11.0}, ""), ({"y": 5.0}, ""),
-        ({"rotation": 0.04}, ""),
-    ],
+    "changes",
+    [{"diameter": 23.7}, {"diameter": 22.0}, {"x": 11.0}, {"y": 5.0}, {"rotation": 0.04}],
 )
-def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes, message):
+def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
     camera = Camera()
     raw = camera.record(3.1, Waves())
     write_image(tmp_path / "raw.png", np.rint(40000 * raw).astype(np.uint16))
     (tmp_path / "camera.xml").write_text(camera.xml(**changes))
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=r"micro-images lie .* pixels beside theirs or more"):
         read_focused(tmp_path / "raw.png", tmp_path / "camera.xml")
 
 

@@ -5,6 +5,12 @@ from numba import njit
 
 from lf_flame._common.threads import pieces, shared
 
+FARTHEST, FEWEST = 1.6, 12
+"""Largest displacement, in radii, of micro-images that are compared; fewest places in both."""
+
+OTHER_KIND = 0.03
+"""Weight of neighbours of another kind; the only ones that see the same at small depths."""
+
 FAR = 1e-6
 """Weight of a lenslet that does not see a place, in case none does."""
 
@@ -49,16 +55,19 @@ def _level(queue, image, lattice, gain, out):
                 out[k, x, channel] = factor * image[k, x, channel]
 
 
-def _match(queue, image, centres, whole, odd, around, spots, radius, start, steps, likeness):
+def _match(
+    queue, image, centres, whole, kinds, odd, around, spots, radius, start, steps, likeness
+):  # fmt: skip
     """Likeness of each micro-image to its neighbours', displaced as at inverse virtual depths.
 
-    It is the covariance of both over the mean of their variances, summed over the neighbours: 1
-    where they are equal but for their means, about 0 where nothing but noise is seen.
+    It is the covariance of both over the geometric mean of their variances, each summed over the
+    neighbours: 1 where they are equal but for their means and contrasts, about 0 where nothing but
+    noise is seen. Neighbours of the same kind count more, because their blur is the same.
 
-    image: shape (rows, columns, 1). centres: (i, j, 2). whole: (i, j). odd: (i,), whether a row of
-    the array is odd. around: (2, n, 2), steps in row and column to the neighbours of lenslets in
-    even and in odd rows. spots: (m, 2), places in a micro-image, from its centre. start: (i, j) and
-    steps: (k,), inverse depths, which are added. likeness: (i, j, k), filled.
+    image: shape (rows, columns, 1). centres: (i, j, 2). whole, kinds: (i, j). odd: (i,), whether a
+    row of the array is odd. around: (2, n, 2), steps in row and column to the neighbours of
+    lenslets in even and in odd rows. spots: (m, 2), places in a micro-image, from its centre.
+    start: (i, j) and steps: (k,), inverse depths, which are added. likeness: (i, j, k), filled.
     """
     rows, columns = whole.shape
     for piece in pieces(queue, rows * columns):
@@ -82,8 +91,11 @@ def _match(queue, image, centres, whole, odd, around, spots, radius, start, step
                     continue
                 down = inverse * (centres[row, column, 0] - centres[i, j, 0])
                 right = inverse * (centres[row, column, 1] - centres[i, j, 1])
-                if down * down + right * right > (1.2 * radius) ** 2:
-                    continue  # too small a part is seen by both
+                # Weights fall to 0 with the part that both see, so that the likeness has no steps
+                # where neighbours begin to count.
+                both = 1 - (down * down + right * right) / (FARTHEST * radius) ** 2
+                if both <= 0:
+                    continue
                 count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for n in range(len(spots)):
                     y, x = spots[n, 0] - down, spots[n, 1] - right
@@ -98,9 +110,13 @@ def _match(queue, image, centres, whole, odd, around, spots, radius, start, step
                     aa += own[n] * own[n]
                     bb += other * other
                     ab += own[n] * other
-                if count >= 12:
-                    common += 2 * (ab - a * b / count)
-                    total += aa - a * a / count + bb - b * b / count
+                if count >= FEWEST:
+                    weight = both
+                    if kinds[row, column] != kinds[i, j]:
+                        weight *= OTHER_KIND
+                    common += weight * (ab - a * b / count)
+                    here, there = aa - a * a / count, bb - b * b / count
+                    total += weight * np.sqrt(max(here, 0.0) * max(there, 0.0))
             likeness[i, j, k] = common / total if total > 0 else 0.0
 
 

@@ -76,7 +76,7 @@ def _distance(grey: np.ndarray, lenslets: FocusedLenslets) -> float:
 
 
 def _amplitudes(contrast: np.ndarray, lenslets: FocusedLenslets) -> np.ndarray:
-    """Fourier amplitudes of the lenslets' shortest periods, shape (periods, parts down, parts along).
+    """Fourier amplitudes of the lenslets' shortest periods, shape (periods, PARTS, PARTS).
 
     The phase is 0 where the micro-images' centres are brightest.
     """

@@ -129,20 +129,25 @@ class FocusedLenslets:
         centres = np.stack(self.grid.position(rows[:, None], columns), axis=-1)
         reach = self.radius + 1
         inside = (centres >= reach) & (centres <= np.array(shape[:2]) - 1 - reach)
-        whole = inside.all(axis=2)
-        if min(whole.any(axis=0).sum(), whole.any(axis=1).sum()) < 3:
+        whole = np.logical_and.reduce(inside, axis=2)
+        if min(len(np.unique(found)) for found in np.nonzero(whole)) < 3:
             raise InputError(
                 f"Fewer than 3 x 3 micro-images of {self.grid.pitch:.4g} pixels lie whole in the "
                 f"picture of {shape[0]} x {shape[1]}: the calibration does not fit it."
             )
         return Array(rows, columns, centres, whole)
 
+    def kinds(self, array: Array) -> np.ndarray:
+        """Find each lenslet's kind, 0 to 2, shape (rows, columns); 0 in a rectangular array."""
+        if self.grid.layout != "hexagonal":
+            return np.zeros(array.whole.shape, np.int64)
+        return (array.columns - array.rows[:, None] % 2) % KINDS
+
     def in_focus(self, array: Array, depth: np.ndarray) -> np.ndarray:
         """Whether each lenslet is in focus at its virtual depth: bool, shape (rows, columns)."""
         if not self.ranges:
             return np.ones(array.whole.shape, bool)
-        kinds = (array.columns - array.rows[:, None] % 2) % KINDS
-        low, high = np.moveaxis(np.array(self.ranges)[kinds], 2, 0)
+        low, high = np.moveaxis(np.array(self.ranges)[self.kinds(array)], 2, 0)
         return (low <= depth) & (depth <= high)
 
     def describe(self) -> str:

@@ -76,8 +76,8 @@ class FocusedPlan:
     Attributes
     ----------
     reference : float
-        Virtual depth at which views coincide. Where lenslets have no ranges of depth and none is stated,
-        its sign is that of the first picture.
+        Virtual depth at which views coincide. Unless one is stated or the lenslets have ranges, its
+        sign is that of the first picture.
     spacing, step : float
         Distance between the offsets of neighbouring views, and between pixels of a view, in pixels
         of the raw picture.
@@ -122,8 +122,8 @@ class FocusedPlan:
         farthest = lenslets.grid.pitch / 2
         if virtual_depth is not None and not NEAREST <= abs(virtual_depth) <= farthest:
             raise InputError(
-                f"A virtual depth must be from {NEAREST:g} to {farthest:.4g}, half the pixels under "
-                f"a lenslet, or the same below 0, got {virtual_depth}."
+                f"A virtual depth must be from {NEAREST:g} to {farthest:.4g}, half the pixels "
+                f"under a lenslet, or the same below 0, got {virtual_depth}."
             )
         self._plane = virtual_depth
         self.reference = REFERENCE if virtual_depth is None else float(virtual_depth)
@@ -215,8 +215,9 @@ class FocusedPlan:
             image, self.lenslets.lattice, first, inverse, weights, offsets, view,
             REACH * self.grid.pitch, self.lenslets.radius, out,
         )  # fmt: skip
+        coloured = image.shape[2] > 1
         out = out.reshape(self.views, self.views, *out.shape[1:])
-        return LightField(out if out.shape[4] > 1 else out[..., 0])
+        return LightField(out if coloured else out[..., 0])
 
     @property
     def first(self) -> tuple[float, float]:

@@ -73,11 +73,11 @@ class VirtualDepth:
 def find_virtual_depth(raw: ArrayLike, lenslets: FocusedLenslets) -> VirtualDepth:
     """Find the virtual depth of each lenslet from the displacement between micro-images.
 
-    The likeness of a micro-image to its neighbours is the covariance of both over the mean of their
-    variances, summed over all neighbours within 1.8 pitches and over the places that both see. Its
-    largest value over inverse depths from -0.55 to 0.55 (from 0, where the lenslets' ranges are
-    above 0) is refined with all neighbours within 3.1 pitches. Neighbours of another kind are
-    blurred differently, which lowers the likeness but does not displace its peak.
+    The likeness of a micro-image to its neighbours is their covariance, over the places that both
+    see, relative to the geometric mean of their variances. It is summed over all neighbours within
+    1.8 pitches; in a hexagonal array those of another kind, which are blurred differently, count
+    little. Its largest value over inverse depths from -0.55 to 0.55 (from 0, where the
+    lenslets have ranges) is refined with all neighbours within 3.1 pitches.
 
     Parameters
     ----------
@@ -148,14 +148,15 @@ def _likeness(grey, lenslets: FocusedLenslets, array: Array, reach: float, start
     out = np.zeros((*array.whole.shape, len(steps)))
     around = _neighbours(lenslets, reach)
     match(
-        grey, array.centres, array.whole, odd, around, np.ascontiguousarray(spots), radius,
-        np.ascontiguousarray(start), np.asarray(steps, float), out,
+        grey, array.centres, array.whole, lenslets.kinds(array), odd, around,
+        np.ascontiguousarray(spots), radius, np.ascontiguousarray(start), np.asarray(steps, float),
+        out,
     )  # fmt: skip
     return out
 
 
 def _neighbours(lenslets: FocusedLenslets, reach: float) -> np.ndarray:
-    """Steps in row and column to all lenslets within some pitches, of an even and of an odd row."""
+    """List the steps to all lenslets within some pitches, of an even and of an odd row."""
     grid = lenslets.grid
     side = int(np.ceil(reach * grid.pitch / min(grid.pitch, grid.row_pitch))) + 1
     near = [(row, column) for row in range(-side, side + 1) for column in range(-side, side + 1)]
