@@ -72,8 +72,8 @@ READING = cloup.option_group(
     cloup.option(
         "--focused",
         type=UsablePath(exists=True, path_type=Path),
-        help="Calibration (.xml) of a Raytrix camera, or white image of another camera with focused "
-        "lenslets.",
+        help="Calibration (.xml) of a Raytrix camera, or white image of another camera, whose "
+        "lenslets are focused.",
     ),
     cloup.option(
         "--virtual-depth",

@@ -13,6 +13,7 @@ import h5py
 import lytro_files
 import numpy as np
 from builders import camera_toml
+from focused_pictures import Camera, Waves
 from PIL import Image
 from scipy.io import savemat
 
@@ -164,6 +165,10 @@ def _write_inputs(folder: Path) -> None:
     packed = lytro_files.pack(rng.integers(64, 1024, (8, 12)), 10)
     facts = lytro_files.metadata("ILLUM", (8, 12))
     (folder / "photo.lfr").write_bytes(lytro_files.container("ILLUM", facts, packed))
+    # A picture behind focused lenslets, and their calibration.
+    camera = Camera(shape=(160, 180), offset=(0.0, 0.0))
+    images["focused"] = 255 * camera.record(3.1, Waves())
+    (folder / "focused.xml").write_text(camera.xml())
     # A column of light that flickers, as lenslet images of 3 x 3 views.
     y, x = np.indices((24, 24))
     (folder / "frames").mkdir()

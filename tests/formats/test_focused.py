@@ -1,10 +1,16 @@
 """Cameras with focused lenslets: calibration files, virtual depth, views."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from builders import camera_toml
+from click.testing import CliRunner
 from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.commands.cli import commands
 from lf_flame.formats import (
     FocusedLenslets,
     FocusedPlan,
@@ -14,7 +20,7 @@ from lf_flame.formats import (
     read_focused,
     read_raytrix,
 )
-from lf_flame.formats.images import write_image
+from lf_flame.formats.images import read_image, write_image
 from lf_flame.refocus import find_sharpest_slope
 
 BLURRED = (0.0, 2.0, 4.0)
@@ -187,6 +193,59 @@ def test_the_simulators_lenslets_are_focused_at_infinity():
     lenslets = FocusedLenslets(LensletGrid(10, 10, views))
     found = find_virtual_depth(raw, lenslets)
     assert np.nanmedian(found.depth) == pytest.approx(-slope * views, rel=0.01)
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    """Call of the program on files of a camera in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    camera = Camera(blur=BLURRED[::-1])
+    raw = camera.record(4.4, Waves((30, 90)))
+    write_image("raw.png", np.rint(40000 * raw).astype(np.uint16))
+    Path("camera.xml").write_text(camera.xml())
+    return lambda *words: CliRunner().invoke(commands, words)
+
+
+def test_commands_take_pictures_of_focused_lenslets(call):
+    result = call("refocus", "raw.png", "--focused", "camera.xml", "--search", "--out", "out")
+    assert result.exit_code == 0, result.output
+    camera = Camera()
+    radius, patch = camera.pitch / 2 - 1, 0.6 * camera.pitch / 3
+    spacing = 2 * (radius - patch) / np.sqrt(2) / 4  # of 5 views over a square within the rim
+    slope = (3 - camera.apparent(4.4)) * spacing / 3
+    record = json.loads(Path("out/refocus.json").read_text())
+    assert record["search"]["slope"] == pytest.approx(slope, rel=0.02)
+    options = "--focused", "camera.xml", "--views", "1"
+    result = call("convert", "raw.png", "sharp.tif", *options, "--virtual-depth", "4.3")
+    assert result.exit_code == 0, result.output
+    assert read_image("sharp.tif").std() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--virtual-depth", "4"], "--virtual-depth does not apply to raw.png without --focused"),
+        (["--focused", "camera.xml", "--pitch", "9"], "--pitch does not apply to --focused"),
+        (["--focused", "camera.xml", "--order", "row,col"], "--order does not apply to the raw"),
+        (["--focused", "camera.xml", "--virtual-depth", "nan"], "must be from 1.5 to 11.65"),
+        (["--focused", "raw.png", "--white", "camera.xml"], "camera.xml cannot be read"),
+        (["--focused", "."], "cannot be read"),
+        (["--focused", "camera.xml", "--dark", "raw.png"], "No virtual depth was found"),
+    ],
+)
+def test_options_that_do_not_fit_focused_lenslets_are_refused(call, words, message):
+    result = call("convert", "raw.png", "out.npy", *words)
+    assert isinstance(result.exception, InputError)
+    assert message in str(result.exception)
+    assert not Path("out.npy").exists()
+
+
+def test_a_camera_of_other_lenslets_gives_no_depths(call):
+    Path("camera.toml").write_text(camera_toml(5, (20, 20)))
+    result = call(
+        "refocus", "raw.png", "--focused", "camera.xml", "--camera", "camera.toml", "--search"
+    )
+    assert "whose slopes mean other depths than those of --focused" in str(result.exception)
 
 
 def test_a_white_image_takes_the_place_of_a_calibration(tmp_path):

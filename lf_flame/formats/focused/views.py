@@ -252,10 +252,11 @@ class FocusedPlan:
             self.reference = float(np.copysign(REFERENCE, np.median(known)))
         if self._is_new:
             low, high = np.percentile(known, [2, 98])
+            law = f"; in the views, slope = {self.slope_at(self.reference - 1):.4g}"
+            law += f" ({self.reference:g} - virtual depth)"
             LOGGER.info(
                 f"virtual depth from {low:.3g} to {high:.3g}, known for {found.share:.0%} of the "
-                f"lenslets; in the views, slope = {self.slope_at(self.reference - 1):.4g} "
-                f"({self.reference:g} - virtual depth)"
+                f"lenslets{law if self.views > 1 else ''}"
             )
         self._is_new = False
         return found.inverse()
