@@ -50,10 +50,10 @@ def read_raytrix(path: str | Path, shape: tuple[int, ...]) -> FocusedLenslets:
     >>> from pathlib import Path
     >>> from lf_flame.formats import read_raytrix
     >>> place = "<x>0.0</x><y>0.0</y>"
-    >>> text = f"<offset>{place}</offset><diameter>24.5</diameter><rotation>0.0</rotation>"
+    >>> text = f"<offset>{place}</offset><diameter>24.5</diameter><rotation>0.01</rotation>"
     >>> written = Path("camera.xml").write_text(f"<RayCalibData>{text}</RayCalibData>")
     >>> read_raytrix("camera.xml", (600, 800)).grid.describe()
-    'hexagonal lenslets, pitch 24.500 pixels along rows and 21.218 between them, turned by +0.00000 rad'
+    'hexagonal lenslets, pitch 24.500 pixels along rows and 21.218 between them, turned by -0.01000 rad'
     """  # noqa: E501 - as it is printed
     values = _parse(Path(path))
     try:
@@ -74,7 +74,7 @@ def _lenslets(values: dict[str, str], shape: tuple[int, ...]) -> FocusedLenslets
         (shape[1] - 1) / 2 + _number(values, "offset/x"),
         (shape[0] - 1) / 2 - _number(values, "offset/y"),
         _number(values, "diameter"),
-        turn - SIXTH * round(turn / SIXTH),
+        math.remainder(turn, SIXTH),
         "hexagonal",
     )
     return FocusedLenslets(grid, _number(values, "lens_border", 1.0), _ranges(values, grid))

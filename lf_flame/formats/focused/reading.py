@@ -60,7 +60,7 @@ def read_focused(
     >>> y, x = np.indices((240, 320)) % 20 - 9.5
     >>> tifffile.imwrite("white.tif", np.clip(10.5 - np.hypot(y, x), 0, 1))
     >>> read_focused("white.tif", "white.tif", virtual_depth=4.0, views=3)
-    LightField(3 x 3 views of 45 x 65 pixels, grey)
+    LightField(3 x 3 views of 42 x 62 pixels, grey)
     """
     plan, image = plan_focused(
         path, calibration, virtual_depth=virtual_depth, views=views, white=white, dark=dark,

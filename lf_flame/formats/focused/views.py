@@ -1,6 +1,7 @@
 """Views of a focused plenoptic camera, put together from patches of its micro-images."""
 
 import logging
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,7 +96,7 @@ class FocusedPlan:
     >>> lenslets = FocusedLenslets(LensletGrid(9.5, 9.5, 20))
     >>> plan = FocusedPlan(lenslets, shape=raw.shape, virtual_depth=4.0)
     >>> plan.decode(raw)
-    LightField(5 x 5 views of 45 x 65 pixels, grey)
+    LightField(5 x 5 views of 42 x 62 pixels, grey)
     >>> plan.depth_at(plan.slope_at(5.0))
     5.0
     """
@@ -160,7 +161,7 @@ class FocusedPlan:
     def _farthest(self) -> float:
         """Largest offset along an axis."""
         patch = HALF_PATCH * self.grid.pitch / abs(self.reference)
-        return max(self.lenslets.radius - patch, 0.0) / np.sqrt(2)
+        return max(self.lenslets.radius - patch, 0.0) / math.sqrt(2)
 
     def slope_at(self, virtual_depth: float) -> float:
         """Slope of a place at a virtual depth, in pixels of a view per view."""

@@ -102,8 +102,9 @@ def find_virtual_depth(raw: ArrayLike, lenslets: FocusedLenslets) -> VirtualDept
     >>> y, x = np.indices((160, 160))
     >>> row, column = y // 20, x // 20
     >>> down, right = y - 20 * row - 9.5, x - 20 * column - 9.5
-    >>> picture = np.sin((20 * row + 4 * down) / 7) + np.sin((20 * column + 4 * right) / 8)
-    >>> found = find_virtual_depth(2 + picture, FocusedLenslets(LensletGrid(9.5, 9.5, 20)))
+    >>> y, x = 20 * row + 4 * down, 20 * column + 4 * right
+    >>> picture = 2 + np.sin(y**2 / 1500) + np.sin(x**2 / 1700)
+    >>> found = find_virtual_depth(picture, FocusedLenslets(LensletGrid(9.5, 9.5, 20)))
     >>> round(float(np.nanmedian(found.depth)), 1)
     4.0
     """
