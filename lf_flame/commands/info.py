@@ -24,9 +24,10 @@ def info(source: Path, thumbnail: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
     SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
-    its white images (a folder, or caldata-SERIAL.tar), a folder of views, an array, a TIFF of many
-    pages, a raw image or a lenslet image. Nothing is changed. The thumbnail of a Lytro picture is
-    the one that the camera made; otherwise it is the photograph of all views.
+    its white images (a folder, or caldata-SERIAL.tar), the calibration of a Raytrix camera (.xml),
+    a folder of views, an array, a TIFF of many pages, a raw image or a lenslet image. Nothing is
+    changed. The thumbnail of a Lytro picture is the one that the camera made; otherwise it is the
+    photograph of all views.
 
     \b
       lf-flame info photo.lfr                        camera, exposure, lenslets, white image

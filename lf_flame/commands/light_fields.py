@@ -49,14 +49,15 @@ def refocus(source, camera, out, **options):
     in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat), a TIFF
     of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
     pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white or
-    --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it
-    is.
+    --pitch; --focused for a Raytrix camera), or a raw picture of a Lytro camera (.lfp, .lfr).
+    `lf-flame info SOURCE` says what it is.
 
     \b
       lf-flame refocus buddha                              at the sharpest slope
       lf-flame refocus buddha --slope 1.2 --slope -0.4     at these slopes
       lf-flame refocus buddha --sweep -1 2 --map auto      sweep.gif, slope map, all in focus
       lf-flame refocus raw.png --white white.png           any plenoptic camera
+      lf-flame refocus raw.png --focused calibration.xml   a Raytrix camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace

@@ -54,7 +54,7 @@ class Exhibit:
     source : str, optional
         Path in a copied command; without it no command is offered.
     reading : mapping, optional
-        Options for reading the source: views, order, white, pitch, layout, dark.
+        Options for reading the source: views, order, white, pitch, dark and so on.
     with_map : bool, optional
         Whether there is a slope map.
     interpolation : {"linear", "nearest", "cubic", "sinc"}

@@ -13,6 +13,7 @@ import h5py
 import lytro_files
 import numpy as np
 from builders import scene_toml
+from focused_pictures import Camera, Waves
 from PIL import Image
 from scipy.io import savemat
 
@@ -146,6 +147,10 @@ def _write_inputs(folder: Path) -> None:
         "raw": white * np.kron(rng.uniform(0.2, 1.0, (16, 20)), np.ones((10, 10))),
         "view_0": views[0, 0], "view_1": views[1, 0],
     }  # fmt: skip
+    # A picture behind focused lenslets, and their calibration.
+    camera = Camera(shape=(160, 180), offset=(0.0, 0.0))
+    images["focused"] = 255 * camera.record(3.1, Waves())
+    (folder / "focused.xml").write_text(camera.xml())
     # A column of light that flickers, as lenslet images of 3 x 3 views.
     y, x = np.indices((24, 24))
     for k in range(16):

@@ -83,6 +83,7 @@ CALLS = (
     Call("convert simulated/light_field.npz out.npy"),
     Call("convert lenslets.tif out.npy --views 3"),
     Call("convert raw.png out.npy --white white.png"),
+    Call("convert focused.png out.npy --focused focused.xml --views 3"),
     Call("convert views.zip out.npy"),
     Call("convert views.csv out.npy", "view_0.png view_1.png"),
     Call("convert picture.png out.npy --mosaic 3x6"),
