@@ -24,6 +24,14 @@ PENALTIES = ROUGHNESS, VARIATION
 of gradients (total variation), for emission with sharp edges."""
 
 
+MOST_FILLINGS, SEARCHES = 12, 2
+"""Largest number of fits of a light field with unknown rays; and the number of these in which
+strength and foreground are searched for, as the first fits do not know the unknown rays' light."""
+
+FILLED = 2e-3
+"""Largest change of an unknown ray, relative to the brightest, that ends the fits."""
+
+
 @dataclass(frozen=True)
 class FitOptions:
     """Options of `lf_flame.tomography.reconstruct` that all of its fits share."""
@@ -86,19 +94,46 @@ class PlaneFit:
     operator : ProjectionOperator
     gram : FrequencyGram
     options : FitOptions
+    valid : ndarray of bool, shape (v, u, t, s), optional
+        Whether each ray is known; others have weight 0. Default: all are.
     """
 
-    def __init__(self, operator: ProjectionOperator, gram: FrequencyGram, options: FitOptions):
+    def __init__(
+        self,
+        operator: ProjectionOperator,
+        gram: FrequencyGram,
+        options: FitOptions,
+        valid: np.ndarray | None = None,
+    ):
         self.operator, self.gram, self.options = operator, gram, options
+        self.valid = None if valid is None or valid.all() else valid
 
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
         """Fit a light field; if a fit is given, with its strength and foreground, starting from it.
+
+        Unknown rays have weight 0: they take the light that the fit gives them, and the fit is
+        repeated, until they do not change (expectation maximisation: Dempster, Laird, Rubin, J. R.
+        Stat. Soc. B 39, 1, 1977).
 
         Parameters
         ----------
         views : ndarray of float32, shape (v, u, t, s)
         known : Explanation, optional
         """
+        found = self._explain(views, known)
+        if self.valid is None:
+            return found
+        for fits in range(1, MOST_FILLINGS):
+            seen = self.operator.matvec(found.cells.ravel()).reshape(views.shape)
+            change = float(np.abs(seen - views)[~self.valid].max())
+            views = np.where(self.valid, views, seen)
+            if change <= FILLED * float(views.max()):
+                break
+            found = self._explain(views, known if fits < SEARCHES else found)
+        return found
+
+    def _explain(self, views: np.ndarray, known: Explanation | None) -> Explanation:
+        """Fit a light field of which all rays are known."""
         options = self.options
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
@@ -172,7 +207,8 @@ class PlaneFit:
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
         squared = float(np.sum(np.square(views, dtype=np.float64)))
-        return RangeFit(self.gram, stack, squared, views.size)
+        rays = views.size if self.valid is None else np.count_nonzero(self.valid)
+        return RangeFit(self.gram, stack, squared, rays)
 
     def _with_foreground(
         self, problem: RangeFit, draft: Explanation, share: np.ndarray
@@ -184,6 +220,19 @@ class PlaneFit:
         fitting = Fitting(draft.strength, self.options.order, noise_variance(draft.noise), share)
         foreground, cells = find_foreground(problem, noise_alone, draft.cells, fitting)
         return replace(draft, foreground=foreground, cells=cells)
+
+
+def known_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray | None:
+    """Find the blocks of a camera's lenslets of which all pixels are known; None if all are.
+
+    Returns
+    -------
+    ndarray of bool, shape (v, u, t, s), or None
+    """
+    if light_field.valid is None:
+        return None
+    known = LightField.trusted(light_field.valid.astype(np.float32))
+    return average_blocks(known, camera, block) > 1 - 1 / (2 * block**2)
 
 
 def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
@@ -198,7 +247,7 @@ def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int)
     InputError
         If the light field is not grey, or not of that camera.
     """
-    views = light_field.views
+    views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
         raise InputError(

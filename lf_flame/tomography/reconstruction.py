@@ -14,7 +14,13 @@ from lf_flame.tomography.absorption import spread_thickness
 from lf_flame.tomography.background import Level
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.counted_views import fitted_views
-from lf_flame.tomography.data_checks import check_data, check_overlap, check_range, check_spacing
+from lf_flame.tomography.data_checks import (
+    check_data,
+    check_overlap,
+    check_range,
+    check_spacing,
+    check_unknown,
+)
 from lf_flame.tomography.error_bars import (
     check_bootstrap,
     noise_variance,
@@ -31,6 +37,7 @@ from lf_flame.tomography.plane_fit import (
     FitOptions,
     PlaneFit,
     average_blocks,
+    known_blocks,
 )
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import TriedStrength
@@ -172,7 +179,7 @@ def reconstruct(
     ----------
     light_field : LightField
         Grey light field of the grid's camera, black level subtracted, divided by a white image
-        (flat field).
+        (flat field). Unknown pixels (`LightField.valid`) have weight 0.
     grid : FrustumGrid
         Depth planes and cells.
     noise : float, optional
@@ -260,14 +267,22 @@ def reconstruct(
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    fit = PlaneFit(operator, gram, options)
+    valid, unknown = None, ()
+    if (known := known_blocks(light_field, grid.camera, grid.block)) is not None:
+        valid = grid.pick(known)
+        unknown = check_unknown(valid)
+    fit = PlaneFit(operator, gram, options, valid)
     explain = Explainer(fit, grid, thickness)
     level = explain.level(views) if background == FIT else Level(0.0, 0.0)
     views = views - np.float32(level.mean) if level.mean else views
     found, settled = explain(views)
     seen, leaves = explain.seen(found.cells), explain.leaves
+    if valid is not None:
+        views = np.where(valid, views, seen)
     residual = views - seen
-    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
+    rays = np.prod(views.shape[2:]) if valid is None else valid.sum(axis=(2, 3))
+    with np.errstate(invalid="ignore"):  # of a view of which nothing is known
+        chi_squared = np.square(residual, dtype=np.float64).sum(axis=(2, 3)) / rays
     chi_squared = grid.place(chi_squared / noise_variance(found.noise), np.nan)
     # All as the light that leaves towards the camera; noise is the same with absorption.
     smooth = SmoothStack(grid)
@@ -299,6 +314,7 @@ def reconstruct(
         chi_squared=chi_squared,
         warnings=(
             *left_out,
+            *unknown,
             *check_data(
                 views,
                 chi_squared,

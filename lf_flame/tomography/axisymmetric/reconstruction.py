@@ -208,6 +208,7 @@ def reconstruct_axisymmetric(
         chi_squared=chi_squared,
         warnings=(
             *left_out,
+            *((f"{light_field.unknown}.",) if light_field.unknown else ()),
             *departures,
             *misfit,
             *check_data(views, chi_squared, sd, measured, noise is not None, residual=unsaid),
