@@ -31,7 +31,7 @@ JOBS = 4
 are enough rows. It is constant, so that the bits do not depend on the number of threads."""
 
 
-@of_known_pixels
+@of_known_pixels()
 def shift_and_sum(
     light_field: Views,
     slopes: ArrayLike,

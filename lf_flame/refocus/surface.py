@@ -35,7 +35,7 @@ WINDOW = 1.5
 of 15 x 15 for a standard deviation of 5."""
 
 
-@of_known_pixels
+@of_known_pixels()
 def refocus_surface(
     light_field: Views,
     slopes: ArrayLike,
