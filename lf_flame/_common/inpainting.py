@@ -32,7 +32,8 @@ def fill_unknown(images: np.ndarray, known: np.ndarray) -> np.ndarray:
         total, weight = np.zeros((n.size, out.shape[3])), np.zeros(n.size)
         for down, right, share in AROUND:
             beside = n, np.clip(y + down, 0, rows - 1), np.clip(x + right, 0, columns - 1)
-            counts = share * done[beside]
+            inside = (beside[1] == y + down) & (beside[2] == x + right)
+            counts = share * (done[beside] & inside)
             total += counts[:, None] * out[beside]
             weight += counts
         ready = weight > 0

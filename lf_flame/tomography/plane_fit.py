@@ -24,12 +24,16 @@ PENALTIES = ROUGHNESS, VARIATION
 of gradients (total variation), for emission with sharp edges."""
 
 
-MOST_FILLINGS, SEARCHES = 12, 2
-"""Largest number of fits of a light field with unknown rays; and the number of these in which
-strength and foreground are searched for, as the first fits do not know the unknown rays' light."""
+MOST_TURNS, FILLED = 40, 1e-3
+"""Largest number of times that a fit replaces the light of unknown rays, and the largest change,
+relative to the brightest ray, that ends this."""
 
-FILLED = 2e-3
-"""Largest change of an unknown ray, relative to the brightest, that ends the fits."""
+SMOOTH = 1.0
+"""Smallest strength with which unknown rays get their first light."""
+
+BEYOND, PART = 1.8, 4
+"""Factor, below 2, by which a change of unknown rays is exceeded, because rays that no other ray
+crosses change slowly; and the part of the iterations that a repeated fit takes."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ class PlaneFit:
 
         Unknown rays have weight 0: they take the light that the fit gives them, and the fit is
         repeated, until they do not change (expectation maximisation: Dempster, Laird, Rubin, J. R.
-        Stat. Soc. B 39, 1, 1977).
+        Stat. Soc. B 39, 1, 1977). The strength is searched for before and after.
 
         Parameters
         ----------
@@ -123,16 +127,25 @@ class PlaneFit:
         found = self._explain(views, known)
         if self.valid is None:
             return found
-        for fits in range(1, MOST_FILLINGS):
-            seen = self.operator.matvec(found.cells.ravel()).reshape(views.shape)
-            change = float(np.abs(seen - views)[~self.valid].max())
-            views = np.where(self.valid, views, seen)
-            if change <= FILLED * float(views.max()):
-                break
-            found = self._explain(views, known if fits < SEARCHES else found)
-        return found
+        # At first smoothly, as a weak penalty would keep the light that unknown rays hold.
+        views, _ = self._settle(views, replace(found, strength=max(found.strength, SMOOTH)))
+        return self._settle(views, self._explain(views, known))[1]
 
-    def _explain(self, views: np.ndarray, known: Explanation | None) -> Explanation:
+    def _settle(self, views: np.ndarray, found: Explanation) -> tuple[np.ndarray, Explanation]:
+        """Repeat a fit until the light of unknown rays, which it replaces, does not change."""
+        few = max(1, self.options.iterations // PART)
+        for _ in range(MOST_TURNS):
+            seen = self.operator.matvec(found.cells.ravel()).reshape(views.shape)
+            change = np.where(self.valid, 0, seen - views)
+            views = views + np.float32(BEYOND) * change
+            if float(np.abs(change).max()) <= FILLED * float(views.max()):
+                break
+            found = self._explain(views, found, few)
+        return views, found
+
+    def _explain(
+        self, views: np.ndarray, known: Explanation | None, iterations: int | None = None
+    ) -> Explanation:
         """Fit a light field of which all rays are known."""
         options = self.options
         with progress.stage("Preparing the fit"):
@@ -141,7 +154,7 @@ class PlaneFit:
             uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
         sd = measured if options.noise is None else float(options.noise)
         if known is not None:
-            cells = self.again(problem, known, options.iterations)
+            cells = self.again(problem, known, iterations or options.iterations)
             return Explanation(
                 cells, known.foreground, sd, measured, uneven, known.strength, known.tried
             )
