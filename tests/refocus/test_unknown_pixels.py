@@ -5,8 +5,8 @@ import pytest
 
 from lf_flame import InputError, LightField
 from lf_flame.refocus import (
-    all_in_focus,
     align_views,
+    all_in_focus,
     find_sharpest_slope,
     find_slope_range,
     fourier_slice,

@@ -165,7 +165,8 @@ def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray 
     """
     highest = float(image.max())
     if level is not None:
-        return image >= level if highest >= level else None
+        least = level * (1 - np.finfo(np.float32).eps)  # as images are rounded to float32
+        return image >= least if highest >= least else None
     bits = (8, 10, 12, 14, 16)
     full = [2**n - 1 for n in bits] if image.dtype.kind != "f" else []
     scaled = [1.0, *((2**n - 1) / (2**16 - 1) for n in bits[1:])] if not full else []
