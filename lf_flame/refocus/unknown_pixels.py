@@ -23,7 +23,9 @@ BOUND = 1e-3
 Refocusing = TypeVar("Refocusing", bound=Callable[..., np.ndarray])
 
 
-def of_known_pixels(plain: Callable[..., np.ndarray] | None = None) -> Callable:
+def of_known_pixels(
+    plain: Callable[..., np.ndarray] | None = None,
+) -> Callable[[Refocusing], Refocusing]:
     """Make a refocusing method, linear in the views, leave out the unknown pixels.
 
     A refocused pixel is the sum over the known pixels over the sum of their weights (normalised
@@ -67,7 +69,7 @@ def _mean(plain: Callable, own, slopes, interpolation, weights, views: np.ndarra
 
 def _best(light_field: LightField, filled: np.ndarray, mean: Callable) -> np.ndarray:
     """Mean of the known pixels, or that of filled ones, and at least that of what all hold."""
-    views, known = light_field.views, light_field.valid.astype(np.float32)
+    views, known = light_field.views, np.asarray(light_field.valid, np.float32)
     colour = (..., None) if views.ndim == 5 else ...
     share = mean(known)[colour]
     image = mean(views * known[colour]) / np.maximum(share, LEAST_KNOWN)

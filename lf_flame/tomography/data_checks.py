@@ -124,7 +124,7 @@ def check_data(
     return tuple(found)
 
 
-def check_unknown(valid: np.ndarray) -> tuple[str, ...]:
+def check_unknown(valid: np.ndarray | None) -> tuple[str, ...]:
     """Say how many rays are unknown, and what follows.
 
     Raises
@@ -132,6 +132,8 @@ def check_unknown(valid: np.ndarray) -> tuple[str, ...]:
     InputError
         If none is known.
     """
+    if valid is None:
+        return ()
     lost = int(np.count_nonzero(~valid))
     if lost == valid.size:
         raise InputError("A fit needs known pixels, and all of this light field are unknown.")

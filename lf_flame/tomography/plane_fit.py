@@ -133,10 +133,10 @@ class PlaneFit:
 
     def _settle(self, views: np.ndarray, found: Explanation) -> tuple[np.ndarray, Explanation]:
         """Repeat a fit until the light of unknown rays, which it replaces, does not change."""
-        few = max(1, self.options.iterations // PART)
+        few, valid = max(1, self.options.iterations // PART), self.valid is None or self.valid
         for _ in range(MOST_TURNS):
             seen = self.operator.matvec(found.cells.ravel()).reshape(views.shape)
-            change = np.where(self.valid, 0, seen - views)
+            change = np.where(valid, 0, seen - views)
             views = views + np.float32(BEYOND) * change
             if float(np.abs(change).max()) <= FILLED * float(views.max()):
                 break
@@ -220,7 +220,7 @@ class PlaneFit:
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
         squared = float(np.sum(np.square(views, dtype=np.float64)))
-        rays = views.size if self.valid is None else np.count_nonzero(self.valid)
+        rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
         return RangeFit(self.gram, stack, squared, rays)
 
     def _with_foreground(

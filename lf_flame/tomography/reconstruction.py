@@ -267,10 +267,9 @@ def reconstruct(
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
     operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    valid, unknown = None, ()
-    if (known := known_blocks(light_field, grid.camera, grid.block)) is not None:
-        valid = grid.pick(known)
-        unknown = check_unknown(valid)
+    known = known_blocks(light_field, grid.camera, grid.block)
+    valid = None if known is None else grid.pick(known)
+    unknown = check_unknown(valid)
     fit = PlaneFit(operator, gram, options, valid)
     explain = Explainer(fit, grid, thickness)
     level = explain.level(views) if background == FIT else Level(0.0, 0.0)

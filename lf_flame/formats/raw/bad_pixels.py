@@ -41,7 +41,7 @@ class BadPixels(NamedTuple):
     @property
     def lost(self) -> np.ndarray:
         """Whether each pixel has no good neighbour, shape (n,)."""
-        return ~self.good.any(axis=0)
+        return np.logical_not(np.any(self.good, axis=0))
 
     def lost_in(self, shape: tuple[int, ...]) -> np.ndarray:
         """Image of an image's rows and columns, 1 where a pixel is lost: float32, (..., 1)."""

@@ -4,7 +4,6 @@ It is made once for a grid, a white and a dark image, and then decodes any numbe
 """
 
 import logging
-from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -182,7 +181,7 @@ class DecodePlan:
         valid = self._valid
         if saturated is not None:
             # A bad pixel is as saturated as the neighbours that replace it.
-            clipped = self._mended(saturated.any(axis=2, keepdims=True).astype(np.float32))
+            clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
             valid = self._known(valid, self._untouched(clipped))
         return LightField.trusted(
             views if coloured else views[..., 0], weights=weights, valid=valid
@@ -208,8 +207,10 @@ class DecodePlan:
 
     def _known(self, *found: np.ndarray | None) -> np.ndarray | None:
         """Combine what is known of the pixels of the views that count; None if all are known."""
-        some = [one for one in found if one is not None]
-        known = ~self.weights[..., None, None] | reduce(np.logical_and, some, np.True_)
+        known = np.ones((1, 1, 1, 1), bool)
+        for one in found:
+            known = known if one is None else known & one
+        known = known | ~self.weights[..., None, None]
         return None if known.all() else known
 
     def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
