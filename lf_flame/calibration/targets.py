@@ -134,7 +134,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     >>> round(target.slope, 3), round(target.squares_per_lenslet().scale, 4)
     (0.5, 0.125)
     """
-    views, weights = light_field.grey().views, light_field.weights
+    views, weights = light_field.grey().filled, light_field.weights
     v, u, t, s = views.shape
     counted = np.ones((v, u), bool) if weights is None else weights > 0
     if min(v, u) < 3 or counted.sum() < 5:

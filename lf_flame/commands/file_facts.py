@@ -187,5 +187,7 @@ def _views(source: Path) -> Found:
     found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"
     if light_field.uncounted:
         found.facts["weights"] = light_field.uncounted
+    if light_field.unknown:
+        found.facts["unknown pixels"] = light_field.unknown
     found.command = typed("refocus", source)
     return found

@@ -228,10 +228,10 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a .png
     or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]) or
-    .npz (views, and their weights if some do not count). Levels of 8 and 16 bits hold values from 0
-    to 1. Values outside, as in most raw images divided by a white image, are written as floats in
-    TIFF files; where that is impossible (.png, or --bits 8 or 16), they are scaled, and TARGET.json
-    holds the scale.
+    .npz (views, their weights if some do not count, and which pixels are known if some are not).
+    Levels of 8 and 16 bits hold values from 0 to 1. Values outside, as in most raw images divided
+    by a white image, are written as floats in TIFF files; where that is impossible (.png, or --bits
+    8 or 16), they are scaled, and TARGET.json holds the scale.
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
@@ -250,6 +250,11 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
         said = convert_light_field(light_field, target, int(bits) if bits else None, not coded)
     for note in coded:
         click.echo(note, err=True)
-    if light_field.uncounted and target.suffix.lower() != ".npz":
-        click.echo(f"{printable(target)} does not hold which views count; .npz does", err=True)
+    lost = {
+        "which views count": light_field.uncounted,
+        "which pixels are known": light_field.unknown,
+    }
+    if target.suffix.lower() != ".npz" and any(lost.values()):
+        what = " and ".join(name for name, note in lost.items() if note)
+        click.echo(f"{printable(target)} does not hold {what}; .npz does", err=True)
     click.echo(f"{printable(target)} is written{said}")

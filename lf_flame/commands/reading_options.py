@@ -218,7 +218,8 @@ class Reading:
             light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
         click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
-        for note in (light_field.uncounted, *notes_on_values(light_field, source)):
+        kept = light_field.uncounted, light_field.unknown
+        for note in (*kept, *notes_on_values(light_field, source)):
             if note:
                 click.echo(note, err=True)
         return light_field

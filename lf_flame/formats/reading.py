@@ -195,13 +195,13 @@ def _order_of(path: Path, stored: _Stored, stated: _Stated) -> str | None:
 
 
 def _arranged(light_field: LightField, order: str | None) -> LightField:
-    """Reorder the views of a light field, and their weights, from a stated order."""
+    """Reorder the views of a light field, their weights and known pixels, from a stated order."""
     if not order:
         return light_field
-    weights = light_field.weights
+    beside = {"weights": light_field.weights, "valid": light_field.valid}
     return LightField(
         arranged(light_field.views, order),
-        weights=None if weights is None else arranged(weights, order),
+        **{name: None if one is None else arranged(one, order) for name, one in beside.items()},
     )
 
 
@@ -229,7 +229,7 @@ def subtract_dark(
     Returns
     -------
     LightField
-        A view that is missing in either has weight 0.
+        A view that is missing in either has weight 0, and a pixel unknown in either is unknown.
 
     Raises
     ------
@@ -245,8 +245,10 @@ def subtract_dark(
             f"{light_field.views.shape}, got {black.views.shape}."
         )
     weights = [one.weights for one in (light_field, black) if one.weights is not None]
+    valid = [one.valid for one in (light_field, black) if one.valid is not None]
     return replace(
         light_field,
         views=light_field.views - black.views,
         weights=np.prod(weights, axis=0) if weights else None,
+        valid=np.all(valid, axis=0) if valid else None,
     )

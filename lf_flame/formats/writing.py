@@ -22,8 +22,8 @@ def write_light_field(
         Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights``, which no
-        other format stores.
+        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights`` and ``valid``,
+        which no other format stores.
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
@@ -55,8 +55,8 @@ def write_light_field(
             np.save(aside, light_field.views, allow_pickle=False)
     elif suffix == ".npz":
         arrays = {"views": light_field.views}
-        if light_field.weights is not None:
-            arrays["weights"] = light_field.weights
+        beside = {"weights": light_field.weights, "valid": light_field.valid}
+        arrays |= {name: array for name, array in beside.items() if array is not None}
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
     else:

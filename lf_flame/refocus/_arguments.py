@@ -21,8 +21,11 @@ READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 
 
 def as_views(views: Views) -> np.ndarray:
-    """Sub-aperture views of any real type, not copied; NaN and infinity are not checked."""
-    views = views.views if isinstance(views, LightField) else np.asarray(in_order(views))
+    """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
+
+    Unknown pixels of a light field are filled.
+    """
+    views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
             f"A light field needs views[v, u, t, s] with at least one element, real-valued, "

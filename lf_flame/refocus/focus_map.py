@@ -24,6 +24,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import (
     Views,
     as_readable,
@@ -196,7 +197,11 @@ def all_in_focus(
     slope, confidence = _matched(compared, views, window, weights)
     if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
         slope, confidence = _matched(compared, views, window, weights)
-    image = refocus_surface(views, slope, interpolation=interpolation, weights=weights)
+    # The light field's own weights are among these already.
+    own: Views = views
+    if isinstance(light_field, LightField):
+        own = LightField.trusted(light_field.views, valid=light_field.valid)
+    image = refocus_surface(own, slope, interpolation=interpolation, weights=weights)
     return FocusMap(slope, confidence, image)
 
 

@@ -18,6 +18,7 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import shift_taps
+from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 SLOPES_AT_ONCE = 8
 """Number of slopes for each reading of the light field."""
@@ -30,6 +31,7 @@ JOBS = 4
 are enough rows. It is constant, so that the bits do not depend on the number of threads."""
 
 
+@of_known_pixels()
 def shift_and_sum(
     light_field: Views,
     slopes: ArrayLike,

@@ -85,7 +85,10 @@ def counted_views(
     if count == camera.views:
         return light_field, camera, ()
     return (
-        LightField.trusted(np.ascontiguousarray(light_field.views[inner, inner])),
+        LightField.trusted(
+            np.ascontiguousarray(light_field.views[inner, inner]),
+            valid=None if light_field.valid is None else light_field.valid[inner, inner],
+        ),
         replace(camera, views=count, pixel_pitch_mm=camera.pixel_mm),
         (
             f"Only the inner {count} x {count} of the {camera.views} x {camera.views} views are "

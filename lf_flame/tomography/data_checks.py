@@ -124,6 +124,28 @@ def check_data(
     return tuple(found)
 
 
+def check_unknown(valid: np.ndarray | None) -> tuple[str, ...]:
+    """Say how many rays are unknown, and what follows.
+
+    Raises
+    ------
+    InputError
+        If none is known.
+    """
+    if valid is None:
+        return ()
+    lost = int(np.count_nonzero(~valid))
+    if lost == valid.size:
+        raise InputError("A fit needs known pixels, and all of this light field are unknown.")
+    if not lost:
+        return ()
+    return (
+        f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
+        f"emission that hardly another ray sees is a guess from its neighbours, and its error bars "
+        f"are too narrow.",
+    )
+
+
 def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
     """Warn if depth planes are closer to each other than the resolution in depth."""
     steps = np.abs(np.diff(grid.depths_mm))

@@ -117,7 +117,7 @@ def find_axis(
     True
     """
     light_field, camera, _ = counted_views(light_field, camera)
-    views = light_field.views
+    views = light_field.filled
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         raise InputError(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "

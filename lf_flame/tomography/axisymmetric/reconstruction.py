@@ -159,6 +159,7 @@ def reconstruct_axisymmetric(
     # What the misfit already says is not said again.
     checked = None if misfit else residual
     stated = noise is not None
+    unknown = (f"{light_field.unknown}.",) if light_field.unknown else ()
     said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
     return AxisymmetricFlame(
         grid=grid,
@@ -167,7 +168,7 @@ def reconstruct_axisymmetric(
         noise=fit.noise,
         strength=section.options.strength,
         chi_squared=chi_squared,
-        warnings=(*left_out, *departures, *misfit, *said),
+        warnings=(*left_out, *unknown, *departures, *misfit, *said),
         unseen=name_unseen(axis, depth_ratio),
     )
 
