@@ -11,7 +11,7 @@ Any lens whose views meet in its entrance pupil has this form too, with c = e th
 pupil; a lens whose two centres differ keeps both.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from lf_flame._common.arrays import Number
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import LONGEST, SHORTEST
+from lf_flame.optics.lens import Lens
 
 TABLE = "law"
 """Name of the table in a TOML file."""
@@ -28,7 +29,7 @@ TABLE = "law"
 
 @strict
 @dataclass(frozen=True, kw_only=True)
-class CameraLaw:
+class CameraLaw(Lens):
     """Slope and scale of a camera as functions of depth, measured by `fit_law`.
 
     Parameters
@@ -53,6 +54,9 @@ class CameraLaw:
     distortion : float, optional
         Coefficient k of ``r (1 + k r^2)``, the distance r in lenslets from the centre of the image
         without radial distortion, per lenslet squared.
+    aperture_diameter_mm : float, optional
+        Diameter of a round pupil where the views meet. Default: the pupil is as wide as all views,
+        or known by the views that count.
     standard_deviations : dict of str to float, optional
         Standard deviations of the numbers above, by name.
 
@@ -85,6 +89,7 @@ class CameraLaw:
     views: int
     lenslets: tuple[int, int]
     distortion: float = 0.0
+    aperture_diameter_mm: float | None = None
     standard_deviations: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -105,6 +110,9 @@ class CameraLaw:
                 f"depth_range_mm must rise, and lie beyond both centres "
                 f"({self.slope_centre_mm:g} and {self.scale_centre_mm:g}), got {low:g}, {high:g}."
             )
+        diameter = self.aperture_diameter_mm
+        if diameter is not None and not SHORTEST <= diameter <= LONGEST:
+            raise InputError(f"aperture_diameter_mm must be a length above 0, got {diameter}.")
         if self.views < 1 or min(self.lenslets) < 1:
             raise InputError(
                 f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
@@ -170,6 +178,20 @@ class CameraLaw:
         """Distance from the point in which the views meet to the focal plane, in mm."""
         return -self.slope_mm / self.slope_at_infinity
 
+    @property
+    def lenslet_in_focus_mm(self) -> float:
+        """Size in mm of a lenslet's image in the focal plane, which may lie outside the range."""
+        return self.scale * (self.focal_plane_mm - self.scale_centre_mm)
+
+    @property
+    def view_step_mm(self) -> float:
+        """Distance in mm between neighbouring views where they meet, seen from the focal plane."""
+        return abs(self.slope_at_infinity) * self.lenslet_in_focus_mm
+
+    def with_views(self, count: int) -> "CameraLaw":
+        """Law of the inner `count` views along each axis, of the same steps."""
+        return replace(self, views=count)
+
     def check_depths(self, depths_mm: ArrayLike) -> None:
         """Refuse depths outside the range in which the law was measured.
 
@@ -186,27 +208,12 @@ class CameraLaw:
                     f"stood, got {depth:g} mm; calibrate with targets at that depth."
                 )
 
-    def check_views(self, views: tuple[int, ...]) -> None:
-        """Refuse a light field with another number of views: its slopes mean other depths.
-
-        Raises
-        ------
-        InputError
-            If they are not `self.views` each.
-        """
-        if tuple(views[:2]) != (self.views, self.views):
-            raise InputError(
-                f"The calibration is for {self.views} x {self.views} views, but the light field "
-                f"has {views[0]} x {views[1]}: one step between views would be another angle, and "
-                f"each depth wrong; calibrate with pictures of these views."
-            )
-
     def to_toml(self) -> str:
         """Give the law as a table of a TOML file, which `read_law` reads."""
         lines = [f"[{TABLE}]"]
         for one in fields(self):
             value = getattr(self, one.name)
-            if not isinstance(value, dict):
+            if value is not None and not isinstance(value, dict):
                 lines.append(f"{one.name} = {_toml(value)}")
         if self.standard_deviations:
             lines += ["", f"[{TABLE}.standard_deviations]"]

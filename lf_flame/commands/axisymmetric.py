@@ -15,7 +15,9 @@ from lf_flame.errors import InputError
 
 FLAME = cloup.option_group(
     "Where the flame is",
-    cloup.option("--camera", type=FILE, required=True, help="TOML file, or a simulation.json."),
+    cloup.option(
+        "--camera", type=FILE, required=True, help="Calibration, TOML file, or a simulation.json."
+    ),
     cloup.option(
         "--axis-mm",
         type=float,
@@ -24,8 +26,8 @@ FLAME = cloup.option_group(
     cloup.option(
         "--axis-depth",
         type=float,
-        help="Depth of the axis, in mm from the focal plane (default: found; required for a single "
-        "picture).",
+        help="Depth of the axis, in mm from the focal plane, or from the zero of a calibration "
+        "(default: found; required for a single picture).",
     ),
     cloup.option(
         "--radius",
@@ -101,9 +103,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.calibration import read_lens
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.formats.view_files.sources import is_view_folder
-    from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, find_axis, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
@@ -111,7 +113,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
     # Reading and compiling are slow, so everything that can be refused at once comes first.
     check_fit_options(options["noise"], options["strength"], options["bootstrap"])
-    lens = read_camera(camera)
+    lens = read_lens(camera)
     if radius is not None and not 0 < radius <= lens.focus_distance_mm:
         raise InputError(
             f"--radius must be above 0 and at most the camera's focus distance, "

@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,6 +74,14 @@ READING = cloup.option_group(
 """Options for reading a light field."""
 
 
+def tell(words: str) -> None:
+    """Print a line to standard error, above the progress bars that are shown."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(file=sys.stderr):
+        click.echo(words, err=True)
+
+
 def refuse_options(what: str, **options: Any) -> None:
     """Refuse options that are given, by their names."""
     for name, value in options.items():
@@ -130,7 +139,7 @@ class Reading:
         stated = self.white, self.pitch, self.layout, self.views
         with progress.stage(f"Reading {printable(source)}"):
             plan, image = plan_raw(source, *stated, dark=self.dark, bayer=self.bayer)
-        click.echo(f"{printable(source)}: {self._describe(plan.grid)}", err=True)
+        tell(f"{printable(source)}: {self._describe(plan.grid)}")
         return plan, image
 
     def scan(self, source: Path) -> "ViewFolder":
@@ -142,7 +151,7 @@ class Reading:
             bayer=self.bayer, mosaic=self.mosaic, array=self.array,
         )  # fmt: skip
         folder = formats.scan_view_folder(source, self.order, grid=self.grid)
-        click.echo(folder.describe(), err=True)
+        tell(folder.describe())
         return folder
 
     def read_stored(self, source: Path) -> "LightField":
@@ -168,17 +177,17 @@ class Reading:
             light_field = plan.decode(image)
         elif is_view_folder(source):
             folder = self.scan(source)
-            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view", leave=None))
             light_field = subtract_dark(
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
             light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
-        click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        tell(f"{v} x {u} views of {t} x {s} pixels")
         for note in (light_field.uncounted, *notes_on_values(light_field, source)):
             if note:
-                click.echo(note, err=True)
+                tell(note)
         return light_field
 
     def _describe(self, grid: "LensletGrid") -> str:

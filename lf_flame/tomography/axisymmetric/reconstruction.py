@@ -5,7 +5,7 @@ For one view with parallel rays this is Abel's integral equation (Hansen and Law
 the fit is regularised and without negative light.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from lf_flame.tomography.axisymmetric.roundness import (
     check_stated,
     name_unseen,
 )
-from lf_flame.tomography.counted_views import counted_views
+from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import (
     bar_times,
@@ -60,7 +60,8 @@ class AxisymmetricFlame:
     strength : float
         Strength of the regularisation that was used.
     chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each used view, in units of the noise's variance.
+        Mean squared residual of each view, in units of the noise's variance; NaN of views that
+        are not fitted.
     warnings : tuple of str
         Sentences on disagreements of data and model.
     unseen : tuple of str
@@ -155,8 +156,9 @@ def reconstruct_axisymmetric(
     """
     check_fit_options(noise, strength, bootstrap)
     rng = np.random.default_rng(rng)
-    light_field, camera, left_out = counted_views(light_field, grid.camera)
-    grid = replace(grid, camera=camera) if left_out else grid
+    left_out: tuple[str, ...] = ()
+    if grid.which == "all":
+        grid, left_out = fitted_views(light_field, grid)
     views = _looked_at(light_field, grid)
     check_range(views, noise)
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
@@ -182,7 +184,8 @@ def reconstruct_axisymmetric(
     cells = problem.solve(*options, search.nearest(chosen)).cells
     fitted = operator.matvec(cells.ravel()).reshape(views.shape)
     residual = views - fitted
-    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3)) / noise_variance(sd)
+    chi_squared = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
+    chi_squared = grid.place(chi_squared / noise_variance(sd), np.nan)
     by_place = sd * np.sqrt(uneven)
     # The prior's scale is the noise inside the flame, for which the strength was chosen.
     light = max(float(np.sum(cells)), 1e-300)
@@ -197,7 +200,7 @@ def reconstruct_axisymmetric(
     departures = check_roundness(axis) + check_stated(axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
-    misfit = check_misfit(residual, float(views.max()))
+    misfit = check_misfit(grid, residual, float(views.max()))
     unsaid = None if misfit else residual
     return AxisymmetricFlame(
         grid=grid,
@@ -219,7 +222,7 @@ def reconstruct_axisymmetric(
 def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
     """Select the views that a grid uses, averaged over its blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
-        alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
+        alone = grid.camera.with_views(1)
         return average_blocks(light_field, alone, grid.block)
     return grid.pick(average_blocks(light_field, grid.camera, grid.block))
 
