@@ -19,10 +19,9 @@ from lf_flame.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from lf_flame.calibration import CameraLaw
     from lf_flame.formats import DecodePlan, LensletGrid, ViewFolder
     from lf_flame.lightfield import LightField
-    from lf_flame.optics.camera import PlenopticCamera
+    from lf_flame.optics.lens import Lens
 
 READING = cloup.option_group(
     "How the light field is read",
@@ -105,7 +104,7 @@ class Reading:
     dark: Path | None = None
     bayer: str | None = None
 
-    def for_camera(self, source: Path, lens: "PlenopticCamera | CameraLaw | None") -> "Reading":
+    def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image."""
         from lf_flame.formats.view_files.sources import is_view_folder
 

@@ -88,7 +88,7 @@ def check_job(
         If a slope shifts views by more than the image, a sweep or a slope map has no length, or the
         network cannot take the light field or a slope.
     """
-    limit = farthest_slope(job.light_field.views)
+    limit = farthest_slope(job.light_field)
     wrong = [slope for slope in (*slopes, *sweep, *slope_map) if not abs(slope) <= limit]
     if wrong:
         raise InputError(
