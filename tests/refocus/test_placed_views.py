@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from PIL import Image
 
-from lf_flame import InputError, LightField, write_light_field
+from lf_flame import InputError, LightField, read_light_field, write_light_field
+from lf_flame.commands.cli import commands
+from lf_flame.formats import scan_view_folder
 from lf_flame.refocus import (
-    all_in_focus,
     align_views,
+    all_in_focus,
     farthest_slope,
     find_sharpest_slope,
     shift_and_sum,
@@ -102,3 +106,65 @@ def test_positions_that_cannot_be_used_are_refused(positions, said):
         LightField(np.ones((9, 1, 4, 4)), positions=positions)
     with pytest.raises(InputError, match="one column"):
         LightField(np.ones((3, 3, 4, 4)), positions=np.ones((3, 3, 2)))
+
+
+def written(folder, names, slope=1.1):
+    """Pictures of the array under other names; the values are scaled to 8 bits."""
+    for name, view in zip(names, array_of(slope).views[:, 0], strict=True):
+        Image.fromarray(np.uint8(np.rint(8 * view + 128))).save(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [("y{0:.3f}_x{1:.3f}.png", None), ("cam {1:.3f} {2:.3f}.png", "col,-row")],
+)
+def test_positions_are_read_from_names(tmp_path, name, order):
+    """In any unit; a step is the usual distance of neighbours."""
+    unit = 25.0
+    names = [name.format(unit * y, unit * x, -unit * y) for y, x in PLACES]
+    folder = written(tmp_path, names)
+    found = read_light_field(folder, order=order)
+    apart = np.hypot(*(PLACES[:, None] - PLACES).transpose(2, 0, 1)) + 9 * np.eye(9)
+    step = np.median(apart.min(axis=0))
+    by_name = sorted(range(9), key=lambda k: names[k])
+    wanted = (PLACES * unit).round(3)[by_name] / unit / step
+    np.testing.assert_allclose(found.positions[:, 0], wanted, atol=5e-4)
+    assert find_sharpest_slope(found).slope == pytest.approx(1.1 * step, abs=0.01)
+    assert f"a step of {unit * step:.5g}"[:12] in scan_view_folder(folder, order).describe()
+    dark = read_light_field(folder, order=order, dark=folder)
+    assert not dark.views.any()
+    assert dark.positions is not None
+
+
+def test_positions_are_read_from_a_list_and_even_ones_stay_a_grid(tmp_path):
+    folder = written(tmp_path, [f"v{k}.png" for k in range(9)])
+    rows = [f"v{k}.png,{y:.4f},{x:.4f}" for k, (y, x) in enumerate(PLACES)]
+    (folder / "a.csv").write_text("\n".join(rows))
+    found = read_light_field(folder / "a.csv")
+    assert find_sharpest_slope(found).confidence > 0.5
+    assert found.positions.shape == (9, 1, 2)
+    # A full grid of unequal steps is none of equal ones.
+    for steps, shape in (((-1.5, 0.0, 2.1), (9, 1)), ((-1.5, 0.0, 1.5), (3, 3))):
+        places = [(y, x) for y in steps for x in steps]
+        rows = [f"v{k}.png,{y},{x}" for k, (y, x) in enumerate(places)]
+        (folder / "a.csv").write_text("\n".join(rows))
+        assert read_light_field(folder / "a.csv").views.shape[:2] == shape
+    (folder / "a.csv").write_text("v0.png,0.5,0.1\nv1.png,1.7,1.2\nv2.png,0.1,4.1")
+    with pytest.raises(InputError, match="snake is for a grid"):
+        read_light_field(folder / "a.csv", order="snake")
+
+
+def test_the_program_refocuses_an_array_on_no_grid(tmp_path):
+    folder = written(tmp_path, [f"y{y:.3f}_x{x:.3f}.png" for y, x in PLACES])
+    words = ["refocus", str(folder), "--search", "--map", "-1", "3", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(commands, words)
+    assert done.exit_code == 0, done.output
+    assert "the views stand on no grid: slopes are for a step of" in done.output
+    for option in (
+        ("--aperture", "0.5"),
+        ("--slope", "1", "--slope-of", "hci"),
+        ("--map", "auto"),
+    ):
+        refused = CliRunner().invoke(commands, [*words[:2], *option, "--out", words[-1]])
+        assert "views on a grid of equal steps" in str(refused.exception)
