@@ -20,8 +20,15 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import Number
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.optics.lens import Lens
+
+MOSTLY_DARK = 0.5
+"""Brightness relative to the central view below which a view does not count."""
+
+LARGEST_LEVEL = 100.0
+"""Largest brightness of a view relative to the central one; a larger one is a mistake."""
 
 TABLE = "law"
 """Name of the table in a TOML file."""
@@ -57,6 +64,9 @@ class CameraLaw(Lens):
     aperture_diameter_mm : float, optional
         Diameter of a round pupil where the views meet. Default: the pupil is as wide as all views,
         or known by the views that count.
+    fall_off : tuple of tuple of float, optional
+        Brightness of each view, row by row, relative to the central one, above 0; 0 of a view that
+        does not count. Default: all are alike.
     standard_deviations : dict of str to float, optional
         Standard deviations of the numbers above, by name.
 
@@ -90,6 +100,7 @@ class CameraLaw(Lens):
     lenslets: tuple[int, int]
     distortion: float = 0.0
     aperture_diameter_mm: float | None = None
+    fall_off: tuple[tuple[float, ...], ...] | None = None
     standard_deviations: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -116,6 +127,23 @@ class CameraLaw(Lens):
         if self.views < 1 or min(self.lenslets) < 1:
             raise InputError(
                 f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
+            )
+
+        if self.fall_off is not None:
+            self._check_fall_off()
+
+    def _check_fall_off(self) -> None:
+        """Refuse a fall-off of other views, or of none that counts."""
+        try:
+            levels = np.array(self.fall_off, float)
+        except ValueError:
+            levels = np.empty(0)
+        if levels.shape != (self.views, self.views) or not (
+            np.all((levels >= 0) & (levels < LARGEST_LEVEL)) and levels.any()
+        ):
+            raise InputError(
+                f"fall_off must be {self.views} rows of {self.views} numbers from 0 to "
+                f"{LARGEST_LEVEL:g}, not all 0."
             )
 
     def depth_to_slope(self, depth_mm: Number) -> Number:
@@ -190,7 +218,23 @@ class CameraLaw(Lens):
 
     def with_views(self, count: int) -> "CameraLaw":
         """Law of the inner `count` views along each axis, of the same steps."""
-        return replace(self, views=count)
+        out = (self.views - count) // 2
+        inner = slice(out, out + count)
+        rows = None if self.fall_off is None else [row[inner] for row in self.fall_off[inner]]
+        return replace(self, views=count, fall_off=None if rows is None else tuple(rows))
+
+    def levelled(self, light_field: LightField) -> LightField:
+        """Divide views by their fall-off; those that are mostly dark get weight 0."""
+        if self.fall_off is None or light_field.views.shape[:2] != (self.views, self.views):
+            return light_field
+        levels = np.array(self.fall_off, np.float32)
+        lit = levels >= MOSTLY_DARK
+        own = np.ones(levels.shape) if light_field.weights is None else light_field.weights
+        weights = light_field.weights if lit.all() else own * lit
+        per_view = np.where(lit, levels, 1).reshape(
+            levels.shape + (1,) * (light_field.views.ndim - 2)
+        )
+        return replace(light_field, views=light_field.views / per_view, weights=weights)
 
     def check_depths(self, depths_mm: ArrayLike) -> None:
         """Refuse depths outside the range in which the law was measured.

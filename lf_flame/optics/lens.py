@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lf_flame._common.arrays import Number
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 
 
 class Lens:
@@ -61,6 +62,10 @@ class Lens:
     def distance_mm(self, depth_mm: float) -> float:
         """Distance in mm from the point in which the views meet to a depth."""
         return self.focus_distance_mm + depth_mm - self.focal_plane_mm
+
+    def levelled(self, light_field: LightField) -> LightField:
+        """Bring all views to one brightness, where the lens says how they differ: here not."""
+        return light_field
 
     def check_views(self, views: tuple[int, ...]) -> None:
         """Refuse a light field with another number of views: its slopes mean other depths.

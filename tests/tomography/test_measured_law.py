@@ -64,6 +64,16 @@ def test_views_in_the_pupil_are_chosen_by_its_stated_diameter(law, flame):
     assert distance(reconstruct(flame[0], grid).emission, flame[1]) < 0.02
 
 
+def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
+    fall = 1 - 0.03 * np.hypot(*np.mgrid[-3:4, -3:4])
+    darker = LightField(flame[0].views * fall[..., None, None])
+    depths = [-1.0, -8.0]
+    known = replace(law, fall_off=tuple(map(tuple, fall.tolist())))
+    found = reconstruct(darker, FrustumGrid(known, depths))
+    assert distance(found.emission, flame[1]) < 0.01
+    assert distance(reconstruct(darker, FrustumGrid(law, depths)).emission, flame[1]) > 0.05
+
+
 def test_depths_without_targets_are_refused(law):
     with pytest.raises(InputError, match="from -16 to 8 mm, where targets stood, got 9 mm"):
         FrustumGrid(law, [9.0, 0.0])

@@ -157,9 +157,10 @@ def reconstruct_axisymmetric(
     check_fit_options(noise, strength, bootstrap)
     rng = np.random.default_rng(rng)
     left_out: tuple[str, ...] = ()
+    even = grid.camera.levelled(light_field)
     if grid.which == "all":
-        grid, left_out = fitted_views(light_field, grid)
-    views = _looked_at(light_field, grid)
+        grid, left_out = fitted_views(even, grid)
+    views = _looked_at(even, grid)
     check_range(views, noise)
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
     axis = find_axis(light_field, grid.camera, depth)
