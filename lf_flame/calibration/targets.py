@@ -228,7 +228,7 @@ def _brightness(views, chosen: np.ndarray, slope: float, box: np.ndarray) -> np.
     high = np.floor(np.minimum(box[1], np.array(views.shape[2:]) - 1 - reach)).astype(int)
     if np.any(high - low < 2):  # moved by nearly the whole image
         return np.full(len(chosen), np.nan)
-    aligned = align_views(views, slope, chosen)
+    aligned = align_views(views, slope, [(int(v), int(u)) for v, u in chosen])
     part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
     return part.mean(axis=(1, 2), dtype=np.float64)
 

@@ -76,6 +76,24 @@ def test_a_picture_is_refocused_at_a_depth_by_the_calibration(boards, tmp_path):
     assert np.isnan(depths[(slopes < near - 2e-3) | (slopes > far + 2e-3)]).all()
 
 
+def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
+    """The views meet as far before the first as the lens is, within the stated error."""
+    folder = tmp_path / "steps"
+    folder.mkdir()
+    for number, distance in enumerate((380.0, 400.0, 420.0, 440.0)):
+        picture = BENCH.picture(distance, 5.0, noise=0.005, seed=number, fine=4)
+        write_light_field(picture, folder / f"b{number}.npz")
+    words = ("--square-mm", 5, "--step-mm", 20, "--out", tmp_path / "out")
+    done = call("calibrate", *sorted(folder.iterdir()), *words)
+    assert done.exit_code == 0, done.output
+    law = read_law(tmp_path / "out" / "calibration.toml")
+    error = 3 * law.standard_deviations["slope_centre_mm"]
+    assert law.slope_centre_mm == pytest.approx(-380, abs=error)
+    assert error < 6
+    assert f"views meet at z = {law.slope_centre_mm:.2f} +-" in done.output
+    assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
+
+
 def test_emission_is_found_by_the_calibration(boards, tmp_path):
     """A board is a sheet that glows as its squares do; cells are in mm, depths from the zero."""
     placed, out, _ = boards
@@ -145,6 +163,8 @@ def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
         (lambda placed: placed[:2], "3 different distances"),
         (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
         (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
+        (lambda placed: [*placed, "--step-mm", 10], "and not both"),
+        (lambda placed: [*placed[:1], placed[1].partition("@")[0], "--step-mm", 9], "not both"),
         (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),
         (lambda placed: [*placed[:3], placed[0].replace("@-25", "@25")], "which picture"),
     ],
