@@ -138,7 +138,7 @@ def _with_depths(
             f"targets at equal steps."
         )
     return [
-        (path, number * step_mm if depth is None else depth)
+        (path, number * (step_mm or 0.0) if depth is None else depth)
         for number, (path, depth) in enumerate(placed)
     ]
 
