@@ -58,6 +58,24 @@ def as_valid(valid: ArrayLike, shape: tuple[int, ...]) -> np.ndarray | None:
     return None if known.all() else known
 
 
+def _as_positions(positions: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Check positions of views, shape (v, 1, 2), and give them as float64."""
+    try:
+        positions = np.asarray(positions, float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"positions must be numbers, two for each view, got {positions!r}."
+        ) from None
+    if positions.shape != (*shape, 2) or shape[1] != 1:
+        raise InputError(
+            f"positions must be two numbers for each view of one column, of shape (v, 1, 2), got "
+            f"shape {positions.shape} for {shape[0]} x {shape[1]} views."
+        )
+    if not np.all(np.isfinite(positions)) or not np.ptp(positions) > 0:
+        raise InputError("positions of views must be finite, and not all the same.")
+    return positions
+
+
 AXES = ("v", "u", "t", "s", "channel")
 """Axis names of an `xarray.DataArray`, in the order of `LightField.views`."""
 
@@ -101,6 +119,10 @@ class LightField:
         is bad, or its lenslet is too dark. The value that an unknown pixel holds counts as a lower
         bound of its light. Refocusing and fits leave unknown pixels out; all else takes them
         from `filled`. Default: all are known.
+    positions : array_like, shape (v, 1, 2), optional
+        Place of each view, down and right, in view steps, where views stand on no grid, as those of
+        many arrays of cameras; they are then the rows of one column. `lf_flame.refocus` shifts each
+        by the slope times its distance from their mean. Default: a grid of equal steps.
 
     Raises
     ------
@@ -128,6 +150,7 @@ class LightField:
     plan: Any = None
     weights: np.ndarray | None = None
     valid: np.ndarray | None = None
+    positions: np.ndarray | None = None
 
     def __post_init__(self):
         views = np.asarray(in_order(self.views))
@@ -148,6 +171,8 @@ class LightField:
             object.__setattr__(self, "weights", weights)
         if self.valid is not None:
             object.__setattr__(self, "valid", as_valid(self.valid, views.shape[:4]))
+        if self.positions is not None:
+            object.__setattr__(self, "positions", _as_positions(self.positions, views.shape[:2]))
 
     @classmethod
     def trusted(
@@ -156,11 +181,12 @@ class LightField:
         plan: Any = None,
         weights: np.ndarray | None = None,
         valid: np.ndarray | None = None,
+        positions: np.ndarray | None = None,
     ) -> "LightField":
         """Wrap contiguous float32 views that are known to be finite, without checking them."""
         light_field = object.__new__(cls)
         given = {"views": views, "plan": plan, "weights": weights, "valid": valid}
-        for name, value in given.items():
+        for name, value in (given | {"positions": positions}).items():
             object.__setattr__(light_field, name, value)
         return light_field
 
@@ -231,7 +257,7 @@ class LightField:
         if self.views.ndim == 4:
             return self
         mean = self.views.mean(axis=4, dtype=np.float64).astype(np.float32)
-        return LightField.trusted(mean, self.plan, self.weights, self.valid)
+        return LightField.trusted(mean, self.plan, self.weights, self.valid, self.positions)
 
     @cached_property
     def filled(self) -> np.ndarray:
@@ -263,7 +289,8 @@ class LightField:
     def _words(self) -> str:
         v, u, t, s = self.views.shape[:4]
         kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
-        return f"{v} x {u} views of {t} x {s} pixels, {kind}"
+        placed = "" if self.positions is None else ", each at its own position"
+        return f"{v} x {u} views of {t} x {s} pixels, {kind}{placed}"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
@@ -310,3 +337,19 @@ class LightField:
         white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
         levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
         return picture(levels, "Central view") + paragraph(f"Light field: {self._words}")
+
+
+def refuse_placed(light_field: Any, what: str) -> None:
+    """Refuse a light field whose views have positions of their own.
+
+    Raises
+    ------
+    InputError
+        With `what`, which cannot take it, as the subject.
+    """
+    if getattr(light_field, "positions", None) is not None:
+        raise InputError(
+            f"{what} needs views on a grid of equal steps, and these views stand at positions of "
+            f"their own; shift_and_sum, find_sharpest_slope and all_in_focus take them (lf-flame "
+            f"refocus)."
+        )

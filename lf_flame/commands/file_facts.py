@@ -63,6 +63,7 @@ def _folder(source: Path) -> Found:
     kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
     found = Found(f"{kind} with one image for each view")
     v, u = folder.files.shape
+    found.shape = (v, u, rows, columns)
     colour = "grey" if channels < 3 else "colour"
     found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
     found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
@@ -181,7 +182,7 @@ def _views(source: Path) -> Found:
 
     light_field = formats.read_light_field(source)
     v, u, t, s, *channels = light_field.views.shape
-    found = Found("light field")
+    found = Found("light field", shape=(v, u, t, s))
     colour = f"{channels[0]} channels" if channels else "grey"
     found.facts["views"] = f"{v} x {u}, of {t} x {s} pixels, {colour}"
     found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"

@@ -65,6 +65,7 @@ def refocus(source, camera, out, **options):
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
+    from lf_flame.lightfield import refuse_placed
 
     focus, look, reading = (_pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = read_lens(camera) if camera else None
@@ -79,6 +80,8 @@ def refocus(source, camera, out, **options):
         views = light_field.views.shape[:2]
         if lens is not None:
             lens.check_views(views)
+        if focus.slope_of != Focus().slope_of:
+            refuse_placed(light_field, "--slope-of")
         focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
         job = RefocusJob(light_field, look.options(views, lens), network, lens, **look.brightness)

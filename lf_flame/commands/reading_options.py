@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +19,9 @@ from lf_flame.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from lf_flame.calibration import CameraLaw
     from lf_flame.formats import DecodePlan, FocusedPlan, LensletGrid, ViewFolder
     from lf_flame.lightfield import LightField
-    from lf_flame.optics.camera import PlenopticCamera
+    from lf_flame.optics.lens import Lens
 
 READING = cloup.option_group(
     "How the light field is read",
@@ -84,6 +84,14 @@ READING = cloup.option_group(
 """Options for reading a light field."""
 
 
+def tell(words: str) -> None:
+    """Print a line to standard error, above the progress bars that are shown."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(file=sys.stderr):
+        click.echo(words, err=True)
+
+
 def refuse_options(what: str, **options: Any) -> None:
     """Refuse options that are given, by their names."""
     for name, value in options.items():
@@ -109,7 +117,7 @@ class Reading:
     focused: Path | None = None
     virtual_depth: float | None = None
 
-    def for_camera(self, source: Path, lens: "PlenopticCamera | CameraLaw | None") -> "Reading":
+    def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
         """Take the number of views from a camera, if the source is a raw or a lenslet image.
 
         Raises
@@ -170,7 +178,7 @@ class Reading:
                     white=self.white, dark=self.dark, bayer=self.bayer,
                 )  # fmt: skip
                 said = plan.lenslets.describe()
-        click.echo(f"{printable(source)}: {said}", err=True)
+        tell(f"{printable(source)}: {said}")
         return plan, image
 
     def scan(self, source: Path) -> "ViewFolder":
@@ -183,7 +191,7 @@ class Reading:
             virtual_depth=self.virtual_depth,
         )  # fmt: skip
         folder = formats.scan_view_folder(source, self.order, grid=self.grid)
-        click.echo(folder.describe(), err=True)
+        tell(folder.describe())
         return folder
 
     def read_stored(self, source: Path) -> "LightField":
@@ -210,18 +218,18 @@ class Reading:
             light_field = plan.decode(image)
         elif is_view_folder(source):
             folder = self.scan(source)
-            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view", leave=None))
             light_field = subtract_dark(
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
             light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
-        click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
+        tell(f"{v} x {u} views of {t} x {s} pixels")
         kept = light_field.uncounted, light_field.unknown
         for note in (*kept, *notes_on_values(light_field, source)):
             if note:
-                click.echo(note, err=True)
+                tell(note)
         return light_field
 
     def _describe(self, grid: "LensletGrid") -> str:

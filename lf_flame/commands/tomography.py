@@ -18,14 +18,18 @@ PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 def _read_camera(path: Path | None):
+    from lf_flame.calibration import read_lens
     from lf_flame.optics.camera import PAPER_CAMERA
-    from lf_flame.scenes.scene_files import read_camera
 
-    return read_camera(path) if path else PAPER_CAMERA
+    return read_lens(path) if path else PAPER_CAMERA
 
 
 @cloup.command()
-@click.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
+@click.option(
+    "--camera",
+    type=FILE,
+    help="Calibration, TOML file with a [camera] table, or a simulation.json.",
+)
 @click.option(
     "--thickness",
     "thickness_mm",
@@ -69,7 +73,8 @@ DEPTHS = cloup.option_group(
         nargs=3,
         type=float,
         metavar="FROM TO STEP",
-        help="Evenly spaced depth planes, both ends included, in mm from the focal plane.",
+        help="Evenly spaced depth planes, both ends included, in mm from the focal plane, or "
+        "from the zero of a calibration.",
     ),
     cloup.option(
         "--depth-mm",
@@ -91,7 +96,9 @@ DEPTHS = cloup.option_group(
 FITTING = cloup.option_group(
     "How it is fitted",
     cloup.option(
-        "--camera", type=FILE, help="TOML file with a [camera] table, or simulation.json."
+        "--camera",
+        type=FILE,
+        help="Calibration, TOML file with a [camera] table, or simulation.json.",
     ),
     cloup.option(
         "--noise",

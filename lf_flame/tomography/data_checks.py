@@ -177,7 +177,8 @@ def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
     steps = sum(float(np.sum(np.square(np.diff(emission, axis=axis)))) for axis in (1, 2))
     if not steps > 0:
         return ()
-    period = 2 * np.pi * grid.cell_mm(0.0) * float(np.sqrt(power.sum() / steps))
+    cell = grid.block * grid.camera.lenslet_in_focus_mm
+    period = 2 * np.pi * cell * float(np.sqrt(power.sum() / steps))
     blur = depth_blur(grid.camera, period)
     apart = np.abs(np.subtract.outer(grid.depths_mm, grid.depths_mm))
     alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-30))

@@ -8,7 +8,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.refocus import align_views
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.error_bars import (
@@ -286,7 +286,7 @@ class PlaneFit:
         return replace(draft, foreground=foreground, cells=cells)
 
 
-def known_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray | None:
+def known_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray | None:
     """Find the blocks of a camera's lenslets of which all pixels are known; None if all are.
 
     Returns
@@ -299,7 +299,7 @@ def known_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -
     return average_blocks(known, camera, block) > 1 - 1 / (2 * block**2)
 
 
-def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
+def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
     """Average blocks of a camera's lenslets.
 
     Returns

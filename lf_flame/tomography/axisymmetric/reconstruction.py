@@ -5,7 +5,7 @@ For one view with parallel rays this is Abel's integral equation (Hansen and Law
 the fit is regularised and without negative light.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from lf_flame.tomography.axisymmetric.roundness import (
     name_unseen,
 )
 from lf_flame.tomography.axisymmetric.section_fit import SectionFit
-from lf_flame.tomography.counted_views import counted_views
+from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
 from lf_flame.tomography.plane_fit import average_blocks
@@ -44,7 +44,8 @@ class AxisymmetricFlame:
     strength : float
         Strength of the regularisation that was used.
     chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each used view, in units of the noise's variance.
+        Mean squared residual of each view, in units of the noise's variance; NaN of views that
+        are not fitted.
     warnings : tuple of str
         Sentences on disagreements of data and model.
     unseen : tuple of str
@@ -139,9 +140,11 @@ def reconstruct_axisymmetric(
     """
     check_fit_options(noise, strength, bootstrap)
     rng = np.random.default_rng(rng)
-    light_field, camera, left_out = counted_views(light_field, grid.camera)
-    grid = replace(grid, camera=camera) if left_out else grid
-    views = _looked_at(light_field, grid)
+    left_out: tuple[str, ...] = ()
+    even = grid.camera.levelled(light_field)
+    if grid.which == "all":
+        grid, left_out = fitted_views(even, grid)
+    views = _looked_at(even, grid)
     check_range(views, noise)
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
     axis = find_axis(light_field, grid.camera, depth)
@@ -149,13 +152,13 @@ def reconstruct_axisymmetric(
     section = fit.solve(strength)
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
-    chi_squared = power / noise_variance(fit.noise)
+    chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
     draws = fit.draw(section, bootstrap, rng)
     depth_ratio = fit.depth_ratio(section)
     departures = check_roundness(axis) + check_stated(axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
-    misfit = check_misfit(residual, float(views.max()))
+    misfit = check_misfit(grid, residual, float(views.max()))
     # What the misfit already says is not said again.
     checked = None if misfit else residual
     stated = noise is not None
@@ -176,7 +179,7 @@ def reconstruct_axisymmetric(
 def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
     """Select the views that a grid uses, averaged over its blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
-        alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
+        alone = grid.camera.with_views(1)
         return average_blocks(light_field, alone, grid.block)
     return grid.pick(average_blocks(light_field, grid.camera, grid.block))
 
