@@ -125,7 +125,7 @@ compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## se
 RECORDS := bounds dataset-making effects hard-cases screenshots slope-maps system-scenes
 .PHONY: $(RECORDS)
 bounds:  ## hold the bounds of the effect plan against random scenes (half an hour)
-dataset-making:  ## measure how fast data sets are made, and kill workers (idle machine)
+dataset-making:  ## measure how fast data sets are made (idle machine)
 effects:  ## set every effect beside a reference tracer
 hard-cases:  ## compute hard cases exactly, by the obvious formula, and by lf_flame
 screenshots:  ## take the pictures of the viewer for the documentation (needs Chromium, JupyterLab)

@@ -4,15 +4,16 @@ import resource
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from experiments import _kernels
 
-REPETITIONS, SHORT_S, LONG_S = 3, 0.3, 5.0
-"""Runs of which the fastest counts; more until SHORT_S have passed, no further one after LONG_S."""
+ROUNDS, SHORT_S, LONG_S = 3, 0.3, 5.0
+"""Usual rounds: this number; more until SHORT_S have passed, none that begins after LONG_S."""
 
 BLOCK = (256, 2**18)
 """Rows and float32 elements of what is read to measure the bandwidth: 256 MiB, beyond caches."""
@@ -22,18 +23,93 @@ READINGS = 20
 MOST_CALLS_IN_A_TURN = 100
 
 
-def race(*calls: Callable[[], np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Run calls in turn a few times: seconds[call, run] in rising order, and the images."""
-    rounds, spent = [], 0.0
-    while (len(rounds) < REPETITIONS or spent < SHORT_S) and spent < LONG_S:
-        seconds, images = [], []
-        for call in calls:
-            start = time.perf_counter()
-            images.append(call())
-            seconds.append(time.perf_counter() - start)
-        rounds.append(seconds)
-        spent += sum(seconds)
-    return np.sort(np.transpose(rounds), axis=1), images
+@dataclass(frozen=True)
+class Times:
+    """Times of calls that were made in turn.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (calls, rounds)
+    results : list
+        What each call returned the last time.
+    every : list of list of float
+        All times of each call, where calls are repeated in their turn.
+    """
+
+    seconds: np.ndarray
+    results: list
+    every: list
+
+    @property
+    def best(self) -> np.ndarray:
+        """Shortest time of each call."""
+        return self.seconds.min(axis=1)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Distance of the lower quartile of each call from its shortest time, in seconds."""
+        return np.percentile(self.seconds, 25, axis=1) - self.best
+
+    def ratio(self, call: int, other: int) -> tuple[float, float, float]:
+        """Time of a call over that of another in the same round: median and quartiles."""
+        ratios = self.seconds[call] / self.seconds[other]
+        median, low, high = np.percentile(ratios, (50, 25, 75)).tolist()
+        return median, low, high
+
+
+def in_turn(
+    *calls: Callable[[], Any],
+    rounds: int | None = None,
+    least_s: float | None = None,
+    turn_s: float = 0.0,
+    warm_up: bool = True,
+    timed: bool = False,
+) -> Times:
+    """Time calls in turn, round by round, so that other load on the machine hits all alike.
+
+    Parameters
+    ----------
+    *calls : callable
+    rounds : int, optional
+        Number of rounds, at least. Default: `ROUNDS`, fewer where they take longer than `LONG_S`.
+    least_s : float, optional
+        Seconds for which rounds go on. Default: `SHORT_S`, or 0 where `rounds` is given.
+    turn_s : float, optional
+        Seconds for which a call is repeated in its turn, the shortest time counting: a short call
+        is then not always timed with the caches that a long one has left.
+    warm_up : bool, optional
+        Whether a first round does not count, in which loops are compiled.
+    timed : bool, optional
+        Whether the calls return their own seconds.
+    """
+    most_s = LONG_S if rounds is None else np.inf
+    least_s = (SHORT_S if rounds is None else 0.0) if least_s is None else least_s
+    rounds = ROUNDS if rounds is None else rounds
+    if warm_up:
+        _round(calls, 0.0, timed)
+    found, started = [], time.perf_counter()
+    every: list[list[float]] = [[] for _ in calls]
+    while True:
+        turns, results = zip(*_round(calls, turn_s, timed), strict=True)
+        found.append([min(turn) for turn in turns])
+        for times, turn in zip(every, turns, strict=True):
+            times += turn
+        spent = time.perf_counter() - started
+        if spent >= most_s or (len(found) >= rounds and spent >= least_s):
+            return Times(np.transpose(found), list(results), every)
+
+
+def _round(calls, turn_s: float, timed: bool) -> list[tuple[list[float], Any]]:
+    return [_turn(call, turn_s, timed) for call in calls]
+
+
+def _turn(call: Callable, turn_s: float, timed: bool) -> tuple[list[float], Any]:
+    times: list[float] = []
+    while not times or (sum(times) < turn_s and len(times) < MOST_CALLS_IN_A_TURN):
+        started = time.perf_counter()
+        result = call()
+        times.append(result if timed else time.perf_counter() - started)
+    return times, result
 
 
 def seconds(call: Callable) -> float:
@@ -43,44 +119,14 @@ def seconds(call: Callable) -> float:
     return time.perf_counter() - started
 
 
-def best_of(rounds: int, *calls: Callable) -> list[float]:
-    """Shortest times of some calls, in seconds, made in turn after one round of warming up."""
-    return best_times(rounds, 0.0, [partial(seconds, call) for call in calls])
-
-
-def best_times(rounds: int, turn_s: float, clocks: list[Callable[[], float]]) -> list[float]:
-    """Shortest times of calls that time themselves, in turn after one round of warming up.
-
-    A call is repeated until its turn has lasted `turn_s`, so that a short one is not always timed
-    with the caches that a long one has left.
-    """
-    times = [[] for _ in clocks]
-    for round_ in range(rounds + 1):
-        for clock, found in zip(clocks, times, strict=True):
-            shortest = _turn(clock, turn_s)
-            if round_:
-                found.append(shortest)
-    return [min(found) for found in times]
-
-
-def _turn(clock: Callable[[], float], turn_s: float) -> float:
-    found = [clock()]
-    while sum(found) < turn_s and len(found) < MOST_CALLS_IN_A_TURN:
-        found.append(clock())
-    return min(found)
-
-
 def measure_bandwidth() -> float:
-    """Measure how fast all cores together read from memory, in bytes per second: the best of some.
+    """Measure how fast all cores together read from memory, in bytes per second.
 
-    Apart from the rounds, because compiled loops leave threads that keep watch for a while.
+    Apart from other calls, because compiled loops leave threads that keep watch for a while.
     """
-    rows, sums, seconds = np.ones(BLOCK, np.float32), np.empty(BLOCK[0], np.float32), []
-    for _ in range(READINGS):
-        begun = time.perf_counter()
-        _kernels.sum_rows(rows, sums)
-        seconds.append(time.perf_counter() - begun)  # the first compiles, and is not the best
-    return rows.nbytes / min(seconds)
+    rows, sums = np.ones(BLOCK, np.float32), np.empty(BLOCK[0], np.float32)
+    (best,) = in_turn(lambda: _kernels.sum_rows(rows, sums), rounds=READINGS).best
+    return rows.nbytes / best
 
 
 def forget_peak_memory() -> None:

@@ -6,6 +6,7 @@ lenslet image is ``raw[t * N + v, s * N + u]``: micro-image pixels in sensor ord
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,44 @@ def as_view_weights(weights: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     if not np.all(weights >= 0) or not 0 < total < np.inf:
         raise InputError("weights must be finite and 0 or above, with at least one above 0.")
     return weights
+
+
+def as_valid(valid: ArrayLike, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Check which pixels are known, shape (v, u, t, s): contiguous bool, or None if all are.
+
+    Raises
+    ------
+    InputError
+        If the array has another shape, or other values than 0 and 1.
+    """
+    given = np.asarray(valid)
+    if given.shape != tuple(shape):
+        raise InputError(
+            f"valid must have the shape of the views without channels, {tuple(shape)}, got an "
+            f"array of shape {given.shape}."
+        )
+    known = np.ascontiguousarray(given, bool) if given.dtype.kind in "biuf" else np.array(False)
+    if not np.array_equal(known, given):
+        raise InputError("valid must be True (1) where a pixel is known, False (0) elsewhere.")
+    return None if known.all() else known
+
+
+def _as_positions(positions: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Check positions of views, shape (v, 1, 2), and give them as float64."""
+    try:
+        positions = np.asarray(positions, float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"positions must be numbers, two for each view, got {positions!r}."
+        ) from None
+    if positions.shape != (*shape, 2) or shape[1] != 1:
+        raise InputError(
+            f"positions must be two numbers for each view of one column, of shape (v, 1, 2), got "
+            f"shape {positions.shape} for {shape[0]} x {shape[1]} views."
+        )
+    if not np.all(np.isfinite(positions)) or not np.ptp(positions) > 0:
+        raise InputError("positions of views must be finite, and not all the same.")
+    return positions
 
 
 AXES = ("v", "u", "t", "s", "channel")
@@ -75,12 +114,21 @@ class LightField:
         weights passed to such a function multiply these. A decoded raw image has weight 0 for views
         with light of neighbouring lenslets, and for mostly dark ones. Stored as float32. Default:
         all views count alike.
+    valid : array_like of bool, shape (v, u, t, s), optional
+        Whether the value of each pixel is known: it is not where the sensor was saturated, a pixel
+        is bad, or its lenslet is too dark. The value that an unknown pixel holds counts as a lower
+        bound of its light. Refocusing and fits leave unknown pixels out; all else takes them
+        from `filled`. Default: all are known.
+    positions : array_like, shape (v, 1, 2), optional
+        Place of each view, down and right, in view steps, where views stand on no grid, as those of
+        many arrays of cameras; they are then the rows of one column. `lf_flame.refocus` shifts each
+        by the slope times its distance from their mean. Default: a grid of equal steps.
 
     Raises
     ------
     InputError
         If the array has another number of axes, is empty, or holds NaN or infinite values; if the
-        weights cannot be used.
+        weights cannot be used, or `valid` has another shape or other values.
 
     Notes
     -----
@@ -101,6 +149,8 @@ class LightField:
     views: np.ndarray
     plan: Any = None
     weights: np.ndarray | None = None
+    valid: np.ndarray | None = None
+    positions: np.ndarray | None = None
 
     def __post_init__(self):
         views = np.asarray(in_order(self.views))
@@ -119,14 +169,24 @@ class LightField:
                 weights = as_view_weights(self.weights, views.shape[:2]).astype(np.float32)
             as_view_weights(weights, views.shape[:2])
             object.__setattr__(self, "weights", weights)
+        if self.valid is not None:
+            object.__setattr__(self, "valid", as_valid(self.valid, views.shape[:4]))
+        if self.positions is not None:
+            object.__setattr__(self, "positions", _as_positions(self.positions, views.shape[:2]))
 
     @classmethod
     def trusted(
-        cls, views: np.ndarray, plan: Any = None, weights: np.ndarray | None = None
+        cls,
+        views: np.ndarray,
+        plan: Any = None,
+        weights: np.ndarray | None = None,
+        valid: np.ndarray | None = None,
+        positions: np.ndarray | None = None,
     ) -> "LightField":
         """Wrap contiguous float32 views that are known to be finite, without checking them."""
         light_field = object.__new__(cls)
-        for name, value in (("views", views), ("plan", plan), ("weights", weights)):
+        given = {"views": views, "plan": plan, "weights": weights, "valid": valid}
+        for name, value in (given | {"positions": positions}).items():
             object.__setattr__(light_field, name, value)
         return light_field
 
@@ -197,7 +257,30 @@ class LightField:
         if self.views.ndim == 4:
             return self
         mean = self.views.mean(axis=4, dtype=np.float64).astype(np.float32)
-        return LightField.trusted(mean, self.plan, self.weights)
+        return LightField.trusted(mean, self.plan, self.weights, self.valid, self.positions)
+
+    @cached_property
+    def filled(self) -> np.ndarray:
+        """Views with unknown pixels filled, float32, shape of the views.
+
+        A filled pixel has the mean of the known ones around it in its view, or the value that it
+        holds, if that is larger. If all are known, these are the views themselves.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> light_field = LightField([[[[1.0, 9.0, 3.0]]]], valid=[[[[True, False, True]]]])
+        >>> light_field.filled.tolist()
+        [[[[1.0, 9.0, 3.0]]]]
+        >>> LightField([[[[1.0, 0.0, 3.0]]]], valid=light_field.valid).filled.tolist()
+        [[[[1.0, 2.0, 3.0]]]]
+        """
+        if self.valid is None:
+            return self.views
+        from lf_flame._common.inpainting import fill_unknown
+
+        shape = (*self.views.shape[:4], self.channels)
+        return fill_unknown(self.views.reshape(shape), self.valid).reshape(self.views.shape)
 
     def __repr__(self) -> str:
         return f"LightField({self._words})"
@@ -206,7 +289,8 @@ class LightField:
     def _words(self) -> str:
         v, u, t, s = self.views.shape[:4]
         kind = {1: "grey", 3: "colour"}.get(self.channels, f"{self.channels} channels")
-        return f"{v} x {u} views of {t} x {s} pixels, {kind}"
+        placed = "" if self.positions is None else ", each at its own position"
+        return f"{v} x {u} views of {t} x {s} pixels, {kind}{placed}"
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         """Give the views, for ``numpy.asarray(light_field)``; see `numpy.array`."""
@@ -216,9 +300,9 @@ class LightField:
     def photograph(self) -> np.ndarray:
         """Image of an ordinary camera: the weighted mean of the views, shape (t, s), float32."""
         if self.weights is None:
-            return self.views.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+            return self.filled.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
         weights = self.weights.astype(np.float64) / self.weights.sum(dtype=np.float64)
-        return np.einsum("vu,vu...->...", weights, self.views).astype(np.float32)
+        return np.einsum("vu,vu...->...", weights, self.filled).astype(np.float32)
 
     @property
     def uncounted(self) -> str:
@@ -231,6 +315,18 @@ class LightField:
             f"of neighbouring lenslets, or are mostly dark"
         )
 
+    @property
+    def unknown(self) -> str:
+        """Sentence on the number of unknown pixels; empty if there are none."""
+        if self.valid is None:
+            return ""
+        lost = int(np.count_nonzero(~self.valid))
+        return (
+            f"{lost} of the {self.valid.size} pixels of the views ({lost / self.valid.size:.2g}) "
+            f"are unknown: saturated, bad, or of lenslets that are too dark; they are left out, or "
+            f"filled from around"
+        )
+
     def _repr_html_(self) -> str:
         """Show the central view and the size in a notebook."""
         from lf_flame._common.notebook_html import paragraph, picture
@@ -241,3 +337,19 @@ class LightField:
         white = max(float(shown.max()), float(np.finfo(np.float32).tiny))
         levels = np.rint(255 * np.clip(shown / white, 0, 1)).astype(np.uint8)
         return picture(levels, "Central view") + paragraph(f"Light field: {self._words}")
+
+
+def refuse_placed(light_field: Any, what: str) -> None:
+    """Refuse a light field whose views have positions of their own.
+
+    Raises
+    ------
+    InputError
+        With `what`, which cannot take it, as the subject.
+    """
+    if getattr(light_field, "positions", None) is not None:
+        raise InputError(
+            f"{what} needs views on a grid of equal steps, and these views stand at positions of "
+            f"their own; shift_and_sum, find_sharpest_slope and all_in_focus take them (lf-flame "
+            f"refocus)."
+        )

@@ -8,7 +8,6 @@ any textbook; a ray is followed from the camera through the flame in even steps,
 from dataclasses import dataclass
 
 import numpy as np
-
 from own_rays import Lens
 
 PLANCK, LIGHT, BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23

@@ -76,14 +76,13 @@ def test_helpers_that_outlive_their_program_are_found(tmp_path, monkeypatch):
         "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
         "open('started', 'w').close()\ntime.sleep(60)\n"
     )
-    process = Process(["parent"], tmp_path)
-    while not (tmp_path / "started").exists():
-        time.sleep(0.01)
-    process.send(signal.SIGKILL)
-    process.wait()
-    assert len(process.helpers()) == 1
-    process.end()
-    assert process.left_behind() == 0
+    with Process(["parent"], tmp_path) as process:
+        while not (tmp_path / "started").exists():
+            time.sleep(0.01)
+        process.send(signal.SIGKILL)
+        process.wait()
+        assert process.leaves_helpers(0.2)
+    assert not process.leaves_helpers()
 
 
 def test_a_disk_is_full_for_a_process(tmp_path, monkeypatch):
@@ -91,8 +90,8 @@ def test_a_disk_is_full_for_a_process(tmp_path, monkeypatch):
     (tmp_path / "writer.py").write_text(
         "with open('out', 'wb') as file:\n    file.write(bytes(5000))\n"
     )
-    process = Process(["writer"], tmp_path, largest_file=1000)
-    assert "File too large" in process.wait().err
+    with Process(["writer"], tmp_path, largest_file=1000) as process:
+        assert "File too large" in process.wait().err
     assert (tmp_path / "out").stat().st_size == 1000
 
 

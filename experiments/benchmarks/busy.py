@@ -9,26 +9,23 @@ images are compared bit by bit. With --passive OpenMP's threads sleep at once in
 as the programs of this package had them do before they went without.
 """
 
-import argparse
 import inspect
 import os
 import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from functools import partial
 from unittest.mock import patch
 
 import numba
 import numpy as np
-import pandas as pd
 from numba import njit
 from tqdm import tqdm
 
-from experiments.benchmarks.report import write_table
-from lf_flame._common.provenance import environment
+from experiments.benchmarks.report import command_line, finish
+from experiments.timing import in_turn, seconds
 from lf_flame.datasets.config import read_config
 from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import _semblance_kernels as search_kernels
@@ -45,8 +42,8 @@ while os.getppid() == int(sys.argv[1]):  # not left over where this program was 
     for _ in range(10**6): pass
 """
 
-SECONDS = 8.0
-"""For each way of each row."""
+SECONDS = 16.0
+"""For each row."""
 
 TURN_S = 0.5
 """Time for which one way is called before the other's turn."""
@@ -60,8 +57,17 @@ LOOPS = {
 }
 """The loops that the operations share out, by the module that holds them."""
 
-COLUMNS = ["operation", "busy processes", "median", "90th percentile", "of idle", "Numba's median",
-           "Numba's 90th", "Numba's of idle", "same bits"]  # fmt: skip
+COLUMNS = {
+    "operation": ("operation", ""),
+    "busy processes": ("busy processes", ""),
+    "median": ("median", ".3g"),
+    "90th percentile": ("90th percentile", ".3g"),
+    "of idle": ("of idle", ".2f"),
+    "Numba's median": ("Numba's median", ".3g"),
+    "Numba's 90th": ("Numba's 90th", ".3g"),
+    "Numba's of idle": ("Numba's of idle", ".2f"),
+    "same bits": ("same bits", ""),
+}
 
 
 def numbas_own(module, name: str) -> Callable:
@@ -115,70 +121,53 @@ def operations() -> dict[str, Callable[[], np.ndarray]]:
     }
 
 
-def call_for(seconds: float, call: Callable) -> list[float]:
-    """Call again and again for so long, and list the times."""
-    times: list[float] = []
-    while sum(times) < seconds:
-        started = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - started)
-    return times
-
-
-def measure(loads: Sequence[int], seconds: float) -> list[dict]:
-    """Time every operation beside every load, for so many seconds each way."""
+def measure(loads: Sequence[int], least_s: float) -> list[dict]:
+    """Time every operation beside every load, for so many seconds."""
     theirs = {m: {name: numbas_own(m, name) for name in names} for m, names in LOOPS.items()}
     rows: list[dict] = []
-    idle: dict[tuple[str, str], float] = {}
-    calls = operations()
-    for operation, load in tqdm([(o, n) for o in calls for n in loads], "measuring"):
-        call, ours, others = calls[operation], [], []
+    for operation, call in operations().items():
         image = call()
         with numbas_loops(theirs):
             same = bool(np.array_equal(image, call()))
-        with beside(load):
-            while sum(ours) < seconds or sum(others) < seconds:
-                ours += call_for(TURN_S, call)
-                with numbas_loops(theirs):
-                    others += call_for(TURN_S, call)
-        row = {"operation": operation, "busy processes": load, "same bits": same}
-        for who, times in (("", ours), ("Numba's ", others)):
-            median, late = np.percentile(times, [50, 90]) * 1e3
-            if load == 0:
-                idle[operation, who] = float(median)
-            names = ("Numba's median", "Numba's 90th") if who else ("median", "90th percentile")
-            row |= dict(zip(names, (float(median), float(late)), strict=True))
-            row[f"{who}of idle"] = float(median) / idle[operation, who]
-        rows.append(row)
+
+        def by_numba(call=call) -> float:
+            with numbas_loops(theirs):
+                return seconds(call)
+
+        idle = None
+        for load in tqdm(loads, operation):
+            with beside(load):
+                clocks = partial(seconds, call), by_numba
+                times = in_turn(*clocks, timed=True, rounds=2, least_s=least_s, turn_s=TURN_S)
+            ms = [1e3 * np.percentile(some, (50, 90)) for some in times.every]
+            idle = ms if idle is None else idle
+            row = {"operation": operation, "busy processes": load, "same bits": same}
+            for names, found, first in zip(
+                (("median", "90th percentile", "of idle"),
+                 ("Numba's median", "Numba's 90th", "Numba's of idle")),
+                ms, idle, strict=True,
+            ):  # fmt: skip
+                row |= dict(zip(names, (*found.tolist(), float(found[0] / first[0])), strict=True))
+            rows.append(row)
     return rows
 
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--small", action="store_true", help="for a moment, to try the program")
+    parser = command_line(__doc__)
     parser.add_argument("--passive", action="store_true", help="OpenMP's threads sleep, not spin")
     asked = parser.parse_args()
     if asked.passive:
         os.environ["OMP_WAIT_POLICY"] = "PASSIVE"  # which OpenMP reads as it is loaded, below
-    loads, seconds = (LOADS[:2], 0.1) if asked.small else (LOADS, SECONDS)
-    table = pd.DataFrame(measure(loads, seconds), columns=COLUMNS)
-    record = {**environment(), "threads": numba.get_num_threads(), "layer": numba.threading_layer()}
-    notes = (
+    rows = measure(*((LOADS[:2], 0.2) if asked.small else (LOADS, SECONDS)))
+    record = {"rows": rows, "threads": numba.get_num_threads(), "layer": numba.threading_layer()}
+    passive = ", passive" if asked.passive else ""
+    notes = [
         f"Milliseconds on {record['threads']} threads. Numba's: the same code with Numba's own "
-        f"parallel loops, on its layer {record['layer']}{', passive' if asked.passive else ''}. "
-    )
-    formats = ("", "", ".3g", ".3g", ".2f", ".3g", ".3g", ".2f", "")
-    title = "Speed beside busy processes"
-    write_table(
-        asked.out / f"busy{'_passive' if asked.passive else ''}",
-        title,
-        table,
-        formats,
-        record,
-        notes=notes,
-    )
+        f"parallel loops, on its layer {record['layer']}{passive}."
+    ]
+    name = "busy_passive" if asked.passive else "busy"
+    finish(asked.out, name, "Speed beside busy processes", record, COLUMNS, notes)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ allows; and other Pythons. Each in an environment of its own, removed afterwards
 learning the quick tests run.
 """
 
-import argparse
 import os
 import re
 import subprocess
@@ -17,11 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from experiments.beside_reference import set_beside
+from experiments.benchmarks.report import command_line, finish
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import load_record
 from lf_flame.errors import InputError
 
@@ -137,31 +133,6 @@ def _versions(python: Path) -> str:
     return " ".join(line for line in listed if not line.startswith("lf_flame"))
 
 
-def main() -> None:
-    """Measure all environments, write the table and its record."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--python", action="append", default=[], help="another interpreter")
-    parser.add_argument("--only", default="", help="environments whose name holds this")
-    asked = parser.parse_args()
-    stem = asked.out / "installing"
-    learn = "[learn,movie]"
-    environments = [
-        Environment("light: pip install .", tested=False),
-        Environment("learning: pip install '.[learn]'", extras="[learn]", tested=False),
-        Environment("oldest versions allowed", extras=learn, oldest=True),
-        *(Environment(f"Python {_python(x)}", x, learn) for x in asked.python),
-    ]
-    path = stem.with_suffix(".json")
-    rows = {row["environment"]: row for row in _read_rows(path)}
-    for environment in environments:
-        if asked.only in environment.name:
-            sys.stderr.write(f"{environment.name} ...\n")
-            rows[environment.name] = measure(environment)
-            write_report(stem, list(rows.values()))
-    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
-
-
 @dataclass(frozen=True)
 class EarlierRecord:
     """What an earlier record must say."""
@@ -176,22 +147,42 @@ def _read_rows(path: Path) -> list[dict]:
     return rows
 
 
-def write_report(stem: Path, rows: list[dict]) -> None:
-    """Write the table and its record; each row says by which revision it was measured."""
-    table = pd.DataFrame(rows).drop(columns=["versions", "what_failed"], errors="ignore")
-    shown = table.astype(object).where(table.notna(), None)
-    record = {"rows": rows, **provenance.environment()}
-    text = (
-        "### Installing, and the quick tests there\n\n"
-        + shown.to_markdown(index=False, floatfmt=".0f", missingval="-", disable_numparse=[6, 7])
-        + "\n\nSeconds depend on the network and on what pip has in its cache; megabytes on disk. "
-        f"{record['machine']}. Versions, and what failed, are in the record, {stem.name}.json. "
-        f"Command: `{record['command']}`.\n"
-    )
-    with together(stem.parent, last=f"{stem.name}.json") as aside:
-        write_text(aside / f"{stem.name}.md", text)
-        write_text(aside / f"{stem.name}.csv", table.to_csv(index=False))
-        write_json(aside / f"{stem.name}.json", record)
+COLUMNS = {
+    "environment": ("environment", ""),
+    "seconds": ("seconds", ".0f"),
+    "megabytes": ("megabytes", ".0f"),
+    "passed": ("passed", ".0f"),
+    "failed": ("failed", ".0f"),
+    "python": ("python", ""),
+    "git_revision": ("git_revision", ""),
+}
+
+NOTES = [
+    "Seconds depend on the network and on what pip has in its cache; megabytes on disk. Each row "
+    "has its own revision. Versions, and what failed, are in the record, installing.json."
+]
+
+
+def main() -> None:
+    """Measure all environments, and write the report after each."""
+    parser = command_line(__doc__, small=False)
+    parser.add_argument("--python", action="append", default=[], help="another interpreter")
+    parser.add_argument("--only", default="", help="environments whose name holds this")
+    asked = parser.parse_args()
+    learn = "[learn,movie]"
+    environments = [
+        Environment("light: pip install .", tested=False),
+        Environment("learning: pip install '.[learn]'", extras="[learn]", tested=False),
+        Environment("oldest versions allowed", extras=learn, oldest=True),
+        *(Environment(f"Python {_python(x)}", x, learn) for x in asked.python),
+    ]
+    rows = {row["environment"]: row for row in _read_rows(asked.out / "installing.json")}
+    for environment in environments:
+        if asked.only in environment.name:
+            sys.stderr.write(f"{environment.name} ...\n")
+            rows[environment.name] = measure(environment)
+            record, title = {"rows": list(rows.values())}, "Installing, and the quick tests there"
+            finish(asked.out, "installing", title, record, COLUMNS, NOTES)
 
 
 if __name__ == "__main__":

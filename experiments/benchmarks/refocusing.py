@@ -8,7 +8,6 @@ machine does hits all alike. The baselines of `baselines.txt` run in a Python of
 is the largest of any pixel, relative to the brightest.
 """
 
-import argparse
 import json
 import shutil
 import subprocess
@@ -23,14 +22,13 @@ from pathlib import Path
 
 import numba
 import numpy as np
-import pandas as pd
 from scipy import ndimage
 
 from experiments._kernels import sum_rows
-from experiments.benchmarks.report import write_table
-from experiments.timing import best_times, seconds
+from experiments.benchmarks.report import command_line, finish, ratio
+from experiments.report import markdown
+from experiments.timing import in_turn, seconds
 from lf_flame._common.arrays import centred
-from lf_flame._common.provenance import environment
 from lf_flame.refocus import fourier_refocus, refocus, shift_and_sum
 
 ALIKE = 1e-6
@@ -41,8 +39,18 @@ ROUNDS = 5
 TURN_S = 0.05
 """A call that takes less is repeated for so long in its turn."""
 
-COLUMNS = ["what", "baseline", "threads", "ours ms", "baseline ms", "ratio", "wanted",
-           "largest difference", "remarks"]  # fmt: skip
+COLUMNS = {
+    "what": ("what", ""),
+    "baseline": ("baseline", ""),
+    "threads": ("threads", ""),
+    "ours ms": ("ours ms", ".4g"),
+    "baseline ms": ("baseline ms", ".4g"),
+    "ratio": ("ratio", ".3g"),
+    "quartiles": ("quartiles", ""),
+    "wanted": ("wanted", ""),
+    "largest difference": ("largest difference", ""),
+    "remarks": ("remarks", ""),
+}
 
 
 def read_once(views, slopes):
@@ -87,30 +95,6 @@ def sum_by_lerps(lines, shifts):
     return total
 
 
-def gather_and_lerp(lines, shift):
-    """Shift lines [..., line, s] along s as one would write it down, in float64."""
-    position = np.clip(np.arange(lines.shape[-1]) + shift, 0, lines.shape[-1] - 1)
-    near = np.minimum(position.astype(int), max(lines.shape[-1] - 2, 0))
-    rest = position - near
-    return (1 - rest) * lines[..., near] + rest * lines[
-        ..., np.minimum(near + 1, lines.shape[-1] - 1)
-    ]
-
-
-def separable_plain(views, slopes):
-    """Sum over u, then over v: the separable sum without further thought, in float64."""
-    if views.ndim == 5:
-        channels = [separable_plain(views[..., c], slopes) for c in range(views.shape[4])]
-        return np.stack(channels, axis=-1)
-    images = np.zeros((len(slopes), *views.shape[2:]))
-    for image, slope in zip(images, slopes, strict=True):
-        down, right = (slope * centred(n) for n in views.shape[:2])
-        for v, row in enumerate(views):
-            row_sum = sum(gather_and_lerp(view, right[u]) for u, view in enumerate(row))
-            image += gather_and_lerp(row_sum.T, down[v]).T
-    return images / (views.shape[0] * views.shape[1])
-
-
 def sum_by_product(lines, shifts):
     """Gather lines[k, line] for all k, then weigh and sum them in one matrix product."""
     places, rest = whole_shifts(lines, shifts)
@@ -144,7 +128,6 @@ class Opponent:
 
 READ = Opponent("reading the light field once", "Numba, float32 sum; the floor", read_once,
                 threaded=True, same_output=False)  # fmt: skip
-PLAIN = Opponent("NumPy, separable", "float64, as one would write it; one thread", separable_plain)
 LERPS = Opponent("NumPy, separable, tuned", "float32, contiguous gathers; one thread",
                  partial(separable, shifted_sum=sum_by_lerps))  # fmt: skip
 PRODUCT = Opponent("NumPy, separable, matrix product", "float32, gathers; threads of its BLAS",
@@ -157,7 +140,6 @@ FOURIER = Opponent("our fourier_refocus", "exact, periodic shifts: another image
 PLENPY = Opponent("plenpy", "its slopes converted; one thread", package="plenpy")
 PLENOPTICAM = Opponent("PlenoptiCam", "whole slopes and RGB only, float64; its output, N times "
                        "the mean, divided by N; one thread", package="plenopticam")  # fmt: skip
-PLENOPTOMOS = Opponent("plenoptomos", "not on PyPI", package="plenoptomos")
 
 
 @dataclass(frozen=True)
@@ -178,7 +160,7 @@ class Case:
 
 
 FOUR_SLOPES = (2.1, 1.15, 0.35, -1.25)
-HERE = (READ, PLAIN, LERPS, PRODUCT, SHIFT)
+HERE = (READ, LERPS, PRODUCT, SHIFT)
 
 
 def cases(small: bool) -> list[Case]:
@@ -187,10 +169,8 @@ def cases(small: bool) -> list[Case]:
     large = (5, 5, 27, 54) if small else (15, 15, 270, 540)
     stack = tuple(np.linspace(-2.05, 2.15, 15).tolist())
     return [
-        Case("one plane", usual, (1.15,), (*HERE, FOURIER, PLENPY, PLENOPTOMOS)),
-        Case(
-            "four planes", usual, FOUR_SLOPES, (*HERE, PLENPY), {READ: 1 / 4, PLAIN: 15, LERPS: 15}
-        ),
+        Case("one plane", usual, (1.15,), (*HERE, FOURIER, PLENPY)),
+        Case("four planes", usual, FOUR_SLOPES, (*HERE, PLENPY), {READ: 1 / 4, LERPS: 15}),
         Case("one plane, cubic", usual, (1.15,), (READ, SPLINE), interpolation="cubic"),
         Case("one plane, whole slope", usual, (1.0,), (*HERE, PLENPY)),
         Case("one plane, whole slope, RGB", (*usual, 3), (1.0,), (*HERE, PLENPY, PLENOPTICAM)),
@@ -246,7 +226,7 @@ THREADS = sorted({1, numba.config.NUMBA_NUM_THREADS})
 
 
 def on_threads(count: int, call: Callable) -> Callable[[], float]:
-    """Make a clock of a call on some threads."""
+    """Make a call on some threads that returns its seconds."""
 
     def clock() -> float:
         numba.set_num_threads(count)
@@ -255,22 +235,17 @@ def on_threads(count: int, call: Callable) -> Callable[[], float]:
     return clock
 
 
-def largest_difference(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Largest difference of any pixel, relative to their brightest."""
-    return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
-
-
 def compared(baseline: Opponent, ours: np.ndarray, theirs: np.ndarray) -> str:
     """Difference of the images, which ends the program where they should be the same."""
     if baseline is READ:
         return ""
-    found = largest_difference(ours, theirs)
+    found = float(np.abs(ours - theirs).max() / np.abs(theirs).max())
     if baseline.same_output and not found <= ALIKE:
         sys.exit(f"{baseline.name} must refocus as we do to {ALIKE:g}, but differs by {found:.1e}.")
     return f"{found:.1e}"
 
 
-def measure(case: Case, small: bool, other: OtherPython | None) -> list[tuple]:
+def measure(case: Case, small: bool, other: OtherPython | None) -> list[dict]:
     """Refocus by every method, compare the images, then time all in turn."""
     work = (case.light_field(), case.slopes)
     ours = partial(shift_and_sum, *work, interpolation=case.interpolation)
@@ -287,30 +262,33 @@ def measure(case: Case, small: bool, other: OtherPython | None) -> list[tuple]:
         else:
             continue
         differences[baseline] = compared(baseline, images, theirs)
-    times = best_times(*((1, 0.0) if small else (ROUNDS, TURN_S)), list(clocks.values()))
-    ms = {key: 1e3 * time for key, time in zip(clocks, times, strict=True)}
-    return [row for n in THREADS for row in rows_of(case, n, ms, differences)]
-
-
-def rows_of(case: Case, threads: int, ms: dict, differences: dict) -> list[tuple]:
-    """Rows of the table for one number of our threads."""
-    what = f"{case.what}, {'x'.join(map(str, case.shape))}"
-    ours, all_threads = ms["ours", threads], threads == THREADS[-1]
+    rounds, turn_s = (1, 0.0) if small else (ROUNDS, TURN_S)
+    times = in_turn(*clocks.values(), timed=True, rounds=rounds, turn_s=turn_s)
+    keys, what = list(clocks), f"{case.what}, {'x'.join(map(str, case.shape))}"
     rows = []
-    for baseline in case.against:
-        theirs = ms.get((baseline, threads), ms.get((baseline, THREADS[-1]), np.nan))
-        wanted = case.wanted.get(baseline) if all_threads else None
-        rows.append((
-            what, baseline.name, threads, ours, theirs, theirs / ours,
-            f"at least {wanted:g}" if wanted else "", differences.get(baseline, ""),
-            baseline.remarks if baseline in differences else f"not installed; {baseline.remarks}",
-        ))  # fmt: skip
-    if case.frames_per_s:
-        frame = 1e3 / case.frames_per_s
-        rows.append((
-            what, f"{case.frames_per_s:g} frames/s", threads, ours, frame, frame / ours,
-            "at least 1" if all_threads else "", "", f"{1e3 / ours:.3g} frames/s",
-        ))  # fmt: skip
+    for n in THREADS:
+        at = keys.index(("ours", n))
+        row = {"what": what, "threads": n, "ours ms": 1e3 * times.best[at]}
+        all_threads = n == THREADS[-1]
+        for baseline in case.against:
+            row |= {"baseline": baseline.name, "remarks": baseline.remarks, "wanted": ""}
+            if all_threads and baseline in case.wanted:
+                row["wanted"] = f"at least {case.wanted[baseline]:g}"
+            if baseline not in differences:
+                missing = {"baseline ms": None, "ratio": None, "quartiles": None}
+                missing["largest difference"] = ""
+                rows.append(row | missing | {"remarks": f"not installed; {baseline.remarks}"})
+                continue
+            theirs = keys.index((baseline, n if baseline.threaded else THREADS[-1]))
+            found = {"baseline ms": 1e3 * times.best[theirs], **ratio(times, theirs, at)}
+            rows.append(row | found | {"largest difference": differences[baseline]})
+        if case.frames_per_s:
+            frame, took = 1e3 / case.frames_per_s, row["ours ms"]
+            rows.append(row | {
+                "baseline": f"{case.frames_per_s:g} frames/s", "baseline ms": frame,
+                "ratio": frame / took, "wanted": "at least 1" if all_threads else "",
+                "quartiles": "", "largest difference": "", "remarks": f"{1e3 / took:.3g} frames/s",
+            })  # fmt: skip
     return rows
 
 
@@ -328,8 +306,8 @@ CROSSINGS = (("linear, space", "linear, Fourier"), ("cubic, space", "cubic, Four
              ("sinc, Fourier", "sinc, slice"))  # fmt: skip
 
 
-def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
-    """Time stacks of few and of many planes by each method; say from how many on each wins."""
+def measure_methods(small: bool) -> list[dict]:
+    """Time stacks of few and of many planes by each method."""
     shape, few, many = ((5, 5, 12, 18), 1, 4) if small else ((15, 15, 90, 180), 4, 64)
     views = np.random.default_rng(0).random(shape, np.float32)
     numba.set_num_threads(THREADS[-1])
@@ -338,68 +316,57 @@ def measure_methods(small: bool) -> tuple[pd.DataFrame, str]:
         for how, method in METHODS.values()
         for planes in (few, many)
     ]
-    clocks = [partial(seconds, call) for call in calls]
-    times = best_times(*((1, 0.0) if small else (3, 4 * TURN_S)), clocks)
-    times = np.reshape(times, (-1, 2)) * 1e3
-    each = (times[:, 1] - times[:, 0]) / (many - few)
-    table = pd.DataFrame({
-        "method": list(METHODS),
-        f"{few} planes (ms)": times[:, 0], f"{many} planes (ms)": times[:, 1],
-        "fixed (ms)": times[:, 0] - few * each, "each plane (ms)": each,
-    })  # fmt: skip
-    table = table.set_index("method", drop=False)
-    return table, " ".join(f"{_crossing(table, *pair)}." for pair in CROSSINGS)
+    found = in_turn(*calls, rounds=1 if small else 3, turn_s=0.0 if small else 4 * TURN_S)
+    rows = []
+    for name, (some, more) in zip(METHODS, 1e3 * found.best.reshape(-1, 2), strict=True):
+        each = (more - some) / (many - few)
+        row = {"method": name, f"{few} planes (ms)": some, f"{many} planes (ms)": more}
+        rows.append(row | {"fixed (ms)": some - few * each, "each plane (ms)": each})
+    return rows
 
 
-def _crossing(table: pd.DataFrame, usual: str, other: str) -> str:
-    """Tell from how many planes on the other method takes less time."""
-    fixed = table.loc[other, "fixed (ms)"] - table.loc[usual, "fixed (ms)"]
-    each = table.loc[usual, "each plane (ms)"] - table.loc[other, "each plane (ms)"]
-    if each <= 0:
-        return f"{usual}, takes least for any number of planes"
-    return f"{other}, takes less than {usual}, from {max(int(np.ceil(fixed / each)), 1)} planes on"
-
-
-def arguments() -> argparse.Namespace:
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
-    parser.add_argument(
-        "--baselines", type=Path, help="Python in which baselines.txt is installed; default: none"
+def methods_text(rows: list[dict]) -> list[str]:
+    """Write the table of methods; say from how many planes on each takes less time."""
+    fixed, each = (
+        {r["method"]: r[f"{part} (ms)"] for r in rows} for part in ("fixed", "each plane")
     )
-    parser.add_argument("--small", action="store_true", help="few small views, to try the program")
-    asked = parser.parse_args()
-    if asked.baselines and not shutil.which(asked.baselines):
-        parser.error(f"--baselines must be a Python interpreter, got {asked.baselines}")
-    return asked
+    said = []
+    for usual, other in CROSSINGS:
+        if each[usual] <= each[other]:
+            said.append(f"{usual}, takes least for any number of planes.")
+            continue
+        planes = (fixed[other] - fixed[usual]) / (each[usual] - each[other])
+        least = max(int(np.ceil(planes)), 1)
+        said.append(f"{other}, takes less than {usual}, from {least} planes on.")
+    columns = {name: (name, "" if name == "method" else ".3g") for name in rows[0]}
+    said.append(f"All of them at {THREADS[-1]} threads, edges clamped.")
+    return [markdown(rows, columns), " ".join(said)]
 
 
 def main() -> None:
     """Measure, print and write."""
-    asked = arguments()
-    rows, record = [], environment()
-    record["versions"]["scipy"] = metadata.version("scipy")
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "--baselines", type=Path, help="Python in which baselines.txt is installed; default: none"
+    )
+    asked, rows = parser.parse_args(), []
+    if asked.baselines and not shutil.which(asked.baselines):
+        parser.error(f"--baselines must be a Python interpreter, got {asked.baselines}")
     with OtherPython(asked.baselines) if asked.baselines else nullcontext() as other:
-        record["baselines"] = other.versions if other else {}
         for case in cases(asked.small):
             sys.stderr.write(f"measuring: {case.what}\n")
             rows += measure(case, asked.small, other)
-        sys.stderr.write("measuring: methods\n")
-        methods, crossings = measure_methods(asked.small)
-    record["methods"] = methods.to_dict("records")
+    sys.stderr.write("measuring: methods\n")
+    record = {"rows": rows, "baselines": other.versions if other else {}}
+    record |= {"methods": measure_methods(asked.small), "scipy": metadata.version("scipy")}
     theirs = ", ".join(map(" ".join, record["baselines"].items())) or "none installed"
-    write_table(
-        asked.out / "refocusing",
-        "Speed of refocusing",
-        pd.DataFrame(rows, columns=COLUMNS),
-        ("", "", "", ".4g", ".4g", ".3g", "", "", ""),
-        record,
-        missing="missing",
-        notes="Threads are ours. Ratio: the baseline's time over ours. Difference: of any pixel, "
-        f"relative to the brightest. Baselines in a Python of their own: {theirs}.\n\n"
-        f"{methods.to_markdown(index=False, floatfmt='.3g')}\n\n{crossings} "
-        f"All of them at {THREADS[-1]} threads, edges clamped.\n\n",
-    )
+    notes = [
+        "Threads are ours. Ratio: the baseline's time over ours, median and quartiles of the "
+        "rounds; times are the best of them. Difference: of any pixel, relative to the brightest. "
+        f"Baselines in a Python of their own: {theirs}.",
+        *methods_text(record["methods"]),
+    ]
+    finish(asked.out, "refocusing", "Speed of refocusing", record, COLUMNS, notes)
 
 
 if __name__ == "__main__":

@@ -1,35 +1,43 @@
-"""What the benchmarks share: times taken in turn, and the files of a table."""
+"""What the benchmarks share: the command line, and the files of a table."""
 
+import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from experiments.beside_reference import set_beside
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.report import Format, markdown, write_report
+from experiments.timing import Times
 
 
-def write_table(
-    stem: Path,
-    title: str,
-    table: pd.DataFrame,
-    formats: tuple,
-    record: dict,
-    missing: str = "nan",
-    notes: str = "",
-    repeated: str = "Best of some rounds in turn",
-    command: str = "make benchmarks",
+def command_line(doc: str, small: bool = True) -> argparse.ArgumentParser:
+    """Make the options that all benchmarks have, from the docstring of a program."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    if small:
+        parser.add_argument("--small", action="store_true", help="small inputs, to try the program")
+    return parser
+
+
+def table_of(rows: Sequence[dict], columns: dict[str, tuple[str, Format]]) -> str:
+    """Write rows as Markdown; columns that the rows of an older record lack are left out."""
+    known = {name: columns[name] for name in columns if any(name in row for row in rows)}
+    return markdown(rows, known, missing="-")
+
+
+def ratio(times: Times, call: int, other: int, factor: float = 1.0) -> dict:
+    """Columns of a row: how the times of two calls relate, and the quartiles over the rounds."""
+    median, low, high = (factor * value for value in times.ratio(call, other))
+    return {"ratio": median, "quartiles": f"{low:.3g} to {high:.3g}"}
+
+
+def finish(
+    out: Path, name: str, title: str, record: dict, columns: dict, notes: Sequence[str]
 ) -> None:
-    """Write a table as Markdown, CSV and, with the record of its making, JSON; print the first."""
-    known = table.astype(object).where(table.notna(), None)
-    text = (
-        f"### {title}\n\n"
-        + known.to_markdown(index=False, floatfmt=formats, missingval=missing)
-        + f"\n\n{notes}{repeated}; {record['machine']}, revision {record['git_revision']}. "
-        f"Command: `{command}`.\n"
-    )
-    with together(stem.parent, last=f"{stem.name}.json") as aside:
-        write_text(aside / f"{stem.name}.md", text)
-        write_text(aside / f"{stem.name}.csv", table.to_csv(index=False))
-        write_json(aside / f"{stem.name}.json", {**record, "rows": known.to_dict("records")})
-    sys.stdout.write(set_beside(stem.with_suffix(".md"), f"benchmarks/{stem.name}.md"))
+    """Write the report of a record, whose ``rows`` are the table, and print it."""
+    body = [table_of(record["rows"], columns), *notes]
+    tables = {name: pd.DataFrame(record["rows"])}
+    path = write_report(out, name, title, record, body, tables=tables)
+    sys.stdout.write(set_beside(path, f"benchmarks/{path.name}"))

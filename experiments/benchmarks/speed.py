@@ -2,34 +2,25 @@
 
     make benchmarks
 
-Each pair is timed in turn, again and again, and the best of each counts, so that what else the
-machine does hits both alike. Times by themselves depend on the machine; the ratios carry over.
+All calls of a row are timed in turn (`experiments.timing.in_turn`). Times by themselves depend on
+the machine; the ratios carry over.
 """
 
-import argparse
 import math
-import subprocess
 import sys
-import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from unittest.mock import patch
 
 import numba
 import numpy as np
-import pandas as pd
 from numba import njit
 
-from experiments._kernels import sum_rows
-from experiments.benchmarks.report import write_table
-from experiments.timing import best_of
+from experiments.benchmarks.report import command_line, finish, ratio
+from experiments.timing import Times, in_turn
 from lf_flame import PAPER_CAMERA, Layer, PlenopticCamera, Scene, render
-from lf_flame._common.provenance import environment
-from lf_flame._common.threads import as_counters, pieces, shared
+from lf_flame._common.threads import pieces, shared
 from lf_flame.datasets.config import read_config
-from lf_flame.refocus import _kernels as refocus_kernels
 from lf_flame.refocus import all_in_focus, find_sharpest_slopes, shift_and_sum
 from lf_flame.simulation import _exact_kernels, _ray_kernels
 from lf_flame.simulation.exact import integrate
@@ -37,15 +28,20 @@ from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import slice_scene
 
-SOME_LINES = slice(20, None, 45)
-"""Lines of the image on which many rays are traced."""
-
 FOUR_SLOPES = [2.3, 1.2, 0.0, -1.2]
 
-CACHED_ROWS = 3
-"""Rows of 15 x 15 views of 180 pixels that the second-level cache holds: half a megabyte."""
+COLUMNS = {
+    "what": ("what", ""),
+    "ours": ("ours", ".4g"),
+    "baseline": ("baseline", ".4g"),
+    "unit": ("unit", ""),
+    "ratio": ("ratio", ".3g"),
+    "quartiles": ("quartiles", ""),
+    "wanted": ("wanted", ""),
+    "outputs differ by": ("outputs differ by", ""),
+}
 
-COLUMNS = ["what", "ours", "baseline", "unit", "ratio", "wanted", "outputs differ by"]
+NOTES = ["Best of some rounds. Ratio: ours over the baseline, median and quartiles of the rounds."]
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> str:
@@ -54,36 +50,14 @@ def difference(one: np.ndarray, other: np.ndarray) -> str:
     return f"{rms / one.max():.1e}"
 
 
-def trace_with_numpy(layer: Layer, camera: PlenopticCamera, rays: int) -> np.ndarray:
-    """Trace single rays by 2x2 matrices in NumPy and bin them, as a first program would."""
-    n, (lines, columns) = camera.views, camera.lenslets
-    back = np.linalg.inv(camera.object_to_array(layer.depth_mm))
-    s = camera.lenslet_to_sensor()
-    sub = (np.arange(rays) + 0.5) / rays - 0.5
-    hits = []
-    for axis, lenslets in ((0, lines), (1, columns)):
-        place = (np.arange(lenslets) - (lenslets - 1) / 2) * camera.lenslet_pitch_mm
-        view = (np.arange(n) - (n - 1) / 2) * camera.pixel_mm
-        chief = place * camera.lenslet_focal_mm / camera.image_distance_mm
-        delta = sub * camera.lenslet_pitch_mm
-        q = (chief[None, :] + view[:, None])[..., None] + sub * camera.pixel_mm
-        q, delta = np.broadcast_arrays(q[..., :, None], delta)
-        state = np.stack([place[None, :, None, None] + delta, (q - s[0, 0] * delta) / s[0, 1]])
-        height = -np.einsum("j,j...->...", back[0], state).reshape(n, lenslets, -1)
-        edges = layer.cell_edges_mm(axis)
-        cell = np.floor((height - edges[0]) / (edges[1] - edges[0])).astype(int)
-        hits.append(np.where((cell < 0) | (cell >= edges.size - 1), edges.size - 1, cell))
-    padded = np.pad(layer.texture, ((0, 1), (0, 1)))
-    pixels = np.arange(lines * columns).reshape(lines, columns)
-    count = hits[0].shape[2]
-    image = np.empty((n, n, lines, columns), np.float32)
-    for v in range(n):
-        for u in range(n):
-            light = padded[hits[0][v][:, None, :, None], hits[1][u][None, :, None, :]]
-            which = np.broadcast_to(pixels[:, :, None, None], light.shape).ravel()
-            sums = np.bincount(which, light.ravel(), lines * columns)
-            image[v, u] = sums.reshape(lines, columns) / count**2
-    return image
+def rates(
+    what: str, unit: str, times: Times, work: tuple[float, float], wanted: str, differ: str = ""
+) -> dict:
+    """Make a row of the work, in millions, that each of two calls does in a second."""
+    ours, baseline = (amount / 1e6 / best for amount, best in zip(work, times.best, strict=True))
+    row = {"what": what, "ours": ours, "baseline": baseline, "unit": unit}
+    row |= ratio(times, 1, 0, work[0] / work[1])
+    return row | {"wanted": wanted, "outputs differ by": differ}
 
 
 @njit(cache=True)
@@ -190,8 +164,8 @@ def layer_for(camera: PlenopticCamera, depth_mm: float = 10.0, share: float = 1.
     return Layer(1 + 0.5 * np.outer(np.sin(y), np.cos(x)), depth_mm, size)
 
 
-def ray_rows() -> list[tuple]:
-    """Time the ray integrator on one core against NumPy and against an untuned loop."""
+def ray_rows() -> list[dict]:
+    """Time the ray integrator on one core against an untuned loop."""
     numba.set_num_threads(1)
     camera = replace(PAPER_CAMERA, views=5, lenslets=(60, 60))
     layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
@@ -202,213 +176,100 @@ def ray_rows() -> list[tuple]:
         trace(planes, optics, "views", 9, image)
 
     rays = captured(_ray_kernels, "trace_apart", ours)[1]
-    per_pixel = rays.rows.shape[3] * rays.columns.shape[3]
-    traced = camera.views**2 * math.prod(camera.lenslets) * per_pixel
-    found = {}
-
-    def by_numpy():
-        found["NumPy, 2x2 matrices and binning"] = trace_with_numpy(layer, camera, 3)
-
-    def by_loop():
-        found["untuned Numba loop"] = baseline_loop(layer, camera, 3)
-
-    seconds, *others = best_of(7, ours, by_numpy, by_loop)
-    singles = camera.views**2 * math.prod(camera.lenslets) * 81
-    return [
-        (f"ray integrator, one core, against {name}", traced / seconds / 1e6, singles / s / 1e6,
-         "Mray/s", (traced / seconds) / (singles / s), "at least 150 Mray/s",
-         difference(image, other))
-        for s, (name, other) in zip(others, found.items(), strict=True)
-    ]  # fmt: skip
+    times = in_turn(ours, lambda: baseline_loop(layer, camera, 3), rounds=7)
+    work = image.size * rays.rows.shape[3] * rays.columns.shape[3], image.size * 3**4
+    differ = difference(image, times.results[1])
+    what = "ray integrator, one core, against untuned Numba loop"
+    return [rates(what, "Mray/s", times, work, "at least 150 Mray/s", differ)]
 
 
-def bare_rows() -> list[tuple]:
+def bare_rows() -> list[dict]:
     """Time kernels that know about effects against bare ones, on scenes that need none."""
     numba.set_num_threads(1)
-    rows = []
     camera = replace(PAPER_CAMERA, views=9, lenslets=(120, 160))
-    layer, optics, image, other = (
-        layer_for(camera),
-        OpticalPass(camera),
-        blank(camera),
-        blank(camera),
-    )
+    layer, optics = layer_for(camera), OpticalPass(camera)
+    image, other = blank(camera), blank(camera)
     planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
-    args = captured(
+    exact = captured(
         _exact_kernels, "integrate_rows", lambda: integrate(planes, optics, "views", image)
     )
-    lines, start, weight, _, _, first, last, _, _ = args
-    pair = best_of(
-        15,
-        lambda: _exact_kernels.integrate_rows(*args),
-        lambda: bare_integrate_rows(lines, start, weight, first, last, other),
-    )
-    pixels = image.size / 1e6
-    rows.append(
-        (
-            "exact kernel, nothing kept, against a bare one",
-            pixels / pair[0],
-            pixels / pair[1],
-            "Mpixel/s",
-            pair[0] / pair[1],
-            "time ratio at most 1.05",
-        )
-    )
-    args = captured(_ray_kernels, "trace_apart", lambda: trace(planes, optics, "views", 4, image))
-    table, ray_table, weights, seen, share, _ = args
-    cells, stride = table.emission, int(table.stride[0])
-    bare = (cells, ray_table.rows, ray_table.columns, *weights, stride, *seen, share, other)
-    pair_rays = best_of(9, lambda: _ray_kernels.trace_apart(*args), lambda: bare_trace(*bare))
-    rays = image.size * ray_table.rows.shape[3] * ray_table.columns.shape[3] / 1e6
-    rows.append(("ray kernel, nothing kept, against a bare one", rays / pair_rays[0],
-                 rays / pair_rays[1], "Mray/s", pair_rays[0] / pair_rays[1],
-                 "time ratio at most 1.05"))  # fmt: skip
-    image[:], other[:] = 0, 0
-    _ray_kernels.trace_apart(*args)
-    bare_trace(*bare)
-    return [(*row, difference(image, other)) for row in rows]
-
-
-def exact_rows() -> list[tuple]:
-    """Time the exact integrator: a full-frame layer, and the shape scene against rays."""
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    camera = PAPER_CAMERA
-    layer, optics, image = layer_for(camera), OpticalPass(camera), blank(camera)
-    planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
-    seconds, written = best_of(
-        5, lambda: integrate(planes, optics, "views", image), lambda: np.add(image, 1, out=image)
-    )
-    rate, floor = image.size / seconds / 1e6, image.size / written / 1e6
-    rows = [(f"exact integrator, full-frame layer, {numba.get_num_threads()} cores, against "
-             "NumPy adding 1 to the image", rate, floor, "Mpixel/s", rate / floor,
-             "at least 300 Mpixel/s", "")]  # fmt: skip
-    config = read_config("data_gen/shapes.toml")
-    scene, _ = config.template.draw(None)
-    planes = slice_scene(scene, {}, absorption=False, dimming=set())
-    small = replace(PAPER_CAMERA, views=15, lenslets=(90, 180))
-    optics, exact = OpticalPass(small), blank(small)
-    numba.set_num_threads(1)
-    integrate(planes, optics, "views", exact)
-    some = exact[:, :, SOME_LINES]
-    (ours,) = best_of(5, lambda: integrate(planes, optics, "views", blank(small)))
-    for finite_width, name in ((True, "ray integrator"), (False, "midpoint rule")):
-        count, seconds, rays = _rays_for(1e-3, planes, optics, finite_width, some)
-        theirs = seconds * exact.shape[2] / some.shape[2]
-        what = (
-            f"exact integrator against the {name} ({count} x {count} rays), shape scene, one core"
-        )
-        numbers = (ours * 1e3, theirs * 1e3, "ms", theirs / ours)
-        rows.append((what, *numbers, "at least 100 times", difference(some, rays)))
+    lines, start, weight, _, _, first, last, _, _ = exact
+    rays = captured(_ray_kernels, "trace_apart", lambda: trace(planes, optics, "views", 4, image))
+    table, ray_table, weights, seen, share, _ = rays
+    bare = (table.emission, ray_table.rows, ray_table.columns, *weights, int(table.stride[0]))
+    per_pixel = ray_table.rows.shape[3] * ray_table.columns.shape[3]
+    rows = []
+    for name, unit, work, kernel, bare_kernel in (
+        ("exact", "Mpixel/s", 1, lambda: _exact_kernels.integrate_rows(*exact),
+         lambda: bare_integrate_rows(lines, start, weight, first, last, other)),
+        ("ray", "Mray/s", per_pixel, lambda: _ray_kernels.trace_apart(*rays),
+         lambda: bare_trace(*bare, *seen, share, other)),
+    ):  # fmt: skip
+        image[:], other[:] = 0, 0
+        kernel()
+        bare_kernel()
+        differ = difference(image, other)
+        times = in_turn(kernel, bare_kernel, rounds=12)
+        what = f"{name} kernel, nothing kept, against a bare one"
+        rows.append(rates(what, unit, times, 2 * (work * image.size,), "at least 0.95", differ))
     return rows
 
 
-def _rays_for(error: float, planes, optics: OpticalPass, finite_width: bool, truth: np.ndarray):
-    """Fewest rays, in steps of a half, whose error is small enough, their time and image."""
-    count = 2
-    while True:
-        _trace_some(planes, optics, 1, finite_width, truth)
-        started = time.perf_counter()
-        image = _trace_some(planes, optics, count, finite_width, truth)
-        seconds = time.perf_counter() - started
-        rms = math.sqrt(np.mean(np.square(image - truth, dtype=np.float64)))
-        if rms <= error * truth.max():
-            return count, seconds, image
-        count = math.ceil(1.5 * count)
+def exact_rows() -> list[dict]:
+    """Time the exact integrator on a full-frame layer, on all cores."""
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    layer, optics, image = layer_for(PAPER_CAMERA), OpticalPass(PAPER_CAMERA), blank(PAPER_CAMERA)
+    planes = slice_scene(Scene([layer]), {}, absorption=False, dimming=set())
+    times = in_turn(
+        lambda: integrate(planes, optics, "views", image),
+        lambda: np.add(image, 1, out=image),
+        rounds=5,
+    )
+    what = f"exact integrator, full-frame layer, {numba.get_num_threads()} cores, against NumPy "
+    what += "adding 1 to the image"
+    return [rates(what, "Mpixel/s", times, 2 * (image.size,), "at least 300 Mpixel/s")]
 
 
-def _trace_some(
-    planes, optics: OpticalPass, rays: int, finite_width: bool, like: np.ndarray
-) -> np.ndarray:
-    image = np.zeros_like(like)
-    trace(planes, optics, "views", rays, image, SOME_LINES, finite_width=finite_width)
-    return image
-
-
-def whole_rows() -> list[tuple]:
-    """Render and refocus a paper-sized light field, and start the program."""
+def whole_rows() -> list[dict]:
+    """Render and refocus a paper-sized light field."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     config = read_config("data_gen/shapes.toml")
     scene, _ = config.template.draw(None)
     slopes = [config.camera.depth_to_slope(depth) for depth in config.depths_mm]
-
-    def both():
-        shift_and_sum(render(scene, config.camera), slopes)
-
-    (seconds,) = best_of(7, both)
-    cores = numba.get_num_threads()
-    return [
-        (f"paper-sized light field rendered and refocused at 4 slopes, {cores} cores",
-         seconds * 1e3, math.nan, "ms", math.nan, "under 300 ms", ""),
-    ]  # fmt: skip
+    times = in_turn(lambda: shift_and_sum(render(scene, config.camera), slopes), rounds=7)
+    what = "paper-sized light field rendered and refocused at 4 slopes, "
+    what += f"{numba.get_num_threads()} cores"
+    return [{"what": what, "ours": 1e3 * times.best[0], "unit": "ms", "wanted": "under 300 ms"}]
 
 
-def reading_rows() -> list[tuple]:
-    """Refocus four planes, and only sum them, against reading the light field once."""
-    views = np.random.default_rng(0).random((15, 15, 90, 180), np.float32)
-    pixels, sums = views.reshape(15 * 15, -1), np.empty(15 * 15, np.float32)
-    rows, what = [], "four planes of 15 x 15 x 90 x 180"
-    for cores in sorted({1, numba.config.NUMBA_NUM_THREADS}):
-        numba.set_num_threads(cores)
-        planes, reading = best_of(
-            200, lambda: shift_and_sum(views, FOUR_SLOPES), lambda: sum_rows(pixels, sums)
-        )
-        rows.append((f"{what}, {cores} core(s), against reading them once", planes * 1e3,
-                     reading * 1e3, "ms", planes / reading, "at most 5 times", ""))  # fmt: skip
-    numba.set_num_threads(1)
-    reading, cached = best_of(200, lambda: sum_rows(pixels, sums))[0], _sums_in_cache_s(views)
-    rows.append((f"the same sums alone, 1 core, with {CACHED_ROWS} of the {views.shape[2]} rows, "
-                 "which the cache holds, again and again, against reading all once", cached * 1e3,
-                 reading * 1e3, "ms", cached / reading, "", ""))  # fmt: skip
-    return rows
-
-
-def _sums_in_cache_s(views: np.ndarray) -> float:
-    """Seconds of the compiled loops for as many rows as there are, but always the same few."""
-    loops, found = refocus_kernels.shift_and_sum, []
-
-    def again_and_again(*arguments):
-        *given, _, bad, out = arguments
-        done = np.zeros(1, np.int64)
-        begun = time.perf_counter()
-        for _ in range(views.shape[2] // CACHED_ROWS):
-            done[:] = 0
-            loops(*given, as_counters(done), bad, out)
-        found.append(time.perf_counter() - begun)
-
-    few = np.ascontiguousarray(views[:, :, :CACHED_ROWS])
-    with patch.object(refocus_kernels, "shift_and_sum", again_and_again):
-        for _ in range(200):
-            shift_and_sum(few, FOUR_SLOPES)
-    return min(found)
-
-
-def refocusing_rows() -> list[tuple]:
-    """Refocus colour against grey, of the same bytes; the memory of a search and a slope map."""
+def colour_rows() -> list[dict]:
+    """Refocus colour against grey, of the same bytes."""
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
     colour = np.random.default_rng(0).random((15, 15, 90, 180, 3), np.float32)
-    grey, slopes = colour.reshape(15, 15, 90, 540), FOUR_SLOPES
-    ours, theirs = best_of(
-        15, lambda: shift_and_sum(colour, slopes), lambda: shift_and_sum(grey, slopes)
+    grey = colour.reshape(15, 15, 90, 540)
+    times = in_turn(
+        lambda: shift_and_sum(colour, FOUR_SLOPES),
+        lambda: shift_and_sum(grey, FOUR_SLOPES),
+        rounds=15,
     )
-    one = shift_and_sum(colour[..., 1], slopes)
-    rates = colour.nbytes / ours / 1e9, grey.nbytes / theirs / 1e9
-    rows = [
-        ("four planes of 15 x 15 x 90 x 180 in colour, against grey of as many bytes", *rates,
-         "GB/s", rates[0] / rates[1], "the grey rate",
-         difference(shift_and_sum(colour, slopes)[..., 1], one)),
-    ]  # fmt: skip
+    differ = difference(times.results[0][..., 1], shift_and_sum(colour[..., 1], FOUR_SLOPES))
+    what = "four planes of 15 x 15 x 90 x 180 in colour, against grey of as many bytes"
+    return [rates(what, "MB/s", times, 2 * (colour.nbytes,), "the grey rate", differ)]
+
+
+def memory_rows() -> list[dict]:
+    """Measure the memory of a search and of a slope map."""
     views = np.random.default_rng(0).random((15, 15, 270, 540), np.float32)
+    slopes = np.linspace(-1, 1, 41)
+    held, rows = views.nbytes / 1e6, []
     for what, search in (
-        (
-            "slope search",
-            lambda some: find_sharpest_slopes(some, np.linspace(-1, 1, 41), tiles=(9, 18)),
-        ),
-        ("slope map", lambda some: all_in_focus(some, np.linspace(-1, 1, 41))),
+        ("slope search", lambda some: find_sharpest_slopes(some, slopes, tiles=(9, 18))),
+        ("slope map", lambda some: all_in_focus(some, slopes)),
     ):
-        held = views.nbytes / 1e6
         most = held + _traced_peak(search, views) / 1e6
-        rows.append((f"{what} of 15 x 15 x 270 x 540, memory with the light field, against it",
-                     most, held, "MB", most / held, "at most 2 times", ""))  # fmt: skip
+        what += " of 15 x 15 x 270 x 540, memory with the light field, against it"
+        row = {"what": what, "ours": most, "baseline": held, "unit": "MB", "ratio": most / held}
+        rows.append(row | {"wanted": "at most 2 times"})
     return rows
 
 
@@ -423,47 +284,16 @@ def _traced_peak(search: Callable, views: np.ndarray) -> int:
         tracemalloc.stop()
 
 
-def start_rows() -> list[tuple]:
-    """Import the package in a new process."""
-
-    def start(code: str) -> Callable:
-        return lambda: subprocess.run([sys.executable, "-c", code], check=True)
-
-    numbas = "import numba, numpy"
-    rows = []
-    for code, rival, name, wanted in (
-        ("import lf_flame", "", "Python alone", "under 300 ms"),
-        ("import lf_flame.refocus", numbas, numbas, "within 150 ms"),
-        ("from lf_flame.refocus import refocus", numbas, numbas, "within 150 ms"),
-        ("from lf_flame import render", numbas, numbas, ""),
-        ("from lf_flame.refocus import all_in_focus", numbas, numbas, ""),
-    ):
-        ours, theirs = best_of(5, start(code), start(rival))
-        rows.append((f"{code}, against {name}", ours * 1e3, theirs * 1e3, "ms", ours / theirs,
-                     wanted, ""))  # fmt: skip
-    return rows
+PARTS = (ray_rows, bare_rows, exact_rows, whole_rows, colour_rows, memory_rows)
 
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
-    out = parser.parse_args().out
-    rows = []
-    for part in (
-        ray_rows,
-        bare_rows,
-        exact_rows,
-        whole_rows,
-        reading_rows,
-        refocusing_rows,
-        start_rows,
-    ):
-        sys.stderr.write(f"measuring: {part.__doc__.splitlines()[0]}\n")
+    asked, rows = command_line(__doc__).parse_args(), []
+    for part in PARTS[:2] if asked.small else PARTS:
+        sys.stderr.write(f"measuring: {part.__doc__}\n")
         rows += part()
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    formats = ("", ".4g", ".4g", "", ".3g", "", "")
-    write_table(out / "speed", "Speed of the simulator", table, formats, environment())
+    finish(asked.out, "speed", "Speed of the simulator", {"rows": rows}, COLUMNS, NOTES)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """How long each command takes the first time on a machine, when its loops are compiled, and after.
 
 Every command runs on small inputs, so that what is timed is starting: importing, compiling or
-loading what was compiled. Beside it stands how long this Python takes to import Numba and NumPy.
+loading what was compiled. Beside it stands how long Python alone takes, and NumPy with Numba.
 """
 
-import argparse
 import os
 import subprocess
 import sys
@@ -13,17 +12,19 @@ import time
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from experiments.benchmarks.report import write_table
-from lf_flame._common.provenance import environment
+from experiments.benchmarks.report import command_line, finish
 
 ROOT = Path(__file__).parents[2]
 
 SCENES = ROOT / "data_gen" / "scenes"
 PROGRAM = ("-m", "lf_flame")
+IMPORTS = ("pass", "import numba, numpy", "import lf_flame", "import lf_flame.refocus",
+           "from lf_flame.refocus import refocus", "from lf_flame import render",
+           "from lf_flame.refocus import all_in_focus")  # fmt: skip
+
 COMMANDS = {
-    "import numba, numpy": ("-c", "import numba, numpy"),
+    **{code: ("-c", code) for code in IMPORTS},
     "lf-flame --help": (*PROGRAM, "--help"),
     "lf-flame camera": (*PROGRAM, "camera"),
     "lf-flame plan": (*PROGRAM, "plan", str(SCENES / "effects.toml")),
@@ -76,16 +77,19 @@ def measure(repetitions: int) -> list[dict]:
     return rows
 
 
+COLUMNS = {
+    "command": ("command", ""),
+    "first start": ("first start (s)", ".2f"),
+    "second start": ("second start (s)", ".2f"),
+}
+
+
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--repetitions", type=int, default=3, help="of the second start")
-    asked = parser.parse_args()
-    table = pd.DataFrame(measure(asked.repetitions))
-    notes = "Seconds of a whole process on small inputs. "
-    formats = ("", ".2f", ".2f")
-    write_table(asked.out / "starting", "Starting", table, formats, environment(), notes=notes)
+    asked = command_line(__doc__).parse_args()
+    record = {"rows": measure(1 if asked.small else 3)}
+    notes = ["Seconds of a whole process on small inputs; the second start is the best of three."]
+    finish(asked.out, "starting", "Starting", record, COLUMNS, notes)
 
 
 if __name__ == "__main__":

@@ -8,16 +8,11 @@ the layers must multiply at the rate, that this machine shows in the same run. A
 over that of our whole step; a difference is the largest of the first losses, relative.
 """
 
-import argparse
 import math
 import os
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from unittest.mock import patch
 
 # Of NumPy. Two threads that multiply wait for each other wherever the machine does other things;
 # the time of one, over the number of cores, is what a floor needs.
@@ -25,13 +20,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import keras
 import numpy as np
-import pandas as pd
 
-from experiments.benchmarks.report import write_table
-from experiments.timing import best_times, seconds
-from lf_flame._common.provenance import cpu_count, environment
+from experiments.benchmarks.report import command_line, finish, ratio
+from experiments.timing import Times, in_turn
+from lf_flame._common.provenance import cpu_count
 from lf_flame._common.threads import pieces, shared
-from lf_flame.learning import _adam
 from lf_flame.learning.decoder import build_decoder
 from lf_flame.learning.trainers import ArrayTrainer
 
@@ -53,13 +46,15 @@ RATE = 1e-4
 DROPOUT = 0.3
 PLANES = 4
 
-COLUMNS = ["what", "step", "ms", "ratio", "largest difference", "remarks"]
-
-GRADIENTS = "ours: forward and backward"
-DENSE = "ours: Adam of the dense kernel"
-OTHERS = "ours: Adam of the rest"
-COPIES = "ours: copying batches"
-PYTHON = "ours: Python and what is left"
+COLUMNS = {
+    "what": ("what", ""),
+    "step": ("step", ""),
+    "ms": ("ms", ".4g"),
+    "ratio": ("ratio", ".3g"),
+    "quartiles": ("quartiles", ""),
+    "largest difference": ("largest difference", ""),
+    "remarks": ("remarks", ""),
+}
 
 
 @dataclass(frozen=True)
@@ -127,46 +122,9 @@ def largest_difference(losses: list[float], theirs: list[float]) -> str:
     return f"{found:.1e}"
 
 
-class Timed:
-    """An array whose indexing goes through a function that times it."""
-
-    def __init__(self, take: Callable):
-        self._take = take
-
-    def __getitem__(self, indices):
-        return self._take(indices)
-
-
-def profile(trainer: ArrayTrainer, batches: np.ndarray) -> dict[str, float]:
-    """Train on the batches with a stopwatch around what the trainer calls; seconds of a step."""
-    spent = dict.fromkeys((GRADIENTS, DENSE, OTHERS, COPIES), 0.0)
-
-    def timed(part: str, call: Callable) -> Callable:
-        def wrapped(*args):
-            started = time.perf_counter()
-            result = call(*args)
-            spent[part] += time.perf_counter() - started
-            return result
-
-        return wrapped
-
-    samples = [Timed(timed(COPIES, array.__getitem__)) for array in trainer.arrays["train"]]
-    gradients = trainer.gradients
-    with (
-        patch.dict(trainer.arrays, train=samples),
-        patch.object(gradients, "run_batch", timed(GRADIENTS, gradients.run_batch)),
-        patch.object(_adam, "update_product", timed(DENSE, _adam.update_product)),
-        patch.object(_adam, "update_all", timed(OTHERS, _adam.update_all)),
-    ):
-        whole = seconds(partial(run, trainer.train_in_order, batches))
-    spent[PYTHON] = whole - sum(spent.values())
-    return {part: time / len(batches) for part, time in spent.items()}
-
-
-def run(step: Callable, batches: np.ndarray) -> None:
-    """Take one step for each batch."""
-    for batch in batches:
-        step(batch)
+def run(trainer, batches: np.ndarray) -> list[float]:
+    """Take one step for each batch, and list the losses."""
+    return [trainer(batch) for batch in batches]
 
 
 @shared
@@ -175,37 +133,6 @@ def touch(queue, values):
     for block in pieces(queue, -(-values.size // BLOCK)):
         for k in range(block * BLOCK, min((block + 1) * BLOCK, values.size)):
             values[k] += np.float32(1)
-
-
-class Floor:
-    """What a step takes at least: Adam's bytes and the layers' products; `calls` are to be timed.
-
-    Adam reads and writes parameters, means and squares, and reads gradients; not that of the dense
-    layer's kernel, which is never written down.
-    """
-
-    def __init__(self, case: Case):
-        decoder = case.decoder()
-        kernel = decoder.get_layer("basis").kernel
-        sizes = {x.path: math.prod(x.shape) for x in decoder.trainable_variables}
-        self._bytes = 4 * (7 * sum(sizes.values()) - sizes[kernel.path])
-        self._state = np.zeros(3 * sum(sizes.values()), np.float32)
-        products = matrix_products(decoder, case.batch)
-        self._multiply_adds = sum(a.size * b.shape[1] for a, b, _ in products)
-        self.calls = [partial(touch, self._state), *(partial(np.matmul, *x) for x in products)]
-
-    def rows(self, touch_s: float, *products_s: float) -> list[tuple]:
-        """Rows of the table, from the times of `calls`."""
-        rate = 2 * self._state.nbytes / touch_s
-        adam, products = self._bytes / rate, sum(products_s) / cpu_count()
-        multiplied = self._multiply_adds / 1e9
-        return [
-            ("floor", adam + products, "", "bytes and products, one after the other"),
-            ("floor: Adam's bytes", adam, "",
-             f"{self._bytes / 1e6:.4g} MB at {rate / 1e9:.3g} GB/s"),
-            ("floor: matrix products", products, "",
-             f"{multiplied:.3g} G multiply-adds at {multiplied / products:.3g} G/s"),
-        ]  # fmt: skip
 
 
 def matrix_products(decoder: keras.Model, batch: int) -> list[tuple]:
@@ -229,75 +156,82 @@ def matrix_products(decoder: keras.Model, batch: int) -> list[tuple]:
     return [(a, b, np.empty((a.shape[0], b.shape[1]), np.float32)) for a, b in found]
 
 
-def measure(case: Case, rounds: int) -> list[tuple]:
+def floor_calls(case: Case) -> tuple[list, float, int]:
+    """Give calls that show bandwidth and rate of products, and how much of both a step takes.
+
+    Adam reads and writes parameters, means and squares, and reads gradients; not that of the dense
+    layer's kernel, which is never written down.
+    """
+    decoder = case.decoder()
+    kernel = decoder.get_layer("basis").kernel
+    sizes = {x.path: math.prod(x.shape) for x in decoder.trainable_variables}
+    state = np.zeros(3 * sum(sizes.values()), np.float32)
+    products = matrix_products(decoder, case.batch)
+    calls = [partial(touch, state), *(partial(np.matmul, *x) for x in products)]
+    bytes_of_adam = 4 * (7 * sum(sizes.values()) - sizes[kernel.path])
+    share = bytes_of_adam / (2 * state.nbytes)  # of what the first call reads and writes
+    return calls, share, sum(a.size * b.shape[1] for a, b, _ in products)
+
+
+def measure(case: Case, rounds: int) -> list[dict]:
     """Compare the losses of some first steps, then time all in turn."""
     samples, batches = case.samples(), case.batches()
     trainer = ArrayTrainer(case.decoder(), RATE, case.batch, {"train": samples})
     plain, xla = (PlainKeras(case, samples, jit) for jit in (False, True))
     without = [PlainKeras(case, samples, jit, dropout=0.0).losses(batches) for jit in (True, False)]
-    ours = largest_difference([trainer.train_in_order(k) for k in batches], plain.losses(batches))
-    floor, profiles = Floor(case), []
-
-    def our_clock() -> float:
-        profiles.append(profile(trainer, batches))
-        return sum(profiles[-1].values())
-
-    def clock(baseline: PlainKeras) -> float:
-        return seconds(partial(run, baseline.step, batches)) / len(batches)
-
-    clocks = [our_clock, partial(clock, plain), partial(clock, xla)]
-    clocks += [partial(seconds, call) for call in floor.calls]
-    _, plain_s, xla_s, *floor_s = best_times(rounds, TURN_S, clocks)
-    parts = min(profiles, key=lambda parts: sum(parts.values()))
-    differences = ours, largest_difference(*without)
-    rows = rows_of(parts, (plain_s, xla_s), floor.rows(*floor_s), differences)
-    return [(str(case), *row) for row in rows]
+    ours = largest_difference(run(trainer.train_in_order, batches), plain.losses(batches))
+    calls, share, multiplied = floor_calls(case)
+    steps = [trainer.train_in_order, plain.step, xla.step]
+    times = in_turn(*(partial(run, step, batches) for step in steps), *calls,
+                    rounds=rounds, turn_s=TURN_S)  # fmt: skip
+    return [
+        {"what": str(case), **row}
+        for row in rows_of(times, share, multiplied, (ours, largest_difference(*without)))
+    ]
 
 
-def rows_of(parts: dict, keras_s: tuple, floor_rows: list, differences: tuple) -> list[tuple]:
-    """Rows of the table for one case."""
-    ours, (plain, xla), least = sum(parts.values()), keras_s, floor_rows[0][1]
+def rows_of(times: Times, share: float, multiplied: int, differences: tuple) -> list[dict]:
+    """Rows of a case: the times of a step, ours first, and of the floor."""
+    ours, plain, xla = (1e3 * times.best[:3] / STEPS).tolist()
+    adam = 1e3 * share * float(times.best[3])
+    products = 1e3 * float(times.best[4:].sum()) / cpu_count()
+    least, rate = adam + products, multiplied / products / 1e6
     rows = [
-        ("ours", ours, differences[0],
-         f"takes {ours / plain:.3g} of the time of plain Keras, {ours / least:.3g} of the floor's"),
-        ("plain Keras", plain, "", "train_on_batch, jit_compile=False"),
-        ("plain Keras, XLA", xla, differences[1], "jit_compile=True; its dropout draws other "
-         "numbers, so losses are compared without dropout"),
-        *floor_rows,
-        *((part, time, "", "") for part, time in parts.items()),
+        {"step": "ours", "ms": ours, "largest difference": differences[0], "remarks":
+         f"takes {ours / plain:.3g} of the time of plain Keras, {ours / least:.3g} of the floor's"},
+        {"step": "plain Keras", "ms": plain, **ratio(times, 1, 0), "remarks":
+         "train_on_batch, jit_compile=False"},
+        {"step": "plain Keras, XLA", "ms": xla, **ratio(times, 2, 0), "largest difference":
+         differences[1], "remarks": "jit_compile=True; its dropout draws other numbers, so losses "
+         "are compared without dropout"},
+        {"step": "floor", "ms": least, "remarks": "bytes and products, one after the other"},
+        {"step": "floor: Adam's bytes", "ms": adam, "remarks": "at the bandwidth of this run"},
+        {"step": "floor: matrix products", "ms": products, "remarks":
+         f"{multiplied / 1e9:.3g} G multiply-adds at {rate:.3g} G/s"},
     ]  # fmt: skip
-    return [(step, 1e3 * time, time / ours, *rest) for step, time, *rest in rows]
-
-
-def arguments() -> argparse.Namespace:
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("experiments/results/benchmarks"))
-    parser.add_argument("--small", action="store_true", help="small decoders, to try the program")
-    if keras.backend.backend() != "tensorflow":
-        parser.error(f"KERAS_BACKEND must be tensorflow, got {keras.backend.backend()}")
-    return parser.parse_args()
+    blank = {"quartiles": "", "largest difference": ""}
+    return [{"step": "", "ms": 0, "ratio": row["ms"] / ours} | blank | row for row in rows]
 
 
 def main() -> None:
     """Measure, print and write."""
-    asked, rows = arguments(), []
+    parser = command_line(__doc__)
+    if keras.backend.backend() != "tensorflow":
+        parser.error(f"KERAS_BACKEND must be tensorflow, got {keras.backend.backend()}")
+    asked, rows = parser.parse_args(), []
     for case in cases(asked.small):
         sys.stderr.write(f"measuring: {case}\n")
         rows += measure(case, 1 if asked.small else ROUNDS)
         keras.backend.clear_session()
-    write_table(
-        asked.out / "training",
-        "Speed of a training step",
-        pd.DataFrame(rows, columns=COLUMNS),
-        ("", "", ".4g", ".3g", "", ""),
-        environment(),
-        notes=f"The paper's decoder and Adam; mean of {STEPS} steps. Ratio: the time over ours. "
-        f"Difference: of the first {STEPS} losses, relative to plain Keras. Floor: Adam reads and "
-        "writes parameters, means and squares, and reads the gradients that are written down, as "
-        "fast as adding 1 to as many numbers in place (Numba); NumPy multiplies matrices of the "
-        "layers' shapes, on one thread, and its time is divided by the cores.\n\n",
-    )
+    notes = [
+        f"The paper's decoder and Adam; mean of {STEPS} steps. Ratio: the time over ours, median "
+        f"and quartiles of the rounds. Difference: of the first {STEPS} losses, relative to plain "
+        "Keras. Floor: Adam reads and writes parameters, means and squares, and reads the "
+        "gradients that are written down, as fast as adding 1 to as many numbers in place (Numba); "
+        "NumPy multiplies matrices of the layers' shapes, on one thread, and its time is divided "
+        "by the cores."
+    ]
+    finish(asked.out, "training", "Speed of a training step", {"rows": rows}, COLUMNS, notes)
 
 
 if __name__ == "__main__":

@@ -6,17 +6,14 @@ of a page does). And by the program that serves the page, as it does for light f
 large: a page asks it for each picture.
 """
 
-import argparse
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from experiments.benchmarks.report import write_table
+from experiments.benchmarks.report import command_line, finish
 from experiments.browser import headless_browser, served
-from lf_flame._common.provenance import environment
 from lf_flame.lightfield import LightField
 from lf_flame.viewer.exhibit import Exhibit
 
@@ -64,29 +61,26 @@ def measure(repetitions: int) -> list[dict]:
     return rows
 
 
+COLUMNS = {
+    "views": ("views", ""),
+    "drawn by": ("drawn by", ""),
+    "first picture": ("first picture (s)", ".2f"),
+    "all views": ("all views (s)", ".2f"),
+    "frames a second": ("frames a second", ".1f"),
+}
+
+
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
-    parser.add_argument("--repetitions", type=int, default=3)
-    asked = parser.parse_args()
-    table = pd.DataFrame(measure(asked.repetitions))
-    notes = (
+    asked = command_line(__doc__).parse_args()
+    repetitions = 1 if asked.small else 3
+    record = {"rows": measure(repetitions), "repetitions": repetitions}
+    notes = [
         "Seconds from asking for the page, its views in the serving program's memory; frames while "
         "one drags, those of JavaScript coarser where the views are large. No graphics processor. "
-        "What the program draws needs no views in the page. "
-    )
-    formats = ("", "", ".2f", ".2f", ".1f")
-    write_table(
-        asked.out / "viewer",
-        "The viewer's page",
-        table,
-        formats,
-        environment(),
-        notes=notes,
-        repeated=f"Medians of {asked.repetitions}",
-        command="python -m experiments.benchmarks.viewer",
-    )
+        "What the program draws needs no views in the page. Medians of some repetitions."
+    ]
+    finish(asked.out, "viewer", "The viewer's page", record, COLUMNS, notes)
 
 
 if __name__ == "__main__":

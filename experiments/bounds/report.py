@@ -9,8 +9,9 @@ import numba
 import pandas as pd
 
 from experiments.bounds.random_scenes import ROUNDING, TOLERANCE, measure_scene
+from experiments.report import markdown, write_report
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
+from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import read_record
 from lf_flame._common.workers import worker_pool
@@ -46,12 +47,10 @@ def run_bounds(scenes: int, seed: int, out: Path, progress, workers: int = 1) ->
             found.append(scene)
             if len(found) % SAVED_EVERY == 0:
                 _save(path, seed, found)
-    _save(path, seed, found)
-    table = tabulate(found)
-    with together(out, last="bounds.md") as aside:
-        write_text(aside / "bounds.csv", table.to_csv(index=False))
-        write_text(aside / "bounds.md", text(table, found))
-    return out / "bounds.md"
+    record = {"seed": seed, "tolerance": TOLERANCE, "scenes": found}
+    title = "Bounds against the largest change of a pixel"
+    tables = {"bounds": tabulate(found)}
+    return write_report(out, "bounds", title, record, body(record), tables=tables)
 
 
 @dataclass(frozen=True)
@@ -118,20 +117,26 @@ def tabulate(found: Sequence[dict]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def text(table: pd.DataFrame, found: Sequence[dict]) -> str:
-    """Put the table, and what it means, into Markdown."""
+COLUMNS = {
+    "effect": ("effect", ""),
+    "number": ("number", ""),
+    "smallest": ("smallest", ".3g"),
+    "median": ("median", ".3g"),
+    "largest": ("largest", ".3g"),
+    "refused": ("refused", ""),
+    "violations": ("violations", ""),
+}
+
+
+def body(record: dict) -> list[str]:
+    """Write the table, and what it means, as Markdown."""
+    found = record["scenes"]
     refused = sum(scene["refused"] is not None for scene in found)
-    shown = table.copy()
-    for column in ("smallest", "median", "largest"):
-        shown[column] = [f"{value:.3g}" for value in table[column]]
-    return "\n\n".join(
-        [
-            "# Bounds against the largest change of a pixel",
-            f"{len(found)} random scenes, of which {refused} were refused; bound over change, "
-            "where the image changed by more than float32 rounds, and rays were off by less than a "
-            "tenth of that. An effect was forced on or off "
-            "against what its scene's plan had decided, all else left as decided. A violation is a "
-            "change above the bound and the error of the rays that showed it.",
-            shown.to_markdown(index=False, disable_numparse=True),
-        ]
-    ) + "\n"  # fmt: skip
+    return [
+        f"{len(found)} random scenes, of which {refused} were refused; bound over change, where "
+        "the image changed by more than float32 rounds, and rays were off by less than a tenth of "
+        "that. An effect was forced on or off against what its scene's plan had decided, all else "
+        "left as decided. A violation is a change above the bound and the error of the rays that "
+        "showed it.",
+        markdown(tabulate(found), COLUMNS, missing="nan"),
+    ]

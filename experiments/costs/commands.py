@@ -50,14 +50,14 @@ def costs(out: Path, chapter: str, budget_s: float, run: Path) -> None:
     if not budget_s > 0:
         raise InputError(f"budget-s must be above 0 seconds, got {budget_s}.")
     if chapter != "refocusing":
-        path = rendering_report.write_report(out, *measure_costs(step_bar, budget_s))
+        path = rendering_report.write_reports(out, measure_costs(step_bar, budget_s))
         click.echo(set_beside(path, f"costs/{path.name}"))
     if chapter != "simulation":
         load_keras()
         from experiments.costs import refocusing_report
         from experiments.costs.refocusing import measure_refocusing
 
-        path = refocusing_report.write_report(out, *measure_refocusing(run, step_bar))
+        path = refocusing_report.write(out, measure_refocusing(run, step_bar))
         click.echo(set_beside(path, f"costs/{path.name}"))
 
 
@@ -100,5 +100,5 @@ def latency(networks: tuple[Path, ...], out: Path, repeats: int, seed: int) -> N
     from experiments.costs.latency import measure_latency
     from lf_flame._common.progress import step_bar
 
-    path = latency_report.write_report(out, *measure_latency(networks, repeats, seed, step_bar))
+    path = latency_report.write(out, measure_latency(networks, repeats, seed, step_bar))
     click.echo(set_beside(path, f"costs/{path.name}"))

@@ -50,9 +50,9 @@ class Method:
     theory: float | None = None
     theory_hidden: float | None = None
 
-    def theory_for(self, study: Study) -> float | None:
-        """Exponent by theory for a scene."""
-        return (study.hides and self.theory_hidden) or self.theory
+    def theory_for(self, hides: bool) -> float | None:
+        """Exponent by theory for a scene, in which layers hide others or not."""
+        return (hides and self.theory_hidden) or self.theory
 
 
 def _forward(study: Study, per_pixel: float, sequence: str) -> np.ndarray:

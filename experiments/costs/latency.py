@@ -16,7 +16,6 @@ from pathlib import Path
 
 import keras
 import numpy as np
-import pandas as pd
 
 from experiments.costs.precision import (
     PRECISIONS,
@@ -27,9 +26,7 @@ from experiments.costs.precision import (
     weight_bytes,
 )
 from experiments.timing import measure_bandwidth
-from lf_flame._common import provenance
 from lf_flame._common.arrays import area_average
-from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame.errors import InputError
 from lf_flame.learning.model_card import NetworkCard, load_network, read_card
@@ -266,10 +263,10 @@ def measure_latency(
     seed: int = 0,
     progress: Callable | None = None,
     chosen: dict[str, bool] | None = None,
-) -> tuple[pd.DataFrame, dict]:
+) -> dict:
     """Time trained networks stage by stage in all precisions.
 
-    `experiments.costs.latency_report.write_report` takes what comes out.
+    `experiments.costs.latency_report.write` takes the record that comes out.
 
     Parameters
     ----------
@@ -286,10 +283,8 @@ def measure_latency(
 
     Returns
     -------
-    DataFrame
-        One row a variant.
     dict
-        The record.
+        The record; in ``ways`` a row for each variant.
 
     Raises
     ------
@@ -308,20 +303,15 @@ def measure_latency(
     for _ in progress(steps, 0, total) if progress else steps:
         pass
     raw_bytes = {subject.label: subject.raw.nbytes for subject in subjects}
-    table = pd.DataFrame(
-        [summarise(variant, raw_bytes[variant.label], bandwidth) for variant in variants]
-    )
-    record = {
+    return {
         "networks": {subject.label: _described(subject) for subject in subjects},
         "repeats": repeats,
         "seed": seed,
         "backend": keras.backend.backend(),
         "bandwidth_gb_s": bandwidth / 1e9,
         "wall_s": time.perf_counter() - started,
-        "ways": [finite(row) for row in table.to_dict("records")],
-        **provenance.environment(),
+        "ways": [summarise(one, raw_bytes[one.label], bandwidth) for one in variants],
     }
-    return table, record
 
 
 def _measure(subject: Subject, chosen, repeats: int, seed: int, variants: list) -> Iterator[None]:

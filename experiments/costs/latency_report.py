@@ -8,8 +8,7 @@ import pandas as pd
 
 from experiments.costs.latency import STAGES, WHOLE, columns
 from experiments.costs.precision import REFERENCE
-from lf_flame._common import figures
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
 
 COLOURS = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
@@ -23,95 +22,72 @@ FLOOR_LABEL = "floor: weights and raw image read once"
 LABELS = {"int8": "int8 (dense layers)"}
 """Precisions that not all layers have."""
 
+
+def _psnr(value: float) -> str:
+    return "missing" if math.isnan(value) else "same" if math.isinf(value) else f"{value:.1f}"
+
+
 COLUMNS = {
-    "network": "network",
-    "precision": "precision",
-    "compiler": "compiler",
-    **{stage: f"{stage} (ms)" for stage in STAGES},
-    WHOLE: "in one go (ms)",
-    "times_floor": "x floor",
-    "weights_mb": "weights (MB)",
-    "psnr_db": "PSNR to float32 (dB)",
-    "truth_psnr_db": "to the truth (dB)",
+    "network": ("network", ""),
+    "precision": ("precision", ""),
+    "compiler": ("compiler", ""),
+    **{f"{stage}_shown": (f"{stage} (ms)", str) for stage in STAGES},
+    f"{WHOLE}_shown": ("in one go (ms)", str),
+    "times_floor": ("x floor", ".1f"),
+    "weights_mb": ("weights (MB)", ".1f"),
+    "psnr_db": ("PSNR to float32 (dB)", _psnr),
+    "truth_psnr_db": ("to the truth (dB)", ".2f"),
 }
-"""What the table shows, and how it calls it."""
-
-FORMATS = {
-    "times_floor": "{:.1f}",
-    "weights_mb": "{:.1f}",
-    "psnr_db": "{:.1f}",
-    "truth_psnr_db": "{:.2f}",
-}
+"""Headings and formats of the table."""
 
 
-def write_report(out: Path, table: pd.DataFrame, record: dict) -> Path:
-    """Write what `experiments.costs.latency.measure_latency` found.
-
-    Parameters
-    ----------
-    out : Path
-        Folder for ``latency.csv``, ``.md``, ``.json`` and ``.png``.
-    table, record
-        See there.
-
-    Returns
-    -------
-    Path
-        ``latency.md``.
-    """
-    with together(out, last="latency.json") as aside:
-        write_text(aside / "latency.csv", table.to_csv(index=False))
-        write_text(aside / "latency.md", text(table, record))
-        figures.save(figure(table, record), aside / "latency.png")
-        write_json(aside / "latency.json", record)
-    return out / "latency.md"
+def write(out: Path, record: dict) -> Path:
+    """Write ``latency.*`` from the record of `experiments.costs.latency.measure_latency`."""
+    return write_report(
+        out, "latency", "Latency of one picture", record, body(record),
+        tables={"latency": pd.DataFrame(record["ways"])}, pictures={"latency": figure(record)},
+    )  # fmt: skip
 
 
-def text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table, and in words what it says, into Markdown.
+def table_of(record: dict) -> pd.DataFrame:
+    """Give the variants of a record, in which JSON knows no infinity."""
+    table = pd.DataFrame(record["ways"])
+    numbers = [name for name in table if name.endswith(("_ms", "_mb", "_db", "floor"))]
+    table[numbers] = table[numbers].astype(float)
+    same = table["psnr_db"].isna() & (table["missing"] == "")
+    table["psnr_db"] = table["psnr_db"].mask(same, math.inf)
+    for stage in (*STAGES, WHOLE):
+        quartiles = table[list(columns(stage))].itertuples(index=False)
+        table[f"{stage}_shown"] = [
+            "missing" if math.isnan(row[0]) else "{:.1f} ({:.1f}-{:.1f})".format(*row)
+            for row in quartiles
+        ]
+    return table
 
-    Parameters
-    ----------
-    table : DataFrame
-        As it is written.
-    record : dict
-        As it is written.
-    """
-    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
-    described = record["networks"].items()
-    shown = "\n".join(_network_line(label, network) for label, network in described)
-    findings = "\n".join(f"- {_finding(rows)}" for _, rows in table.groupby("network", sort=False))
-    types = "\n".join(_type_line(*variant) for variant in _variants_by_precision(table))
-    return f"""# Latency of one picture
 
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
-{versions}; {record["wall_s"]:.0f} s.
-
-## What was measured
-
-{shown}
-
-From a raw lenslet image in memory (random, float32) to refocused images in memory, at batch 1, by
-a network that is loaded and compiled. Resize: area averaging to the network's size; backbone and
-decoder: with copying in and out. In one go: resize, then the whole network, as a user runs it, with
-no copying in between. Median, and in brackets the quartiles, of {record["repeats"]} rounds; in each
-every row goes once stage by stage and once in one go, in an order drawn anew. Floor: reading
-weights and raw image from memory once, at {record["bandwidth_gb_s"]:.3g} GB/s, the best measured in
-this run.
-
-PSNR (peak 1, over all images): against what float32 in its first row makes of the same inputs; and
-against the truth, which only a run folder's test inputs have.
-
-{types}
-
-## What it says
-
-{findings}
-
-## All variants
-
-{_markdown(table)}
-"""
+def body(record: dict) -> list[str]:
+    """Write the table, and in words what it says, as Markdown."""
+    table = table_of(record)
+    known = table.loc[table["computes"] != "", ["precision", "computes"]].drop_duplicates()
+    shown = table.assign(precision=table["precision"].replace(LABELS))
+    return [
+        "## What was measured",
+        "\n".join(_network_line(*one) for one in record["networks"].items()),
+        f"""From a raw lenslet image in memory (random, float32) to refocused images in memory, at
+batch 1, by a network that is loaded and compiled. Resize: area averaging to the network's size;
+backbone and decoder: with copying in and out. In one go: resize, then the whole network, as a user
+runs it, with no copying in between. Median, and in brackets the quartiles, of {record["repeats"]}
+rounds; in each every row goes once stage by stage and once in one go, in an order drawn anew.
+Floor: reading weights and raw image from memory once, at {record["bandwidth_gb_s"]:.3g} GB/s, the
+best measured in this run.""",
+        """PSNR (peak 1, over all images): against what float32 in its first row makes of the same
+inputs; and against the truth, which only a run folder's test inputs have.""",
+        "\n".join(f"- {precision}: {computes}." for precision, computes in known.to_numpy()),
+        "## What it says",
+        "\n".join(f"- {_finding(rows)}" for _, rows in table.groupby("network", sort=False)),
+        "## All variants",
+        markdown(shown, COLUMNS, missing="missing"),
+    ]
 
 
 def _network_line(label: str, network: dict) -> str:
@@ -123,15 +99,6 @@ def _network_line(label: str, network: dict) -> str:
         f"({network['raw_mb']:.3g} MB) to {network['planes']} images of {rows} x {cols}; compared "
         f"on {network['compared_on']}."
     )
-
-
-def _variants_by_precision(table: pd.DataFrame):
-    known = table[table["computes"] != ""]
-    return known[["precision", "computes"]].drop_duplicates().itertuples(index=False)
-
-
-def _type_line(precision: str, computes: str) -> str:
-    return f"- {precision}: {computes}."
 
 
 def fastest(rows: pd.DataFrame) -> pd.DataFrame:
@@ -173,37 +140,9 @@ def _against(variant: dict, first: pd.Series) -> str:
     )
 
 
-def _markdown(table: pd.DataFrame) -> str:
-    shown = table.copy()
-    for stage in (*STAGES, WHOLE):
-        quartiles = table[list(columns(stage))].itertuples(index=False)
-        shown[stage] = [_known("{:.1f} ({:.1f}-{:.1f})".format(*row), row[0]) for row in quartiles]
-    for name, form in FORMATS.items():
-        shown[name] = [_known(form.format(x), x) for x in table[name]]
-    shown["precision"] = shown["precision"].replace(LABELS)
-    shown = shown[list(COLUMNS)].replace("inf", "same").rename(columns=COLUMNS)
-    sides = ("left", "left", "left", *["right"] * (len(COLUMNS) - 3))
-    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
-
-
-def _known(shown: str, value: float) -> str:
-    return "missing" if math.isnan(value) else shown
-
-
-def figure(table: pd.DataFrame, record: dict):
-    """Draw the stages as bars, one for each precision, compiled in the variant that is fastest.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As it is written.
-    record : dict
-        As it is written.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+def figure(record: dict):
+    """Draw the stages as bars, one for each precision, compiled in the variant that is fastest."""
+    table = table_of(record)
     groups = [(label, fastest(rows)) for label, rows in table.groupby("network", sort=False)]
     heights = [len(variants) for _, variants in groups]
     picture, axes = subplots(
@@ -220,7 +159,7 @@ def figure(table: pd.DataFrame, record: dict):
     axes[-1, 0].set_xlabel("milliseconds (median)")
     picture.suptitle(
         "From a raw lenslet image in memory to the refocused images, batch 1\n"
-        f"{record['machine']}; {record['repeats']} rounds; each precision by its fastest compiler",
+        f"{record['repeats']} rounds; each precision by its fastest compiler",
         fontsize=12,
     )
     *lines, floor = _legend_order(axes[0, 0])

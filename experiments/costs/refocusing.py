@@ -7,6 +7,7 @@ clamped edges): nothing is interpolated. (The targets that networks are trained 
 shift-and-sum.)
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,10 +22,8 @@ from skimage.transform import downscale_local_mean
 
 from experiments.costs.rendering_scenes import CONFIGS
 from experiments.held_out import HeldOut, find_scenes
-from experiments.timing import race
-from lf_flame._common import provenance
+from experiments.timing import in_turn
 from lf_flame._common.arrays import area_average
-from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.sampling import render_sample
@@ -173,10 +172,10 @@ def measure_refocusing(
     run: Path = Path("runs/closed-form"),
     progress: Callable | None = None,
     configs: Sequence[DatasetConfig] | None = None,
-) -> tuple[list[HeldOut], pd.DataFrame, dict]:
+) -> dict:
     """Measure SSIM and PSNR against the exact result over milliseconds.
 
-    `experiments.costs.refocusing_report.write_report` takes what comes out.
+    `experiments.costs.refocusing_report.write` takes the record that comes out.
 
     Parameters
     ----------
@@ -190,11 +189,8 @@ def measure_refocusing(
 
     Returns
     -------
-    list of HeldOut
-    DataFrame
-        One row a method.
     dict
-        The record.
+        The record; in ``methods`` a row for each.
     """
     started, rows = time.perf_counter(), []
     if configs is None:
@@ -211,15 +207,12 @@ def measure_refocusing(
         for scenes in found
         if scenes.run is None
     ]
-    table = pd.DataFrame([*summarise(pd.DataFrame(rows)).to_dict("records"), *missing])
-    record = {
+    return {
         "scenes": {scenes.name: _described(scenes) for scenes in found},
         "threads": numba.get_num_threads(),
         "wall_s": time.perf_counter() - started,
-        "methods": [finite(row) for row in table.to_dict("records")],
-        **provenance.environment(),
+        "methods": [*summarise(pd.DataFrame(rows)).to_dict("records"), *missing],
     }
-    return found, table, record
 
 
 def methods_for(scenes: HeldOut) -> list[Method]:
@@ -239,7 +232,7 @@ def _described(scenes: HeldOut) -> dict:
 
 
 def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]:
-    """Yield the scores of a sample's images, method by method."""
+    """Yield the scores of a sample's images, method by method; timed on the first sample."""
     slopes, size = np.array(scenes.slopes), scenes.config.image
     for index in scenes.indices:
         views = render_sample(scenes.config, index)[0].views
@@ -248,7 +241,9 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
         )
         for method in methods:
             call = partial(_images, method, method.store(views), slopes, size)
-            images, seconds = _timed(call, often=index == scenes.indices[0])
+            images, seconds = call(), math.nan
+            if index == scenes.indices[0]:
+                seconds = in_turn(call).best[0]
             yield [
                 {
                     "data_set": scenes.name,
@@ -261,16 +256,6 @@ def _measure(scenes: HeldOut, methods: Sequence[Method]) -> Iterator[list[dict]]
                 }
                 for pair in zip(exact, images, strict=True)
             ]
-
-
-def _timed(call: Callable[[], np.ndarray], often: bool) -> tuple[np.ndarray, float]:
-    """Run a call once, or first to compile it and then a few times; the fastest run counts."""
-    if often:
-        call()
-        seconds, (images,) = race(call)
-        return images, seconds.min()
-    start = time.perf_counter()
-    return call(), time.perf_counter() - start
 
 
 def _images(

@@ -10,8 +10,7 @@ from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
 from experiments.costs.refocusing import ALONE, NETWORK, binned
-from lf_flame._common import figures
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
 
 VIDEO_HZ = 25
@@ -44,102 +43,93 @@ PLACES = [
 ]
 """Where the figure may put a label beside its point, the best first, in points."""
 
+COLUMNS = {
+    "data_set": ("data set", ""),
+    "title": ("method", ""),
+    "milliseconds": ("ms", ".3g"),
+    "psnr_db": ("PSNR (dB)", lambda x: _decibels(x)),
+    "worst_psnr_db": ("worst", lambda x: _decibels(x)),
+    "ssim": ("SSIM", ".5f"),
+    "worst_ssim": ("worst", ".5f"),
+}
+
 CURVE_DOTS = 40
 """Places on each piece of a curve that labels keep clear of."""
 
 
-def write_report(out: Path, found, table: pd.DataFrame, record: dict) -> Path:
-    """Write what `experiments.costs.refocusing.measure_refocusing` found.
-
-    Parameters
-    ----------
-    out : Path
-        Folder for ``refocusing.csv``, ``.md``, ``.json`` and ``.png``.
-    found, table, record
-        See there.
-
-    Returns
-    -------
-    Path
-        ``refocusing.md``.
-    """
-    with together(out, last="refocusing.json") as aside:
-        write_text(aside / "refocusing.csv", table.to_csv(index=False))
-        write_text(aside / "refocusing.md", text(found, table, record))
-        figures.save(figure(found, table), aside / "refocusing.png")
-        write_json(aside / "refocusing.json", record)
-    return out / "refocusing.md"
+def write(out: Path, record: dict) -> Path:
+    """Write ``refocusing.*`` from the record of `experiments.costs.refocusing`."""
+    table = table_of(record)
+    return write_report(
+        out, "refocusing", "What accuracy costs in time: refocusing", record, body(record),
+        tables={"refocusing": table}, pictures={"refocusing": figure(record)},
+    )  # fmt: skip
 
 
-def text(found, table: pd.DataFrame, record: dict) -> str:
-    """Put the table, and in words what it says, into Markdown.
+def table_of(record: dict) -> pd.DataFrame:
+    """Give the methods of a record, in which JSON knows no infinity."""
+    table = pd.DataFrame(record["methods"])
+    for name in ("psnr_db", "worst_psnr_db"):
+        known = table[name].astype(float)
+        table[name] = known.where(known.notna() | table["milliseconds"].isna(), np.inf)
+    return table
 
-    Parameters
-    ----------
-    found : sequence of HeldOut
-    table : DataFrame
-        As it is written.
-    record : dict
-        With threads, wall_s and the values of `provenance.environment`.
-    """
-    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+
+def body(record: dict) -> list[str]:
+    """Write the table, and in words what it says, as Markdown."""
+    scenes, table = record["scenes"], table_of(record)
     cores = f"{record['threads']} cores" if record["threads"] > 1 else "one core"
-    sentences = "\n".join(f"- {_finding(scenes, table)}" for scenes in found)
-    return f"""# What accuracy costs in time: refocusing
-
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]},
-{versions}; {record["wall_s"]:.0f} s.
-
-## What was measured
-
-{"".join(_scene_line(scenes) for scenes in found)}
-Time: from a light field in memory to the finished images, the fastest of a few runs, compiled
-beforehand, on {cores}, without a graphics card. Score: against exact phases of all views (nothing
-is interpolated; float64; edges clamped), averaged and clipped like the targets of the data sets,
-over samples that the network was not trained on. PSNR is that of the mean squared error of all
-images; worst is a single image. (The targets that the network learns from are linear
+    found = [_finding(name, one["run"] is not None, table) for name, one in scenes.items()]
+    return [
+        "## What was measured",
+        "\n".join(_scene_line(name, one) for name, one in scenes.items()),
+        f"""Time: from a light field in memory to the finished images, the fastest of a few runs,
+compiled beforehand, on {cores}, without a graphics card. Score: against exact phases of all views
+(nothing is interpolated; float64; edges clamped), averaged and clipped like the targets of the data
+sets, over samples that the network was not trained on. PSNR is that of the mean squared error of
+all images; worst is a single image. (The targets that the network learns from are linear
 shift-and-sum.) Central views are those of a smaller aperture, with its greater depth of field;
-those over the full aperture are what a camera with few views has, and show ghosts.
-
-## What it says
-
-{sentences}
-- {_premise(found, table, cores)}
-
-## All methods
-
-{_markdown(table)}
-"""
+those over the full aperture are what a camera with few views has, and show ghosts.""",
+        "## What it says",
+        "\n".join(f"- {said}" for said in [*found, _premise(scenes, table, cores)]),
+        "## All methods",
+        markdown(table, COLUMNS, missing="missing"),
+    ]
 
 
-def _scene_line(scenes) -> str:
-    camera, (height, width) = scenes.config.camera, scenes.config.image
-    planes = ", ".join(f"{z:g}" for z in scenes.config.depths_mm)
-    samples = ", ".join(map(str, scenes.indices))
+def _scene_line(name: str, scenes: dict) -> str:
+    config = scenes["config"]
+    camera, (height, width) = config["camera"], config["image"]
+    planes = ", ".join(f"{x['depth_mm']:g}" for x in config["template"]["objects"])
+    samples = ", ".join(map(str, scenes["samples"]))
     return (
-        f"- {scenes.name}: {camera.views} x {camera.views} views of {camera.lenslets[0]} x "
-        f"{camera.lenslets[1]} lenslets to {len(scenes.slopes)} images of {height} x {width}, "
-        f"refocused at {planes} mm; samples {samples}. {NETWORK}: {scenes.origin}\n"
+        f"- {name}: {_views(camera)} to {len(scenes['slopes'])} images of {height} x {width}, "
+        f"refocused at {planes} mm; samples {samples}. {NETWORK}: {scenes['network']}"
     )
 
 
-def _row(table: pd.DataFrame, scenes, family: str, label: str) -> pd.Series:
+def _views(camera: dict) -> str:
+    lines, columns = camera["lenslets"]
+    return f"{camera['views']} x {camera['views']} views of {lines} x {columns} lenslets"
+
+
+def _row(table: pd.DataFrame, name: str, family: str, label: str) -> pd.Series:
     found = (table["family"] == family) & (table["label"] == label)
-    return table[found & (table["data_set"] == scenes.name)].iloc[0]
+    return table[found & (table["data_set"] == name)].iloc[0]
 
 
-def _finding(scenes, table: pd.DataFrame) -> str:
+def _finding(name: str, trained: bool, table: pd.DataFrame) -> str:
     """Set the network beside linear shift-and-sum, in words."""
-    linear = _row(table, scenes, "interpolation", "linear")
+    linear = _row(table, name, "interpolation", "linear")
     begin = (
-        f"{scenes.name}: linear shift-and-sum of all views takes {_ms(linear)} "
-        f"({_hz(linear):.3g} light fields a second) and reaches {linear['psnr_db']:.1f} dB."
+        f"{name}: linear shift-and-sum of all views takes {_ms(linear)} "
+        f"({1e3 / linear['milliseconds']:.3g} light fields a second) and reaches "
+        f"{linear['psnr_db']:.1f} dB."
     )
-    if scenes.run is None:
+    if not trained:
         return f"{begin} {NETWORK} is missing."
-    network = _row(table, scenes, "network", NETWORK)
-    alone = _row(table, scenes, "network", ALONE)
-    methods = table[(table["data_set"] == scenes.name) & (table["family"] != "network")]
+    network, alone = (_row(table, name, "network", label) for label in (NETWORK, ALONE))
+    methods = table[(table["data_set"] == name) & (table["family"] != "network")]
     as_good = methods[methods["psnr_db"] >= network["psnr_db"]]
     fastest = as_good.loc[as_good["milliseconds"].idxmin()]
     change = network["psnr_db"] - linear["psnr_db"]
@@ -152,9 +142,13 @@ def _finding(scenes, table: pd.DataFrame) -> str:
     )
 
 
-def _premise(found, table: pd.DataFrame, cores: str) -> str:
+def _premise(scenes: dict, table: pd.DataFrame, cores: str) -> str:
     """Say how the paper's premise fares."""
-    (height, width), block = found[0].config.image, found[0].config.block
+    config = next(iter(scenes.values()))["config"]
+    height, width = config["image"]
+    block = tuple(
+        n // pixels for n, pixels in zip(config["camera"]["lenslets"], config["image"], strict=True)
+    )
     wanted = {
         "float32": ("interpolation", "linear"),
         "uint8": ("storage", "uint8"),
@@ -179,12 +173,14 @@ def _slowest_hz(table: pd.DataFrame, family: str, label: str) -> float:
     return 1e3 / rows["milliseconds"].max()
 
 
+def _decibels(value: float) -> str:
+    if math.isnan(value):
+        return "missing"
+    return "exact" if math.isinf(value) else f"{value:.1f}"
+
+
 def _ms(row) -> str:
     return f"{row['milliseconds']:.3g} ms"
-
-
-def _hz(row) -> float:
-    return 1e3 / row["milliseconds"]
 
 
 def _times(row, other) -> str:
@@ -195,59 +191,21 @@ def _times(row, other) -> str:
     return f"{ratio:.2g} times as long" if ratio > 1 else f"{1 / ratio:.2g} times as fast"
 
 
-def _markdown(table: pd.DataFrame) -> str:
-    columns = {
-        "data_set": "data set",
-        "title": "method",
-        "milliseconds": "ms",
-        "psnr_db": "PSNR (dB)",
-        "worst_psnr_db": "worst",
-        "ssim": "SSIM",
-        "worst_ssim": "worst ",
-    }
-    formats = {
-        "milliseconds": "{:.3g}",
-        "psnr_db": "{:.1f}",
-        "worst_psnr_db": "{:.1f}",
-        "ssim": "{:.5f}",
-        "worst_ssim": "{:.5f}",
-    }
-    shown = table[list(columns)].copy()
-    for name, form in formats.items():
-        shown[name] = ["missing" if math.isnan(x) else form.format(x) for x in table[name]]
-    shown = shown.replace("inf", "exact").rename(columns=columns)
-    sides = ("left", "left", *["right"] * len(formats))
-    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
-
-
-def figure(found, table: pd.DataFrame):
-    """Draw PSNR and SSIM over milliseconds, one column a data set.
-
-    Parameters
-    ----------
-    found : sequence of HeldOut
-    table : DataFrame
-        Columns data_set, family, label, milliseconds, psnr_db and ssim.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+def figure(record: dict):
+    """Draw PSNR and SSIM over milliseconds, one column a data set."""
+    found, table = record["scenes"], table_of(record)
     picture, axes = subplots(
         2, len(found), figsize=(8.0 * len(found), 11.0), sharex=True, sharey="row", squeeze=False,
         layout="constrained",
     )  # fmt: skip
-    for scenes, column in zip(found, axes.T, strict=True):
-        rows = table[table["data_set"] == scenes.name]
+    for (name, scenes), column in zip(found.items(), axes.T, strict=True):
+        rows = table[table["data_set"] == name]
         heights = np.minimum(rows["psnr_db"], EXACT_DB), 1 - np.minimum(rows["ssim"], EXACT_SSIM)
         for axis, height in zip(column, heights, strict=True):
             _draw_methods(axis, rows.assign(height=height))
-        camera = scenes.config.camera
-        column[0].set_title(
-            f"{scenes.name}: {camera.views} x {camera.views} views of {camera.lenslets[0]} x "
-            f"{camera.lenslets[1]} lenslets to {len(scenes.slopes)} refocused images", fontsize=11,
-        )  # fmt: skip
-        if scenes.run is None:
+        title = f"{name}: {_views(scenes['config']['camera'])} to {len(scenes['slopes'])} "
+        column[0].set_title(f"{title}refocused images", fontsize=11)
+        if scenes["run"] is None:
             column[0].text(0.98, 0.02, f"{NETWORK}: missing", color=FAMILIES["network"][0],
                            transform=column[0].transAxes, horizontalalignment="right")  # fmt: skip
         column[1].set_xlabel("milliseconds for a light field (all cores)")

@@ -15,26 +15,23 @@ from pathlib import Path
 
 import numba
 import numpy as np
-import pandas as pd
 
 from experiments import timing
-from experiments.costs.integration_methods import METHODS, study_planes
-from experiments.costs.rendering_scenes import CONFIGS, Study, Trial, effect_trials, study_scenes
-from experiments.timing import race
-from lf_flame._common import provenance
-from lf_flame._common.atomic_files import finite
+from experiments.costs.integration_methods import METHODS
+from experiments.costs.rendering_scenes import CONFIGS, Study, study_scenes
+from experiments.effects.absolute import Trial, effect_trials
+from experiments.timing import in_turn
 from lf_flame._common.config import to_json
 from lf_flame.datasets.config import read_config
-from lf_flame.datasets.sampling import draw_sample, simulate_sample
-from lf_flame.simulation.optical_pass import OpticalPass
 from lf_flame.simulation.planning.decisions import plan_effects
-from lf_flame.simulation.planning.time_estimates import lit_pixels
-from lf_flame.simulation.polygons import expected_pairs, split_planes
 from lf_flame.simulation.reference.closed_form import closed_form
 from lf_flame.simulation.rendering import render
 
 TOLERANCE = 1e-3
-"""Of the images that are rendered with and without an effect."""
+"""Tolerance of the images that are rendered with and without an effect."""
+
+LENSLETS, LENSLETS_HIGH = (56, 64), 46
+"""Window of the camera that sees the flame of an effect, and height of this flame in lenslets."""
 
 
 def measure_costs(
@@ -43,8 +40,8 @@ def measure_costs(
     studies: Sequence[Study] | None = None,
     trials: Mapping[str, Trial] | None = None,
     configs: Sequence[Path] = tuple(map(Path, CONFIGS)),
-) -> tuple[Sequence[Study], pd.DataFrame, pd.DataFrame, dict]:
-    """Measure error against seconds, for `experiments.costs.rendering_report.write_report`.
+) -> dict:
+    """Measure error against seconds, for `experiments.costs.rendering_report.write_reports`.
 
     Parameters
     ----------
@@ -53,42 +50,33 @@ def measure_costs(
     budget_s : float, optional
         Time that the methods of integration may take in all, which bounds their rays; references
         and effects take a minute or two on top.
-    studies : sequence of Study, optional
-        Default: `study_scenes` of the data sets in CONFIGS.
-    trials : mapping of str to Trial, optional
-        Default: `effect_trials` of the camera of the latter.
-    configs : sequence of Path, optional
-        Data-set configurations of which one sample is made both ways.
+    studies, trials, configs : optional
+        Scenes of the methods, of the effects, and data sets of which a scene is rendered whole.
+        Default: those of the paper's data sets.
 
     Returns
     -------
-    sequence of Study
-    DataFrame
-        Error against seconds of each method of integration.
-    DataFrame
-        What each effect costs, and what leaving it out does.
     dict
-        The record; in ``samples`` what a sample of each data set takes.
+        The record: ``studies``, ``accuracy``, ``effects`` and ``whole``.
     """
     started, shapes, flames = time.perf_counter(), *map(Path, CONFIGS)
     studies = study_scenes(shapes, flames) if studies is None else studies
-    trials = effect_trials(read_config(flames).camera) if trials is None else trials
-    found = {"accuracy": [], "effects": [], "samples": [], "whole": []}
+    if trials is None:
+        camera = replace(read_config(flames).camera, lenslets=LENSLETS)
+        trials = effect_trials(camera, LENSLETS_HIGH)
+    found: dict[str, list[dict]] = {"accuracy": [], "effects": [], "whole": []}
     steps = _measure(studies, trials, configs, budget_s)
-    total = len(METHODS) * len(studies) + len(trials) + 2 * len(configs)
+    total = len(METHODS) * len(studies) + len(trials) + len(configs)
     with _threads(1):
         for table, rows in progress(steps, 0, total) if progress else steps:
             found[table] += rows
-    accuracy, effects = (pd.DataFrame(found[table]) for table in ("accuracy", "effects"))
-    record = {
+    return {
         "studies": {study.name: _described(study) for study in studies},
         "threads": 1,
         "budget_s": budget_s,
         "wall_s": time.perf_counter() - started,
-        **{table: [finite(row) for row in rows] for table, rows in found.items()},
-        **provenance.environment(),
+        **found,
     }
-    return studies, accuracy, effects, record
 
 
 def _described(study: Study) -> dict:
@@ -111,33 +99,6 @@ def _threads(count: int) -> Iterator[None]:
         numba.set_num_threads(before)
 
 
-def work(study: Study, name: str, per_pixel: float) -> tuple[str, float]:
-    """Say which of the plan's times a backward method of a study takes, and how often.
-
-    Parameters
-    ----------
-    study : Study
-    name : {"exact", "thin"}
-    per_pixel : float
-        Rays for each pixel.
-
-    Returns
-    -------
-    kind : str
-        A key of `lf_flame.simulation.planning.time_estimates.NANOSECONDS`.
-    count : float
-    """
-    optics, layers = OpticalPass(study.camera), study.scene.layers
-    seen = [lit_pixels(layer, optics) for layer in layers]
-    if name == "thin":
-        lit = sum(pixels for pixels, _ in seen)
-        return ("dimmed", lit * per_pixel) if study.hides else ("ray", lit * math.sqrt(per_pixel))
-    if not study.hides:
-        return "exact", sum(pixels * (1 + cells) for pixels, cells in seen)
-    _, behind = split_planes(study_planes(study.scene))
-    return "polygon", expected_pairs(behind, optics) * len(behind)
-
-
 def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, list[dict]]]:
     """Yield rows of the tables, as they are measured."""
     for study in studies:
@@ -147,8 +108,6 @@ def _measure(studies, trials, configs, budget_s: float) -> Iterator[tuple[str, l
             yield "accuracy", _measure_method(study, name, reference, allowance)
     for name, trial in trials.items():
         yield "effects", [_measure_effect(name, trial)]
-    for path in configs:
-        yield "samples", [_measure_sample(path)]
     for path in configs:
         with _threads(numba.config.NUMBA_NUM_THREADS):
             yield "whole", _measure_whole(path)
@@ -164,10 +123,10 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
         if rows:
             next_s = rows[-1]["seconds"] * per_pixel / rows[-1]["rays_per_pixel"]
             spent = time.perf_counter() - started
-            if min(timing.REPETITIONS * next_s, next_s + timing.LONG_S) > budget_s - spent:
+            if min(timing.ROUNDS * next_s, next_s + timing.LONG_S) > budget_s - spent:
                 break
-        seconds, (image,) = race(partial(method.draw, study, setting))
-        error = math.sqrt(np.mean((image - reference) ** 2)) / reference.max()
+        times = in_turn(partial(method.draw, study, setting), warm_up=False)
+        error = _error(times.results[0], reference)
         if rows and error == rows[-1]["error"]:
             continue  # rounded up to the same rays as before
         rows.append(
@@ -175,7 +134,7 @@ def _measure_method(study: Study, name: str, reference: np.ndarray, budget_s: fl
                 "scene": study.name,
                 "method": name,
                 "rays_per_pixel": per_pixel,
-                "seconds": seconds.min(),
+                "seconds": float(times.best[0]),
                 "error": error,
             }
         )
@@ -197,9 +156,8 @@ def _measure_whole(path: Path) -> list[dict]:
     ):
         plan = plan_effects(scene, seen_by, tolerance)
         call = partial(render, scene, seen_by, tolerance, integrator=integrator)
-        call()  # compiles
-        seconds, (found,) = race(lambda call=call: call().views)
-        error = math.sqrt(np.mean((found - reference) ** 2)) / reference.max()
+        times = in_turn(call)
+        found = times.results[0].views
         rows.append(
             {
                 "data": config.kind,
@@ -207,9 +165,9 @@ def _measure_whole(path: Path) -> list[dict]:
                 "tolerance": tolerance,
                 "pixels": found.size,
                 "cores": cores,
-                "seconds": seconds.min(),
+                "seconds": float(times.best[0]),
                 "seconds_planned": plan.seconds[integrator] / cores,
-                "error": error if seen_by is camera else math.nan,
+                "error": _error(found, reference) if seen_by is camera else math.nan,
             }
         )
     return rows
@@ -219,12 +177,9 @@ def _measure_effect(name: str, trial: Trial) -> dict:
     """Render with an effect forced off and on; all else as planned."""
     planned = plan_effects(trial.scene, trial.camera, TOLERANCE, {name: True})
     calls = [partial(_views, trial, {name: on}) for on in (False, True)]
-    for call in calls:
-        call()  # compiles
-    seconds, images = race(*calls)
-    images = [image.astype(np.float64) for image in images]
-    (off, on), runs = seconds[:, 0], seconds.shape[1]
-    quarter = min(max(1, runs // 4), runs - 1)
+    times = in_turn(*calls)
+    images = [image.astype(np.float64) for image in times.results]
+    off, on = times.best.tolist()
     change = images[1] - images[0]
     return {
         "effect": name,
@@ -234,7 +189,7 @@ def _measure_effect(name: str, trial: Trial) -> dict:
         "seconds_off": off,
         "seconds_on": on,
         "seconds_added": on - off,
-        "seconds_spread": (seconds[:, quarter] - seconds[:, 0]).max(),
+        "seconds_spread": float(times.spread.max()),
         "seconds_planned": planned[name].seconds,
         "integrator": planned.integrator,
         "pixels": images[1].size,
@@ -242,29 +197,10 @@ def _measure_effect(name: str, trial: Trial) -> dict:
     }
 
 
-def _measure_sample(path: Path) -> dict:
-    """Make one sample of a data set straight from the scene, and through its light field."""
-    config = read_config(path)
-    slopes = [float(config.camera.depth_to_slope(depth)) for depth in config.depths_mm]
-    routes = (replace(config, route=route) for route in ("direct", "exact"))
-    ways = [partial(simulate_sample, route, slopes, 0) for route in routes]
-    for way in ways:
-        way()  # compiles
-    draw = partial(draw_sample, config, 0)
-    seconds, (_, straight, through) = race(draw, *ways)
-    drawing, short, long = seconds[:, 0]
-    return {
-        "data": config.kind,
-        "not_separable": straight["plan"].not_separable,
-        "seconds_drawing": drawing,
-        "seconds_straight": short,
-        "seconds_through_light_field": long,
-        "ratio": long / short,
-        "largest_difference": max(
-            float(np.abs(straight[name] - through[name]).max()) for name in ("input", "target")
-        ),
-    }
-
-
 def _views(trial: Trial, forced: dict[str, bool]) -> np.ndarray:
     return render(trial.scene, trial.camera, TOLERANCE, effects=forced, seed=1).views
+
+
+def _error(image: np.ndarray, reference: np.ndarray) -> float:
+    """Root-mean-square error relative to the brightest pixel."""
+    return float(math.sqrt(np.mean((image - reference) ** 2)) / reference.max())

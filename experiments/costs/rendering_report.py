@@ -1,4 +1,4 @@
-"""Tables and figures of the study of costs (`experiments.costs.rendering`)."""
+"""Tables and figures of the study of costs (`experiments.costs.rendering`), from its record."""
 
 import math
 from fractions import Fraction
@@ -9,13 +9,10 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from experiments.costs.integration_methods import METHODS
-from experiments.costs.rendering import TOLERANCE, work
-from experiments.costs.rendering_scenes import Study
-from lf_flame._common import figures
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.costs.rendering import TOLERANCE
+from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
 from lf_flame.simulation.planning.decisions import LEFT_OUT_SHARE
-from lf_flame.simulation.planning.time_estimates import NANOSECONDS
 
 LEVELS = (0.1, 0.01, 0.001)
 """Errors for which the table gives the seconds."""
@@ -31,6 +28,39 @@ STYLES = {
     "exact": ("#000000", "*"),
 }
 """Colour and marker of each method, told apart by colour-blind readers as well."""
+
+EFFECTS = {
+    "effect": ("effect", ""),
+    "bound": ("bound", lambda x: f"{math.inf if pd.isna(x) else x:.2g}"),
+    "error_max": ("largest change", ".2g"),
+    "error_rms": ("rms change", ".2g"),
+    "seconds_off": ("without (s)", ".4f"),
+    "seconds_on": ("with (s)", ".4f"),
+    "seconds_added": ("adds (s)", "+.4f"),
+    "seconds_spread": ("spread (s)", ".4f"),
+    "seconds_planned": ("plan says (s)", ".4f"),
+    "integrator": ("integrator", ""),
+    "criterion": ("criterion", ""),
+}
+
+WHOLE = {
+    "data": ("data set", ""),
+    "integrator": ("integrator", ""),
+    "tolerance": ("tolerance", "g"),
+    "pixels": ("million pixels", lambda n: f"{n / 1e6:.1f}"),
+    "cores": ("cores", "g"),
+    "seconds": ("took (s)", ".2f"),
+    "seconds_planned": ("plan says (s)", ".2f"),
+    "error": ("error", ".1e"),
+}
+
+SETTINGS = {
+    "scene": ("scene", ""),
+    "method": ("method", ""),
+    "rays_per_pixel": ("rays_per_pixel", "g"),
+    "seconds": ("seconds", ".3g"),
+    "error": ("error", ".2e"),
+}
 
 
 def measured_exponent(points: pd.DataFrame) -> float:
@@ -84,125 +114,102 @@ def seconds_for(points: pd.DataFrame, level: float) -> tuple[float, str]:
     return seconds[k - 1] * (seconds[k] / seconds[k - 1]) ** share, ""
 
 
-def write_report(
-    out: Path, studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict
-) -> Path:
-    """Write what `experiments.costs.rendering.measure_costs` found.
+def write_reports(out: Path, record: dict) -> Path:
+    """Write ``costs.md``, its tables, pictures and record, and ``light_field.*``.
 
     Parameters
     ----------
     out : Path
-        Folder for ``accuracy.csv``, ``effects.csv``, ``costs.md``, ``light_field.md``,
-        ``costs.json``, ``costs.png`` and ``effects.png``.
-    studies, accuracy, effects, record
-        See there.
+    record : dict
+        What `experiments.costs.rendering.measure_costs` found.
 
     Returns
     -------
     Path
         ``costs.md``.
     """
-    with together(out, last="costs.json") as aside:
-        write_text(aside / "accuracy.csv", accuracy.to_csv(index=False))
-        write_text(aside / "effects.csv", effects.to_csv(index=False))
-        write_text(aside / "costs.md", text(studies, accuracy, effects, record))
-        write_text(aside / "light_field.md", light_field_text(record))
-        figures.save(accuracy_figure(studies, accuracy), aside / "costs.png")
-        figures.save(effects_figure(effects), aside / "effects.png")
-        write_json(aside / "costs.json", record)
-    return out / "costs.md"
+    title = "Accuracy against time for a whole light field"
+    write_report(out, "light_field", title, {"whole": record["whole"]}, light_field_body(record))
+    accuracy, effects = pd.DataFrame(record["accuracy"]), pd.DataFrame(record["effects"])
+    return write_report(
+        out, "costs", "What accuracy costs in time", record, body(record),
+        tables={"accuracy": accuracy, "effects": effects},
+        pictures={"costs": accuracy_figure(record), "effects": effects_figure(effects)},
+    )  # fmt: skip
 
 
-def text(studies, accuracy: pd.DataFrame, effects: pd.DataFrame, record: dict) -> str:
-    """Put the tables and what they rest on into Markdown.
-
-    Parameters
-    ----------
-    studies : sequence of Study
-    accuracy, effects : DataFrame
-        The tables as they are written.
-    record : dict
-        With the values of `provenance.environment`.
-    """
-    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
-    scenes = "".join(
-        f"- {study.name}: {study.title}; {study.camera.views} x {study.camera.views} views of "
-        f"{study.camera.lenslets[0]} x {study.camera.lenslets[1]} lenslets, "
-        f"{study.pixels / 1e6:.3g} million pixels\n"
-        for study in studies
+def body(record: dict) -> list[str]:
+    """Write the tables and what they rest on as Markdown."""
+    studies = record["studies"]
+    scenes = "\n".join(
+        f"- {name}: {study['title']}; {_size(study)[0]} of {study['camera']['lenslets'][0]} x "
+        f"{study['camera']['lenslets'][1]} lenslets, {_size(study)[1]:.3g} million pixels"
+        for name, study in studies.items()
     )
-    return f"""# What accuracy costs in time
-
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}, of
-which one thread was used; {versions}; {record["wall_s"] / 60:.0f} minutes.
-
-{scenes}
-Error: root-mean-square over the image, relative to its brightest pixel, against the closed form in
-float64, whose own error is rounding (below 1e-12). Seconds: from scene to image, the fastest of a
-few runs, compiled beforehand.
-
-## Seconds to reach an error
-
-Read off the line between two settings. `<`: the coarsest setting errs less; `~`: no setting got
-there, and the curve is continued with its own exponent. Exponent: the error falls as the number of
-rays to minus this, fitted over the finer half of the settings, and by theory for a picture with
-edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make uneven; a smooth
-picture is easier for quasi-random numbers.)
-
-{_levels_table(studies, accuracy)}
-
-The whole light field, on all cores: [light_field.md](light_field.md).
-
-## Effects
-
-A small flame with what calls for the effect: `render` with the effect forced on and forced off, all
-else as planned, with planning and the choice of the number of rays. Changes are relative to the
-brightest pixel; the bound is the plan's, for any pixel (for noise: root-mean-square; `inf`: where
-something opaque may hide all, the plan knows no brightest pixel). Spread: by how much the runs
-differ.
-
-{_effects_table(effects)}
-
-## A sample of a data set
-
-The network's input and the refocused images, straight from the scene and through the light field
-(`--route exact`); drawing the scene is a part of both. Difference: the largest of any
-pixel, in images from 0 to 1.
-
-{_samples_table(record["samples"])}
-
-## What the plan's estimates rest on
-
-{_nanoseconds_table(studies, accuracy, effects)}
-
-## All settings
-
-{_markdown(accuracy, ("", "", "g", ".3g", ".2e"))}
-"""
+    return [
+        scenes,
+        """On one thread. Error: root-mean-square over the image, relative to its brightest pixel,
+against the closed form in float64, whose own error is rounding (below 1e-12). Seconds: from scene
+to image, the fastest of a few runs, compiled beforehand.""",
+        "## Seconds to reach an error",
+        """Read off the line between two settings. `<`: the coarsest setting errs less; `~`: no
+setting got there, and the curve is continued with its own exponent. Exponent: the error falls as
+the number of rays to minus this, fitted over the finer half of the settings, and by theory for a
+picture with edges out of focus. (Midpoints lie on a lattice, which some numbers of rays make
+uneven; a smooth picture is easier for quasi-random numbers.)""",
+        _levels_table(studies, pd.DataFrame(record["accuracy"])),
+        "The whole light field, on all cores: [light_field.md](light_field.md).",
+        "## Effects",
+        """A small flame with what calls for the effect: `render` with the effect forced on and
+forced off, all else as planned, with planning and the choice of the number of rays. Changes are
+relative to the brightest pixel; the bound is the plan's, for any pixel (for noise:
+root-mean-square; `inf`: where something opaque may hide all, the plan knows no brightest pixel).
+Spread: by how much the runs differ.""",
+        markdown(record["effects"], EFFECTS),
+        "## All settings",
+        markdown(record["accuracy"], SETTINGS),
+    ]
 
 
-def _markdown(table: pd.DataFrame, formats) -> str:
-    return table.to_markdown(index=False, floatfmt=formats)
+def light_field_body(record: dict) -> list[str]:
+    """Write the times and errors of whole light fields as Markdown."""
+    return [
+        """A scene of each data set as its camera records it, on all cores, from scene to light
+field: with planning and, for rays, the search for their number. The plan's estimate is for one
+core, divided by their number. Error: root-mean-square relative to the brightest pixel, against the
+closed form.""",
+        markdown(record["whole"], WHOLE, missing="no closed form"),
+    ]
 
 
-def _points(accuracy: pd.DataFrame, study: Study, name: str) -> pd.DataFrame:
-    return accuracy[(accuracy["scene"] == study.name) & (accuracy["method"] == name)]
+def _size(study: dict) -> tuple[str, float]:
+    """Give the views in words, and millions of pixels."""
+    views = study["camera"]["views"]
+    return f"{views} x {views} views", views**2 * math.prod(study["camera"]["lenslets"]) / 1e6
 
 
-def _levels_table(studies, accuracy: pd.DataFrame) -> str:
+def _theory(study: dict, name: str) -> float | None:
+    return METHODS[name].theory_for(any(layer["opaque"] for layer in study["layers"]))
+
+
+def _points(accuracy: pd.DataFrame, scene: str, name: str) -> pd.DataFrame:
+    return accuracy[(accuracy["scene"] == scene) & (accuracy["method"] == name)]
+
+
+def _levels_table(studies: dict, accuracy: pd.DataFrame) -> str:
     rows = []
-    for study in studies:
+    for scene, study in studies.items():
         for name, method in METHODS.items():
-            points = _points(accuracy, study, name)
-            row = {"scene": study.name, "method": method.label}
+            points = _points(accuracy, scene, name)
+            row = {"scene": scene, "method": method.label}
             for level in LEVELS:
                 seconds, sign = seconds_for(points, level)
                 row[f"{level:g}"] = f"{sign}{_brief(seconds)} s" if seconds > 0 else "out of reach"
             row["smallest error"] = f"{points['error'].min():.1e}"
             row["exponent"] = f"{measured_exponent(points):.2f}" if len(points) > 1 else ""
-            row["theory"] = f"{method.theory_for(study):.3g}" if method.theory else ""
+            row["theory"] = f"{_theory(study, name):.3g}" if method.theory else ""
             rows.append(row)
-    return pd.DataFrame(rows).to_markdown(index=False, disable_numparse=True)
+    return markdown(rows)
 
 
 def _brief(value: float) -> str:
@@ -210,137 +217,25 @@ def _brief(value: float) -> str:
     return f"{value:.1e}" if value >= 1e5 else f"{float(f'{value:.2g}'):g}"
 
 
-def _effects_table(effects: pd.DataFrame) -> str:
-    columns = {
-        "effect": "effect",
-        "bound": "bound",
-        "error_max": "largest change",
-        "error_rms": "rms change",
-        "seconds_off": "without (s)",
-        "seconds_on": "with (s)",
-        "seconds_added": "adds (s)",
-        "seconds_spread": "spread (s)",
-        "seconds_planned": "plan says (s)",
-        "integrator": "integrator",
-        "criterion": "criterion",
-    }
-    shown = effects[list(columns)].rename(columns=columns)
-    formats = ("", ".2g", ".2g", ".2g", ".4f", ".4f", "+.4f", ".4f", ".4f", "", "")
-    return _markdown(shown, formats)
-
-
-def light_field_text(record: dict) -> str:
-    """Put the times and errors of whole light fields into Markdown."""
-    return f"""# Accuracy against time for a whole light field
-
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}.
-
-A scene of each data set as its camera records it, on all cores, from scene to light field: with
-planning and, for rays, the search for their number. The plan's estimate is for one core, divided by
-their number. Error: root-mean-square relative to the brightest pixel, against the closed form.
-
-{_whole_table(record["whole"])}
-"""
-
-
-def _whole_table(rows: list[dict]) -> str:
-    columns = {
-        "data": "data set",
-        "integrator": "integrator",
-        "tolerance": "tolerance",
-        "pixels": "million pixels",
-        "cores": "cores",
-        "seconds": "took (s)",
-        "seconds_planned": "plan says (s)",
-        "error": "error",
-    }
-    table = pd.DataFrame(rows)[list(columns)]
-    table["pixels"] /= 1e6
-    table["error"] = ["no closed form" if pd.isna(x) else f"{x:.1e}" for x in table["error"]]
-    formats = ("", "", "g", ".1f", "g", ".2f", ".2f", "")
-    return _markdown(table.rename(columns=columns), formats)
-
-
-def _samples_table(samples: list[dict]) -> str:
-    columns = {
-        "data": "data set",
-        "seconds_drawing": "drawing (ms)",
-        "seconds_straight": "straight (ms)",
-        "seconds_through_light_field": "through the light field (ms)",
-        "ratio": "ratio",
-        "largest_difference": "largest difference",
-    }
-    table = pd.DataFrame(samples)[list(columns)]
-    in_seconds = [name for name in columns if name.startswith("seconds")]
-    table[in_seconds] *= 1e3
-    formats = ("", ".1f", ".1f", ".1f", ".1f", ".1g")
-    return _markdown(table.rename(columns=columns), formats)
-
-
-def _nanoseconds_table(studies, accuracy: pd.DataFrame, effects: pd.DataFrame) -> str:
-    """Set the plan's times beside those measured here."""
-    rows = []
-    for study in studies:
-        for name in ("exact", "thin"):
-            points = _points(accuracy, study, name)
-            if len(points):
-                finest = points.iloc[-1]
-                kind, units = work(study, name, finest["rays_per_pixel"])
-                rows.append(
-                    (kind, f"{study.name}, {METHODS[name].label}", finest["seconds"] / units)
-                )
-    kinds = {
-        "cos4": "cos4",
-        "lenslet_diffraction": "lenslet_blur",
-        "main_lens_diffraction": "main_lens_blur",
-        "shot_noise": "noise",
-    }
-    for line in effects.itertuples():
-        if line.effect in kinds:
-            per_pixel = line.seconds_added / line.pixels
-            rows.append((kinds[line.effect], f"effect {line.effect}", per_pixel))
-    table = pd.DataFrame(
-        [(kind, where, NANOSECONDS[kind], 1e9 * spent) for kind, where, spent in rows],
-        columns=["constant", "measured on", "plan (ns)", "measured (ns)"],
-    )
-    return _markdown(table, ("", "", ".2g", ".2g"))
-
-
-def accuracy_figure(studies, accuracy: pd.DataFrame):
-    """Draw error against seconds, one panel a scene, with the slopes that theory gives.
-
-    Parameters
-    ----------
-    studies : sequence of Study
-    accuracy : DataFrame
-        Columns scene, method, rays_per_pixel, seconds and error.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+def accuracy_figure(record: dict):
+    """Draw error against seconds, one panel a scene, with the slopes that theory gives."""
+    studies, accuracy = record["studies"], pd.DataFrame(record["accuracy"])
     figure, axes = subplots(
-        1,
-        len(studies),
-        figsize=(5.0 * len(studies), 6.4),
-        sharex=True,
-        sharey=True,
-        squeeze=False,
+        1, len(studies), figsize=(5.0 * len(studies), 6.4), sharex=True, sharey=True, squeeze=False,
         layout="constrained",
-    )
+    )  # fmt: skip
     span = accuracy["seconds"].min() / 2, 5 * accuracy["seconds"].max()
-    for study, axis in zip(studies, axes[0], strict=True):
+    for (scene, study), axis in zip(studies.items(), axes[0], strict=True):
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.axhline(MARKED_LEVEL, color="0.5", linewidth=0.8, linestyle=":")
-        curves = {name: _points(accuracy, study, name) for name in METHODS}
+        curves = {name: _points(accuracy, scene, name) for name in METHODS}
         for name, points in curves.items():
-            _draw_theory(axis, METHODS[name].theory_for(study), points, span[1])
+            _draw_theory(axis, _theory(study, name), points, span[1])
             _draw_curve(axis, name, points)
         _list_seconds(axis, curves)
-        views, millions = study.camera.views, study.pixels / 1e6
-        size = f"{views} x {views} views, {millions:.2g} million pixels"
-        axis.set_title(f"{study.title}\n{size}", fontsize=10)
+        views, millions = _size(study)
+        axis.set_title(f"{study['title']}\n{views}, {millions:.2g} million pixels", fontsize=10)
         axis.set_xlabel("seconds on one thread")
         axis.grid(which="major", alpha=0.25)
     axes[0, 0].set_xlim(*span)
@@ -399,18 +294,7 @@ def _draw_theory(axis, exponent: float | None, points: pd.DataFrame, until: floa
 
 
 def effects_figure(effects: pd.DataFrame):
-    """Draw what leaving an effect out costs in error, beside what doing it costs in seconds.
-
-    Parameters
-    ----------
-    effects : DataFrame
-        Columns effect, bound, error_max, error_rms, seconds_added, seconds_spread and
-        seconds_planned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw what leaving an effect out costs in error, beside what doing it costs in seconds."""
     figure, (left, right) = subplots(
         1, 2, figsize=(11.5, 1.4 + 0.3 * len(effects)), sharey=True, layout="constrained"
     )

@@ -9,8 +9,6 @@ import numpy as np
 
 from lf_flame.datasets.config import read_config
 from lf_flame.optics.camera import PlenopticCamera
-from lf_flame.optics.sensor import Sensor
-from lf_flame.scenes.flames import HALF_WIDTH, flame_texture
 from lf_flame.scenes.scene import Layer, Scene
 from lf_flame.scenes.shapes import shape_texture
 
@@ -44,19 +42,6 @@ class Study:
         """Pixels of the image."""
         return self.camera.views**2 * math.prod(self.camera.lenslets)
 
-    @property
-    def hides(self) -> bool:
-        """Whether a layer hides another."""
-        return any(layer.opaque for layer in self.scene.layers)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A scene and a camera that call for an effect."""
-
-    scene: Scene
-    camera: PlenopticCamera
-
 
 def study_scenes(shapes: Path, flames: Path) -> list[Study]:
     """Set up the scenes of the study from the templates of both data sets.
@@ -86,47 +71,6 @@ def study_scenes(shapes: Path, flames: Path) -> list[Study]:
     title = "the same flame, a disc 20 mm in front of it"
     found.append(Study("hidden", title, Scene([flame, disc]), camera))
     return found
-
-
-def effect_trials(camera: PlenopticCamera, height_mm: float = 6.0) -> dict[str, Trial]:
-    """Set up, for each effect, a small flame before a camera in which the effect matters.
-
-    Parameters
-    ----------
-    camera : PlenopticCamera
-        Its optics and views; the lenslets follow from the scene.
-    height_mm : float, optional
-        Height of the flame, which decides the size of the images.
-    """
-    texture = flame_texture(height_mm, height_mm / 8)
-    size = (height_mm, 2 * HALF_WIDTH * height_mm / 8)
-    near, far = Layer(texture, 10.0, size), Layer(texture, 30.0, size)
-    sooty = replace(near, optical_thickness=0.2 * texture)
-    lone, camera = Scene([near]), _framed(camera, [near, far])
-
-    def before(scene: Scene = lone, **changes) -> Trial:
-        return Trial(scene, replace(camera, **changes))
-
-    width = camera.aperture_mm
-    return {
-        "defocus": before(),
-        "occlusion": before(Scene([near, _disc(height_mm / 4, -10.0)])),
-        "self_absorption": before(Scene([sooty, far])),
-        "thickness": before(Scene([replace(near, thickness_mm=height_mm / 4)])),
-        "cos4": before(falloff_corrected=False),
-        "round_aperture": before(aperture_diameter_mm=width),
-        "f_number_mismatch": before(aperture_diameter_mm=1.1 * width),
-        "vignetting": before(rim_diameter_mm=width, rim_distance_mm=40.0),
-        "lenslet_diffraction": before(wavelength_nm=550.0),
-        "main_lens_diffraction": before(wavelength_nm=550.0),
-        "lenslet_rotation": before(lenslet_rotation_rad=2e-3),
-        "lenslet_pitch_error": before(lenslet_pitch_error=2e-3),
-        "chromatic": before(chromatic_shift=0.01),
-        "shot_noise": before(sensor=Sensor(8000.0)),
-        "read_noise": before(sensor=Sensor(8000.0, read_noise_e=20.0)),
-        "quantisation": before(sensor=Sensor(8000.0, bits=8)),
-        "saturation": before(sensor=Sensor(8000.0, full_well_e=6000.0)),
-    }
 
 
 def _disc(diameter_mm: float, depth_mm: float) -> Layer:

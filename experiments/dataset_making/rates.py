@@ -1,9 +1,9 @@
 """Rates at which data sets are made: in this process, by its pool, by a cluster on this machine."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -137,16 +137,17 @@ def _measure(config: DatasetConfig, samples: int, way: str, processes: int) -> R
         )
 
 
-def summarise(rates: list[Rate]) -> list[dict]:
+def summarise(rates: Sequence[dict]) -> list[dict]:
     """Median of the rounds for each data set and way, and rates beside the process pool's."""
     rows = []
-    for data, way in dict.fromkeys((rate.data, rate.way) for rate in rates):
-        some = [rate for rate in rates if (rate.data, rate.way) == (data, way)]
-        row = asdict(some[0])
+    for data, way in dict.fromkeys((rate["data"], rate["way"]) for rate in rates):
+        some = [rate for rate in rates if (rate["data"], rate["way"]) == (data, way)]
+        row = dict(some[0])
         for name in ("seconds", "per_second"):
-            row[name] = median(getattr(rate, name) for rate in some)
-        row["lowest"] = min(rate.per_second for rate in some)
-        row["highest"] = max(rate.per_second for rate in some)
+            row[name] = median(rate[name] for rate in some)
+        row["lowest"] = min(rate["per_second"] for rate in some)
+        row["highest"] = max(rate["per_second"] for rate in some)
+        row["rate"] = f"{row['per_second']:.0f} ({row['lowest']:.0f} to {row['highest']:.0f})"
         rows.append(row)
     pools = {row["data"]: row["per_second"] for row in rows if row["way"] == "process pool"}
     return [{**row, "of_pool": row["per_second"] / pools[row["data"]]} for row in rows]

@@ -1,4 +1,4 @@
-"""Tables and record of the rates at which data sets are made, and of killed workers."""
+"""Tables and record of the rates at which data sets are made."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -7,39 +7,56 @@ from pathlib import Path
 
 import pandas as pd
 
-from experiments.dataset_making.kills import Kill, measure_kills
-from experiments.dataset_making.rates import Rate, measure_rates, summarise
-from experiments.dataset_making.routes import Route, compare_routes
+from experiments.dataset_making.rates import measure_rates, summarise
+from experiments.dataset_making.routes import compare_routes
 from experiments.paths import DATA_SETS
-from lf_flame._common import provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.report import markdown, write_report
 from lf_flame.datasets.config import DatasetConfig, read_config
 from lf_flame.datasets.making import shard_size
 
 MILLION = 10**6
 
 CORES = (2, 16, 128)
-"""For which the hours of a million samples are worked out."""
+"""Numbers of cores for which the hours of a million samples are worked out."""
+
+
+def _decibels(psnr_db: float | None) -> str:
+    return f"{psnr_db:.1f}" if psnr_db is not None and math.isfinite(psnr_db) else "-"
+
+
+RATES = {
+    "data": ("data set", ""),
+    "way": ("by", ""),
+    "processes": ("processes", ""),
+    "seconds": ("whole (s)", ".1f"),
+    "rate": ("samples/s", str),
+    "of_pool": ("of the pool's", lambda share: f"{100 * share:.0f} %"),
+}
+
+ROUTES = {
+    "data": ("data set", ""),
+    "route": ("route", ""),
+    "rays": ("rays", lambda n: "-" if pd.isna(n) else f"{n:.0f} x {n:.0f} a pixel"),
+    "seconds": ("whole (s)", ".1f"),
+    "input_psnr_db": ("inputs (dB)", _decibels),
+    "target_psnr_db": ("targets (dB)", _decibels),
+}
 
 
 def run_dataset_making(
     samples: int,
     processes: int,
     rounds: int,
-    kills: int,
-    seed: int,
     out: Path,
     progress: Callable[[Iterable, int, int], Iterable],
     configs: Sequence[DatasetConfig] | None = None,
 ) -> Path:
-    """Measure rates and kills, and write the report.
+    """Measure rates and routes, and write the report.
 
     Parameters
     ----------
     samples, processes, rounds : int
         See `experiments.dataset_making.rates.measure_rates`.
-    kills, seed : int
-        See `experiments.dataset_making.kills.measure_kills`; of the last data set.
     out : Path
         Gets ``dataset_making.json``, the record, and ``dataset_making.md``.
     progress : callable
@@ -63,97 +80,47 @@ def run_dataset_making(
         for config in configs
         for route in compare_routes(config, samples // 8, processes, progress)
     ]
-    killed = measure_kills(configs[-1], samples, processes, kills, seed, progress)
     record = {
         "rates": [asdict(rate) for rate in rates],
         "routes": [asdict(route) for route in routes],
-        "kills": [asdict(kill) for kill in killed],
         "rounds": rounds,
-        "seed": seed,
-        **provenance.environment(),
     }
-    with together(out, last="dataset_making.md") as aside:
-        write_json(aside / "dataset_making.json", record)
-        write_text(aside / "dataset_making.md", text(rates, routes, killed))
-    return out / "dataset_making.md"
+    return write_report(out, "dataset_making", "How fast data sets are made", record, body(record))
 
 
-def text(rates: Sequence[Rate], routes: Sequence[Route], kills: Sequence[Kill]) -> str:
-    """Put what was measured, and what follows from it, into Markdown."""
-    rows = summarise(list(rates))
-    same = len({(rate.data, rate.sha256) for rate in rates}) == len({rate.data for rate in rates})
+def body(record: dict) -> list[str]:
+    """Write what was measured, and what follows from it, as Markdown."""
+    rates, rows = record["rates"], summarise(record["rates"])
+    same = len({(rate["data"], rate["sha256"]) for rate in rates}) == len(
+        {rate["data"] for rate in rates}
+    )
     parts = [
-        "# How fast data sets are made",
         f"{rows[0]['samples']} samples; medians of the rounds, which went through the ways in "
         "turn, and in brackets the slowest and the fastest. Whole: with the start of processes and "
         "the search for the slopes. Samples/s: once as many shards are written as there are "
         "processes. One process works on all cores by its threads; each of several on one thread.",
-        _rate_table(rows),
+        markdown(rows, RATES),
         f"All rounds and ways {'gave the same images' if same else 'did NOT give the same images'} "
         "of each data set, by their SHA-256.",
         "## A million samples",
         "Worked out from the rates above: bytes and files grow with the samples, and each core "
         "does as much as in the pool here. No such run was made.",
-        _million_table(rows),
+        markdown(_million(rows)),
     ]
+    routes = record.get("routes")  # which older records lack
     if routes:
         parts += [
             "## Three routes to the same images",
-            f"{routes[0].samples} samples by {routes[0].processes} processes, with the search for "
-            "the slopes and for the number of rays. PSNR of all inputs and of all targets, against "
-            "light fields in closed form.",
-            _route_table(routes),
+            f"{routes[0]['samples']} samples by {routes[0]['processes']} processes, with the "
+            "search for the slopes and for the number of rays. PSNR of all inputs and of all "
+            "targets, against light fields in closed form.",
+            markdown(routes, ROUTES, missing="-"),
         ]
-    if kills:
-        hit = sum(kill.hit and kill.at_sample > 0 for kill in kills)
-        spoiled = sum(not kill.same for kill in kills)
-        parts += [
-            "## Killed workers",
-            f"A local Dask cluster of {rows[-1]['processes']} processes made the last of these "
-            f"data sets {len(kills)} times; each time one of its workers was killed (SIGKILL) at "
-            f"an instant drawn evenly from the time that it takes undisturbed. {hit} came after "
-            f"the first shard and before the last; {spoiled} of {len(kills)} data sets differ from "
-            "an undisturbed one in any byte of their samples.",
-            _kill_table(kills),
-        ]
-    return "\n\n".join(parts) + "\n"
+    return parts
 
 
-def _rate_table(rows: Sequence[dict]) -> str:
-    shown = [
-        {
-            "data set": row["data"],
-            "by": row["way"],
-            "processes": row["processes"],
-            "whole (s)": f"{row['seconds']:.1f}",
-            "samples/s": f"{row['per_second']:.0f} ({row['lowest']:.0f} to {row['highest']:.0f})",
-            "of the pool's": f"{100 * row['of_pool']:.0f} %",
-        }
-        for row in rows
-    ]
-    return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
-
-
-def _route_table(routes: Sequence[Route]) -> str:
-    shown = [
-        {
-            "data set": route.data,
-            "route": route.route,
-            "rays": "-" if route.rays is None else f"{route.rays} x {route.rays} a pixel",
-            "whole (s)": f"{route.seconds:.1f}",
-            "inputs (dB)": _decibels(route.input_psnr_db),
-            "targets (dB)": _decibels(route.target_psnr_db),
-        }
-        for route in routes
-    ]
-    return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
-
-
-def _decibels(psnr_db: float) -> str:
-    return "-" if math.isinf(psnr_db) else f"{psnr_db:.1f}"
-
-
-def _million_table(rows: Sequence[dict]) -> str:
+def _million(rows: Sequence[dict]) -> list[dict]:
+    """Work out files, bytes and hours of a million samples."""
     shown = []
     for data in dict.fromkeys(row["data"] for row in rows):
         one, pool = (
@@ -169,7 +136,7 @@ def _million_table(rows: Sequence[dict]) -> str:
         for cores in CORES:
             line[f"hours, {cores} cores"] = f"{MILLION / (by_core * cores) / 3600:.2g}"
         shown.append(line)
-    return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)
+    return shown
 
 
 def _files(row: dict, samples: int) -> int:
@@ -177,17 +144,3 @@ def _files(row: dict, samples: int) -> int:
     here, there = (math.ceil(n / shard_size(n)) for n in (row["samples"], samples))
     by_shard, metadata = divmod(row["files"], here)
     return by_shard * there + metadata
-
-
-def _kill_table(kills: Sequence[Kill]) -> str:
-    shown = [
-        {
-            "killed after (s)": f"{kill.after_s:.2f}",
-            "at sample": kill.at_sample,
-            "worker": kill.worker,
-            "made after (s)": f"{kill.seconds:.1f}",
-            "bytes": "the same" if kill.same else "OTHERS",
-        }
-        for kill in kills
-    ]
-    return pd.DataFrame(shown).to_markdown(index=False, disable_numparse=True)

@@ -29,7 +29,7 @@ from experiments.depth_scenarios import (
     make_scenarios,
     scene_settings,
 )
-from experiments.depth_test.report import write_report
+from experiments.depth_test.report import write
 from experiments.histories import recipe_in_words
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.encodings import InputEncoding
@@ -206,7 +206,7 @@ def run_depth_test(
     runs : sequence of Path
         Folders of finished runs.
     out : Path
-        Folder for the report, see `experiments.depth_test.report.write_report`.
+        Folder for the report, see `experiments.depth_test.report.write`.
     samples : int, optional
         Scenes for each scenario.
     progress : callable, optional
@@ -232,4 +232,4 @@ def run_depth_test(
     outcomes = run_scenarios(config, slopes, subjects, samples)
     outcomes = list(outcomes if progress is None else progress(outcomes, 0, scenarios))
     table = tabulate(outcomes, config.depths_mm)
-    return write_report(config, slopes, subjects, outcomes, table, out)
+    return write(config, slopes, subjects, outcomes, table, out)

@@ -9,13 +9,12 @@ from textwrap import fill
 import numpy as np
 import pandas as pd
 
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
+from experiments.report import write_report
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 
 
-def write_report(
+def write(
     config, slopes, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame, out: Path
 ) -> Path:
     """Write ``depth_test.csv``, ``.md``, ``.png``, ``.json``, and a picture for each scenario.
@@ -35,36 +34,31 @@ def write_report(
     Path
         ``depth_test.md``.
     """
-    with together(out, last="depth_test.json") as aside:
-        for number, outcome in enumerate(outcomes):
-            name = "_".join(re.findall(r"\w+", outcome.scenario.name))
-            picture = scenario_figure(config, subjects, outcome)
-            figures.save(picture, aside / f"depth_test_{number}_{name}.png", dpi=90)
-        figures.save(score_figure(table, subjects, config.kind), aside / "depth_test.png")
-        write_json(
-            aside / "depth_test.json",
-            {
-                "config": to_json(config),
-                "slopes": list(slopes),
-                "scenarios": [vars(outcome.scenario) for outcome in outcomes],
-                "samples": len(outcomes[0].truth),
-                "systems": {subject.name: subject.title for subject in subjects},
-                "runs": {subject.name: subject.about for subject in subjects if subject.about},
-                **provenance.environment(),
-            },
-        )
-        write_text(aside / "depth_test.csv", table.round(5).to_csv(index=False))
-        write_text(aside / "depth_test.md", text(config, subjects, outcomes, table))
-    return out / "depth_test.md"
+    pictures = {"depth_test": score_figure(table, subjects, config.kind)}
+    for number, outcome in enumerate(outcomes):
+        name = "_".join(re.findall(r"\w+", outcome.scenario.name))
+        pictures[f"depth_test_{number}_{name}"] = scenario_figure(config, subjects, outcome)
+    record = {
+        "config": to_json(config),
+        "slopes": list(slopes),
+        "scenarios": [vars(outcome.scenario) for outcome in outcomes],
+        "samples": len(outcomes[0].truth),
+        "systems": {subject.name: subject.title for subject in subjects},
+        "runs": {subject.name: subject.about for subject in subjects if subject.about},
+    }
+    return write_report(
+        out, "depth_test", f"Depth permutation test: {config.kind}", record,
+        body(config, subjects, outcomes, table), tables={"depth_test": table.round(5)},
+        pictures=pictures, dpi=90,
+    )  # fmt: skip
 
 
-def text(config, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame) -> str:
-    """Put the table, and what it means, into Markdown."""
+def body(config, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame) -> list[str]:
+    """Write the table, and what it means, as Markdown."""
     scenarios = [outcome.scenario for outcome in outcomes]
     titles = {subject.name: subject.title for subject in subjects}
     means = table[table.depth_mm.isna()].assign(system=lambda rows: rows.system.map(titles))
-    lines = [
-        f"# Depth permutation test: {config.kind}",
+    return [
         f"PSNR in dB against shift-and-sum of all {config.camera.views**2} views, the "
         f"reference; mean of {len(config.depths_mm)} planes and {len(outcomes[0].truth)} "
         f"scenes that no network was trained on. Behind it the share that a system has memorised: "
@@ -82,7 +76,6 @@ def text(config, subjects: Sequence, outcomes: Sequence, table: pd.DataFrame) ->
             for scenario in scenarios
         ),
     ]
-    return "\n\n".join(lines) + "\n"
 
 
 def _pivot(means: pd.DataFrame, scenarios: Sequence, measure: str = "psnr_db") -> str:

@@ -10,12 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
 from experiments.effects.cameras import CAMERAS
 from experiments.effects.ray_tracer import trace_pixels
-from lf_flame._common import provenance
-from lf_flame._common.atomic_files import finite
 from lf_flame._common.config import to_json
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.optics.sensor import STAGES, Sensor
@@ -53,15 +50,15 @@ class Trial:
     camera: PlenopticCamera
 
 
-def effect_trials(camera: PlenopticCamera) -> dict[str, Trial]:
+def effect_trials(camera: PlenopticCamera, lenslets_high: int = 16) -> dict[str, Trial]:
     """Set up, for each effect, a small flame before a camera in which the effect matters.
 
-    Sizes and depths follow from the camera: the flame is 16 lenslets high, and its layers stand
-    where the slope is 0.4, 0.8 or -0.4.
+    Sizes and depths follow from the camera: the flame is 16 lenslets high, or as many as given,
+    and its layers stand where the slope is 0.4, 0.8 or -0.4.
     """
     near, far, front = (camera.slope_to_depth(slope) for slope in (0.4, 0.8, -0.4))
     lenslet_mm = camera.field_mm(near)[0] / camera.lenslets[0]
-    height = 16 * lenslet_mm
+    height = lenslets_high * lenslet_mm
     texture = flame_texture(height, height / 8, cell_mm=height / 60)
     size = (height, 2 * HALF_WIDTH * height / 8)
     flame, behind = Layer(texture, near, size), Layer(texture, far, size)
@@ -100,8 +97,8 @@ def measure_effects(
     progress: Callable | None = None,
     cameras: Mapping[str, PlenopticCamera] = CAMERAS,
     rays: int = RAYS,
-) -> tuple[pd.DataFrame, dict]:
-    """Measure every effect on every camera, for `experiments.effects.report.write_report`.
+) -> dict:
+    """Measure every effect on every camera, for `experiments.effects.report.write`.
 
     Parameters
     ----------
@@ -113,10 +110,8 @@ def measure_effects(
 
     Returns
     -------
-    DataFrame
-        A row for each effect and camera.
     dict
-        The record.
+        The record; in ``rows`` one for each effect and camera.
     """
     started = time.perf_counter()
     trials = [
@@ -126,7 +121,7 @@ def measure_effects(
     ]
     steps = (measure_effect(name, camera, trial, rays) for name, camera, trial in trials)
     rows = list(progress(steps, 0, len(trials)) if progress else steps)
-    record = {
+    return {
         "cameras": {name: to_json(camera) for name, camera in cameras.items()},
         "tolerance": TOLERANCE,
         "pixels": PIXELS,
@@ -134,10 +129,8 @@ def measure_effects(
         "repeats": REPEATS,
         "seed": SEED,
         "wall_s": time.perf_counter() - started,
-        "rows": [finite(row) for row in rows],
-        **provenance.environment(),
+        "rows": rows,
     }
-    return pd.DataFrame(rows), record
 
 
 def measure_effect(name: str, camera: str, trial: Trial, rays: int = RAYS) -> dict:

@@ -25,8 +25,8 @@ def effects(out: Path) -> None:
       python -m experiments effects --out results/effects
     """  # noqa: D301 - click reads the backspace
     from experiments.effects.absolute import measure_effects
-    from experiments.effects.report import write_report
+    from experiments.effects.report import write
     from lf_flame._common.progress import step_bar
 
-    path = write_report(out, *measure_effects(step_bar))
+    path = write(out, measure_effects(step_bar))
     click.echo(set_beside(path, f"effects/{path.name}"))

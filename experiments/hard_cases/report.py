@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from experiments.hard_cases.case import CASES, HardCase, measure
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import finite, together, write_json, write_text
+from experiments.report import markdown, write_report
+from lf_flame._common import figures
 
 TOPICS = ("optics", "light", "refocusing", "tomography", "learning")
 """Modules of this folder that hold cases, in the table's order."""
@@ -46,15 +46,11 @@ def run_hard_cases(out: Path, progress) -> Path:
     """
     started, cases = time.perf_counter(), all_cases()
     rows = [_row(case) for case in progress(cases, 0, len(cases))]
-    table = pd.DataFrame(rows)
-    wall_s = time.perf_counter() - started
-    record = {"cases": [finite(row) for row in rows], "wall_s": wall_s, **provenance.environment()}
-    with together(out, last="hard_cases.json") as aside:
-        write_text(aside / "hard_cases.csv", table.to_csv(index=False))
-        write_text(aside / "hard_cases.md", text(table, record))
-        figures.save(figure(rows), aside / "hard_cases.png")
-        write_json(aside / "hard_cases.json", record)
-    return out / "hard_cases.md"
+    record = {"cases": rows, "wall_s": time.perf_counter() - started}
+    return write_report(
+        out, "hard_cases", "Hard cases", record, body(record),
+        tables={"hard_cases": pd.DataFrame(rows)}, pictures={"hard_cases": figure(rows)},
+    )  # fmt: skip
 
 
 def _row(case: HardCase) -> dict[str, Any]:
@@ -72,31 +68,33 @@ def _row(case: HardCase) -> dict[str, Any]:
     }
 
 
-def text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table, and what it means, into Markdown."""
-    shown = table.drop(columns="topic")
-    for column in ("obvious_error", "our_error"):
-        shown[column] = [_written(error) for error in table[column]]
-    shown.columns = ["case", "exact", "obvious formula", "gives", "error", "here", "gives", "error"]
-    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
-    return f"""# Hard cases
-
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
-{versions}; {record["wall_s"]:.0f} s.
-
-Each line computes a case three times: exactly, by rational arithmetic or a closed form without the
-package; by the formula that suggests itself; and by the package. Values are those of the place
-where the obvious formula is worst; errors are the largest of all places, relative to the value or,
-where that may be 0, to a unit.
-
-{shown.to_markdown(index=False, disable_numparse=True)}
-"""
-
-
-def _written(error: float) -> str:
-    if math.isinf(error):
+def _written(error: float | None) -> str:
+    if error is None or not math.isfinite(error):
         return "fails"
     return f"{error:.0e}" if error else "0"
+
+
+COLUMNS = {
+    "case": ("case", ""),
+    "exact": ("exact", ""),
+    "obvious_formula": ("obvious formula", ""),
+    "obvious": ("gives", ""),
+    "obvious_error": ("error", _written),
+    "here": ("here", ""),
+    "ours": ("gives", ""),
+    "our_error": ("error", _written),
+}
+
+
+def body(record: dict) -> list[str]:
+    """Write the table, and what it means, as Markdown."""
+    return [
+        "Each line computes a case three times: exactly, by rational arithmetic or a closed form "
+        "without the package; by the formula that suggests itself; and by the package. Values are "
+        "those of the place where the obvious formula is worst; errors are the largest of all "
+        "places, relative to the value or, where that may be 0, to a unit.",
+        markdown(record["cases"], COLUMNS),
+    ]
 
 
 def figure(rows: Sequence[dict[str, Any]]) -> Figure:

@@ -17,7 +17,6 @@ from experiments.slope_maps.scenes import (
     make_sample,
     with_noise,
 )
-from lf_flame._common import provenance
 from lf_flame._common.config import to_json
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus.focus_map import MAP_STEPS
@@ -58,7 +57,7 @@ def measure(
     kinds: Mapping[str, Kind] = KINDS,
     seeds: Sequence[int] = SEEDS,
     camera: PlenopticCamera = CAMERA,
-) -> tuple[pd.DataFrame, dict, Sample]:
+) -> tuple[dict, Sample]:
     """Make and score maps of all scenes in all ways.
 
     Parameters
@@ -69,10 +68,9 @@ def measure(
 
     Returns
     -------
-    DataFrame
-        A row for each way, kind and noise, means over the seeds; and for each way one of all.
     dict
-        The record.
+        The record; in ``rows`` one for each way, kind and noise, means over the seeds; and for
+        each way one of all.
     Sample
         The first of the last kind, with noise, for a picture.
     """
@@ -85,17 +83,15 @@ def measure(
         for noise, sample in ((0.0, clean), (NOISE, noisy)):
             rows += [{"scene": name, "noise": noise, **row} for row in _rows(sample)]
         shown = noisy if seed == seeds[0] else shown
-    table = _means(pd.DataFrame(rows))
     record = {
         "camera": to_json(camera),
         "slopes": list(search_slopes()[[0, -1]]),
         "steps": MAP_STEPS,
         "seeds": list(seeds),
         "wall_s": time.perf_counter() - started,
-        "rows": table.to_dict("records"),
-        **provenance.environment(),
+        "rows": _means(pd.DataFrame(rows)).to_dict("records"),
     }
-    return table, record, shown
+    return record, shown
 
 
 def search_slopes() -> np.ndarray:

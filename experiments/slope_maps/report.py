@@ -6,68 +6,47 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from experiments.report import markdown, write_report
 from experiments.slope_maps.measuring import search_slopes
 from experiments.slope_maps.rivals import WAYS
 from experiments.slope_maps.scenes import Sample
-from lf_flame._common import figures
-from lf_flame._common.atomic_files import finite, together, write_json, write_text
 
-HEADINGS = {
-    "mse_x100": "MSE x 100",
-    "wrong_percent": "wrong (%)",
-    "certain_percent": "called certain (%)",
-    "wrong_of_certain_percent": "wrong of these (%)",
+COLUMNS = {
+    "map": ("map", ""),
+    "scene": ("scene", ""),
+    "noise": ("noise", ""),
+    "mse_x100": ("MSE x 100", ".1f"),
+    "wrong_percent": ("wrong (%)", ".1f"),
+    "certain_percent": ("called certain (%)", ".1f"),
+    "wrong_of_certain_percent": ("wrong of these (%)", ".1f"),
+    "seconds": ("seconds", ".2f"),
 }
 
-FORMATS = ("", "", "", ".1f", ".1f", ".1f", ".1f", ".2f")
+
+def write(out: Path, record: dict, sample: Sample) -> Path:
+    """Write ``slope_maps.*`` from what `experiments.slope_maps.measuring.measure` found."""
+    return write_report(
+        out, "slope_maps", "Slope maps beside the truth", record, body(record),
+        tables={"slope_maps": pd.DataFrame(record["rows"])},
+        pictures={"slope_maps": picture(sample)},
+    )  # fmt: skip
 
 
-def write_report(out: Path, table: pd.DataFrame, record: dict, sample: Sample) -> Path:
-    """Write what `experiments.slope_maps.measuring.measure` found.
-
-    Parameters
-    ----------
-    out : Path
-        Folder for ``slope_maps.csv``, ``.md``, ``.png`` and ``.json``, the record.
-    table, record, sample
-        See there.
-
-    Returns
-    -------
-    Path
-        ``slope_maps.md``.
-    """
-    with together(out, last="slope_maps.json") as aside:
-        write_text(aside / "slope_maps.csv", table.to_csv(index=False))
-        write_text(aside / "slope_maps.md", text(table, record))
-        figures.save(picture(sample), aside / "slope_maps.png")
-        rows = [finite(row) for row in record["rows"]]
-        write_json(aside / "slope_maps.json", {**record, "rows": rows})
-    return out / "slope_maps.md"
-
-
-def text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table and what it rests on into Markdown."""
+def body(record: dict) -> list[str]:
+    """Write the table and what it rests on as Markdown."""
     views, size = record["camera"]["views"], record["camera"]["lenslets"]
-    shown = table.rename(columns=HEADINGS).to_markdown(
-        index=False, floatfmt=FORMATS, disable_numparse=[2]
-    )
-    return f"""# Slope maps beside the truth
-
-`python -m experiments slope-maps`, {record["date"]}, revision {record["git_revision"]},
-{record["machine"]}; {record["wall_s"]:.0f} s.
-
-Scenes of opaque layers, {views} x {views} views of {size[0]} x {size[1]} pixels, 8 bits, without
-and with noise (its standard deviation, as a part of white); means over seeds
-{", ".join(map(str, record["seeds"]))}. The true slopes come from the geometry. Wrong: off by more
-than 0.07. Every map searches {record["steps"]} slopes from {record["slopes"][0]:g} to
-{record["slopes"][1]:g} with a window of 3 pixels. "Sharpness, before" is the library's map until
-now; "all views" takes the slope at which all views vary least, and "median" smooths that.
-
-{shown}
-
-![Maps of one scene](slope_maps.png)
-"""
+    low, high = record["slopes"]
+    return [
+        f"Scenes of opaque layers, {views} x {views} views of {size[0]} x {size[1]} pixels, 8 "
+        "bits, without and with noise (its standard deviation, as a part of white); means over "
+        f"seeds {', '.join(map(str, record['seeds']))}. The true slopes come from the geometry. "
+        f"Wrong: off by more than 0.07. Every map searches {record['steps']} slopes from {low:g} "
+        f'to {high:g} with a window of 3 pixels. "Sharpness, before" is the library\'s map until '
+        'now; "all views" takes the slope at which all views vary least, and "median" smooths '
+        "that.",
+        markdown(record["rows"], COLUMNS, missing="nan"),
+        "![Maps of one scene](slope_maps.png)",
+    ]
 
 
 def picture(sample: Sample) -> Figure:

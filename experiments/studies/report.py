@@ -11,9 +11,8 @@ import pandas as pd
 from experiments.histories import read_history
 from experiments.paper.figures import draw_learning
 from experiments.paper.paper_values import read_paper_values
+from experiments.report import write_report
 from experiments.studies.pca_bound import MOST_SAMPLES
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.figures import subplots
 
@@ -36,7 +35,7 @@ FORMATS = {"psnr_db": "{:.2f}", "ssim": "{:.3f}"}
 """How they are written."""
 
 
-def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, out: Path) -> Path:
+def write(path: Path, study, trials: Sequence, runs: Path, paper: Path, out: Path) -> Path:
     """Write a study's table, text, figures and record; variants not yet done show as missing.
 
     NAME is the study file's name. ``NAME.csv`` has `COLUMNS`, one row a variant and plane, and one
@@ -69,21 +68,16 @@ def write_report(path: Path, study, trials: Sequence, runs: Path, paper: Path, o
         "study": to_json(study),
         "results": {v.name: found for v, found in zip(study.variants, scores, strict=True)},
         "paper": printed["source"],
-        **provenance.environment(),
     }
-    with together(out, last=f"{name}.json") as aside:
-        if study.x is None:
-            figures.save(bar_figure(study.title, rows, printed), aside / f"{name}.png")
-        else:
-            figures.save(curve_figure(study, rows, printed), aside / f"{name}.png")
-        if study.timed:
-            curves = read_curves(study.variants, scores, runs)
-            figures.save(time_figure(study.title, curves), aside / f"{name}_time.png")
-            write_text(aside / f"{name}_time.csv", curves.round(4).to_csv(index=False))
-        write_json(aside / f"{name}.json", record)
-        write_text(aside / f"{name}.csv", rows.round(4).to_csv(index=False))
-        write_text(aside / f"{name}.md", text(study, rows, scores, printed, record))
-    return out / f"{name}.md"
+    figure = bar_figure(study.title, rows, printed) if study.x is None else None
+    tables = {name: rows.round(4)}
+    pictures = {name: figure or curve_figure(study, rows, printed)}
+    if study.timed:
+        curves = read_curves(study.variants, scores, runs)
+        pictures[f"{name}_time"] = time_figure(study.title, curves)
+        tables[f"{name}_time"] = curves.round(4)
+    written = body(study, rows, scores, printed)
+    return write_report(out, name, study.title, record, written, tables=tables, pictures=pictures)
 
 
 def tabulate(variants: Sequence, scores: Sequence[dict | None]) -> pd.DataFrame:
@@ -118,8 +112,8 @@ def read_curves(variants: Sequence, scores: Sequence[dict | None], runs: Path) -
     return pd.concat(curves[1:] or curves)
 
 
-def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict) -> str:
-    """Put the table, and how it came about, into Markdown."""
+def body(study, rows: pd.DataFrame, scores: Sequence, paper: dict) -> list[str]:
+    """Write the table, and how it came about, as Markdown."""
     done = [found for found in scores if found is not None]
     tests = " or ".join(sorted({str(found["test_samples"]) for found in done}))
     notes = [
@@ -131,11 +125,11 @@ def text(study, rows: pd.DataFrame, scores: Sequence, paper: dict, record: dict)
         "256 pictures could reach if it were told the best numbers.",
         *["Seconds: reading the data set, backbone and start of the decoder + all epochs."]
         * study.timed,
-        _origin(done, record),
+        _origin(done),
     ]
     found = [] if study.x is None else _findings(study, rows, np.mean(paper["psnr_db"]))
-    blocks = [f"# {study.title}", _markdown(study, rows, paper), *notes]
-    return "\n\n".join([*blocks, *["\n".join(f"- {line}" for line in found)] * bool(found)]) + "\n"
+    said = ["\n".join(f"- {line}" for line in found)] if found else []
+    return [_markdown(study, rows, paper), *notes, *said]
 
 
 def _markdown(study, rows: pd.DataFrame, paper: dict) -> str:
@@ -184,7 +178,7 @@ def _joined(values: Sequence[float], form: str) -> str:
     return " / ".join(form.format(x) for x in values) or "missing"
 
 
-def _origin(done: Sequence[dict], record: dict) -> str:
+def _origin(done: Sequence[dict]) -> str:
     """Say with which weights and on which machine the runs were made."""
     if not done:
         return "No variant is done yet."
@@ -192,10 +186,7 @@ def _origin(done: Sequence[dict], record: dict) -> str:
         "; ".join(dict.fromkeys(found[name] for found in done))
         for name in ("backbone_weights", "machine")
     )
-    return (
-        f"Backbone weights: {weights}. Trained on {machines}. `{record['command']}`, "
-        f"{record['date']}, revision {record['git_revision']}."
-    )
+    return f"Backbone weights: {weights}. Trained on {machines}."
 
 
 def _findings(study, rows: pd.DataFrame, level: float) -> list[str]:

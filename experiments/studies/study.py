@@ -21,7 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from experiments.studies.pca_bound import principal_component_bound
-from experiments.studies.report import write_report
+from experiments.studies.report import write
 from lf_flame._common.atomic_files import write_json
 from lf_flame._common.config import build, build_record, strict, to_json
 from lf_flame._common.input_files import read_record, read_toml
@@ -310,7 +310,7 @@ def run_study(
     path : str or Path
         Study file; its name is the study's.
     out : Path
-        Folder for the report, see `experiments.studies.report.write_report`.
+        Folder for the report, see `experiments.studies.report.write`.
     work : Path
         Folder for data sets and runs.
     paper_values : Path
@@ -341,7 +341,7 @@ def run_study(
     runs = Path(work) / Path(path).stem
 
     def report() -> Path:
-        return write_report(Path(path), study, trials, runs, paper_values, out)
+        return write(Path(path), study, trials, runs, paper_values, out)
 
     for number, trial in enumerate(trials, 1):
         if trial.variant.name in (only or names) and trial.read_score(runs) is None:

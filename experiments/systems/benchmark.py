@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.report import write_report
 from experiments.systems import report
 from experiments.systems.compared_sets import Scene, TestSet
 from experiments.systems.cost import measure_cost
 from experiments.systems.entries import Entry
 from experiments.systems.figures import figure, noise_figure
 from experiments.systems.learning import learning_figure, learning_table
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame.errors import InputError
 from lf_flame.learning.scores import score
 from lf_flame.systems.base import RefocusingSystem
@@ -118,22 +117,20 @@ def run_benchmark(
             "views": " x ".join(str(n) for n in frame.views.shape[:2]),
         },
         "wall_s": round(time.perf_counter() - started, 1),
-        **provenance.environment(),
     }
-    with together(out, last="compare.json") as aside:
-        write_text(aside / "compare.csv", scores.round(5).to_csv(index=False))
-        write_text(aside / "systems.csv", costs.round(3).to_csv(index=False))
-        write_text(aside / "compare.md", report.text(scores, costs, record))
-        clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
-        figures.save(figure(clean, costs), aside / "compare.png")
-        if len(dark):
-            figures.save(noise_figure(dark), aside / "compare_noise.png")
-        learnt = learning_table(record["systems"])
-        if len(learnt):
-            write_text(aside / "learning.csv", learnt.round(3).to_csv(index=False))
-            figures.save(learning_figure(record["systems"]), aside / "compare_learning.png")
-        write_json(aside / "compare.json", record)
-    return out / "compare.md"
+    clean, dark = report.without_noise(scores), scores[np.isfinite(scores.electrons)]
+    tables = {"compare": scores.round(5), "systems": costs.round(3)}
+    pictures = {"compare": figure(clean, costs)}
+    if len(dark):
+        pictures["compare_noise"] = noise_figure(dark)
+    learnt = learning_table(record["systems"])
+    if len(learnt):
+        tables["learning"] = learnt.round(3)
+        pictures["compare_learning"] = learning_figure(record["systems"])
+    return write_report(
+        out, "compare", "Refocusing systems side by side", record,
+        report.body(scores, costs, record), tables=tables, pictures=pictures,
+    )  # fmt: skip
 
 
 def _refuse_same_names(entries, test_sets: Sequence[TestSet]) -> None:

@@ -4,7 +4,6 @@ This module imports nothing heavy, so that a process that runs no network does n
 """
 
 import os
-import time
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.timing import forget_peak_memory, peak_memory
+from experiments.timing import forget_peak_memory, in_turn, peak_memory
 from lf_flame._common.workers import worker_pool
 from lf_flame.systems.base import RefocusingSystem
 
@@ -70,10 +69,5 @@ def _shut_standard_error() -> None:
 def _measure(load, views, slopes, block) -> Cost:
     forget_peak_memory()
     system = load()
-    system.refocus(views, slopes, block)  # compiles
-    seconds = []
-    while len(seconds) < REPEATS or sum(seconds) < SECONDS:
-        started = time.perf_counter()
-        system.refocus(views, slopes, block)
-        seconds.append(time.perf_counter() - started)
-    return Cost(1e3 * min(seconds), (peak_memory() - views.nbytes) / 1e6)
+    times = in_turn(lambda: system.refocus(views, slopes, block), rounds=REPEATS, least_s=SECONDS)
+    return Cost(1e3 * float(times.best[0]), (peak_memory() - views.nbytes) / 1e6)

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from experiments.report import markdown
 from lf_flame._common.figures import subplots
 
 AXES = {"seconds": "seconds of training", "steps": "steps of the optimiser"}
@@ -54,24 +55,21 @@ def learning_text(about: dict[str, dict]) -> str:
     if table.empty:
         return ""
     first = table.iloc[0]
-    shown = pd.DataFrame(
-        {
-            "system": table["system"],
-            f"after {first.at_seconds:,.0f} s": table["after_seconds_db"].map("{:.2f}".format),
-            f"after {first.at_steps:,.0f} steps": table["after_steps_db"].map("{:.2f}".format),
-            "at the end": table["end_db"].map("{:.2f}".format),
-            "seconds": table["seconds"].map("{:,.0f}".format),
-            "steps": table["steps"].map("{:,.0f}".format),
-        }
-    )
-    sides = ("left", *["right"] * (len(shown.columns) - 1))
+    columns = {
+        "system": ("system", ""),
+        "after_seconds_db": (f"after {first.at_seconds:,.0f} s", ".2f"),
+        "after_steps_db": (f"after {first.at_steps:,.0f} steps", ".2f"),
+        "end_db": ("at the end", ".2f"),
+        "seconds": ("seconds", ",.0f"),
+        "steps": ("steps", ",.0f"),
+    }
     return f"""## While learning, PSNR (dB)
 
 On held-out training samples, whole images, the best epoch so far; each system learns at its own
 pace, whose rate of learning falls towards its own end. Those trained in low light, on the round
 aperture or on the Fourier slice are held against samples of their own kind.
 
-{shown.to_markdown(index=False, disable_numparse=True, colalign=sides)}
+{markdown(table, columns)}
 
 """
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from experiments.report import markdown
 from experiments.systems.compared_sets import SIXTEEN
 from experiments.systems.learning import learning_text
 
@@ -12,37 +13,40 @@ CLAIMED_SSIM = 0.925
 """Of RefNet against the Fourier slice, as the paper reports it of Hedayati et al."""
 
 
-def text(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> str:
-    """Put what came out into Markdown.
+COSTS = {
+    "system": ("system", ""),
+    "views": ("views", ".0f"),
+    "parameters": ("parameters", ",.0f"),
+    "steps": ("steps", ",.0f"),
+    "training_s": ("training (s)", ".0f"),
+    "milliseconds": ("ms a frame", ".1f"),
+    "memory_mb": ("memory (MB)", ".0f"),
+}
+
+
+def body(scores: pd.DataFrame, costs: pd.DataFrame, record: dict) -> list[str]:
+    """Write what came out as Markdown.
 
     Parameters
     ----------
-    scores : DataFrame
-        Columns as in `experiments.systems.benchmark.COLUMNS`.
-    costs : DataFrame
-        One row a system: system, views, parameters, steps, training_s, milliseconds, memory_mb.
+    scores, costs : DataFrame
+        Columns as in `experiments.systems.benchmark.COLUMNS`, and those of `COSTS`.
     record : dict
         As it is written.
     """
-    clean = without_noise(scores)
-    return f"""# Refocusing systems side by side
+    clean, frame = without_noise(scores), record["frame"]
+    text = f"""The reference is shift-and-sum of all views, or of those in a round aperture where a
+test set is called so; networks have learnt the former where their name says nothing else. PSNR in
+dB (peak 1), and SSIM: means over planes and light fields; every plane is in compare.csv. Views are
+those that a system looks at; training is given in steps of the optimiser, and in seconds at the
+pace of the median epoch, without drawing the training samples (a ResNet-50 that a regression sets
+at the start takes its seconds there); milliseconds and peak memory for a frame of
+{frame["planes"]} planes of {frame["image"]} from {frame["views"]} views in memory, each system in a
+process of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the
+aperture, a cross reaches its edges. In the pictures ours are stars, other networks dots and
+formulas squares; what is exact, or beyond the axis, stands at its edge as a triangle.
 
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]};
-{record["wall_s"]:.0f} s.
-
-The reference is shift-and-sum of all views, or of those in a round aperture where a test set is
-called so; networks have learnt the former where their name says nothing else. PSNR in dB (peak 1),
-and SSIM: means over planes and light fields; every plane is in compare.csv. Views are those that a
-system looks at; training is given in steps of the optimiser, and in seconds at the pace of the
-median epoch, without drawing the training samples (a ResNet-50 that a regression sets at the start
-takes its seconds there); milliseconds and peak memory for a frame of
-{record["frame"]["planes"]} planes of
-{record["frame"]["image"]} from {record["frame"]["views"]} views in memory, each system in a process
-of its own. Squares of 3 x 3 and 7 x 7 views stand in the middles of equal parts of the aperture, a
-cross reaches its edges. In the pictures ours are stars, other networks dots and formulas squares;
-what is exact, or beyond the axis, stands at its edge as a triangle.
-
-{_costs_table(costs)}
+{markdown(costs, COSTS)}
 
 ## PSNR (dB)
 
@@ -58,8 +62,8 @@ what is exact, or beyond the axis, stands at its edge as a triangle.
 
 {_sixteen(scores)}{_noise(scores)}{learning_text(record["systems"])}## What is missing
 
-{_missing(scores)}
-"""
+{_missing(scores)}"""
+    return [text]
 
 
 def without_noise(scores: pd.DataFrame) -> pd.DataFrame:
@@ -119,19 +123,6 @@ def _light(electrons: float) -> str:
     if np.isinf(electrons):
         return "no noise"
     return f"{electrons:g} electron" + "s" * (electrons != 1)
-
-
-def _costs_table(costs: pd.DataFrame) -> str:
-    shown = costs.copy()
-    for name, form in {"steps": "{:,.0f}", "training_s": "{:.0f}", "milliseconds": "{:.1f}",
-                       "memory_mb": "{:.0f}", "views": "{:.0f}",
-                       "parameters": "{:,.0f}"}.items():  # fmt: skip
-        shown[name] = ["" if pd.isna(x) else form.format(x) for x in costs[name]]
-    shown.columns = [
-        "system", "views", "parameters", "steps", "training (s)", "ms a frame", "memory (MB)",
-    ]  # fmt: skip
-    sides = ("left", *["right"] * (len(shown.columns) - 1))
-    return shown.to_markdown(index=False, disable_numparse=True, colalign=sides)
 
 
 def _pivot(scores: pd.DataFrame, measure: str, form: str, how: str = "mean") -> str:

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.report import write_report
 from experiments.systems import scene_counts_report as report
-from lf_flame._common import figures, provenance
-from lf_flame._common.atomic_files import together, write_json, write_text
 from lf_flame._common.config import to_json
 from lf_flame._common.progress import step_bar
 from lf_flame.errors import InputError
@@ -98,15 +97,13 @@ def run_scene_counts(
         "runs": {
             folder: {key: one[key] for key in KEPT if key in one} for folder, one in records.items()
         },
-        "rows": table.replace({np.nan: None}).to_dict("records"),
-        **provenance.environment(),
+        "rows": rows,
     }
-    with together(out, last="scene_counts.json") as aside:
-        write_text(aside / "scene_counts.csv", table.round(4).to_csv(index=False))
-        write_text(aside / "scene_counts.md", report.text(table, record))
-        figures.save(report.figure(table), aside / "scene_counts.png")
-        write_json(aside / "scene_counts.json", record)
-    return out / "scene_counts.md"
+    return write_report(
+        out, "scene_counts", "What systems reach against the light fields that they learn from",
+        record, report.body(record), tables={"scene_counts": table.round(4)},
+        pictures={"scene_counts": report.figure(table)},
+    )  # fmt: skip
 
 
 def _job(config: SystemsConfig, count: int, held_out: int) -> SystemsConfig:

@@ -2,59 +2,43 @@
 
 import pandas as pd
 
+from experiments.report import markdown
 from lf_flame._common.figures import subplots
-
-
-def text(table: pd.DataFrame, record: dict) -> str:
-    """Write the table as Markdown.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns system, views, method, light_fields, steps, psnr_db, psnr_of_mean_error_db, ssim,
-        images.
-    record : dict
-        See `experiments.systems.scene_counts.run_scene_counts`.
-    """
-    shown = pd.DataFrame(
-        {
-            "system": table["system"],
-            "views": table["views"],
-            "method": table["method"],
-            "light fields to learn from": table["light_fields"].map(_whole),
-            "steps": table["steps"].map(_whole),
-            "PSNR (dB)": table["psnr_db"].map("{:.2f}".format),
-            "of the mean error (dB)": table["psnr_of_mean_error_db"].map("{:.2f}".format),
-            "SSIM": table["ssim"].map("{:.4f}".format),
-        }
-    )
-    sides = ("left", "right", "left", *["right"] * 5)
-    return f"""# What systems reach against the light fields that they learn from
-
-`{record["command"]}`, {record["date"]}, revision {record["git_revision"]}, {record["machine"]}.
-
-Each run of a system takes the same steps of its own recipe (`experiments/system_scenes.toml`), from
-the same start; only the light fields that its patches are cut from are more. {record["held_out"]}
-others choose its best epoch, and {record["scored"]} again others are scored here, the same for all
-runs: whole images against all views, at the slopes that the system learns. PSNR is the mean over
-{int(table["images"].min())} images or more; beside it that of the mean squared error, in which the
-worst images count most. The formula has nothing to learn. One seed ({record["seed"]}).
-
-{shown.to_markdown(index=False, disable_numparse=True, colalign=sides)}
-"""
 
 
 def _whole(number: float) -> str:
     return "-" if pd.isna(number) else f"{number:,.0f}"
 
 
-def figure(table: pd.DataFrame):
-    """Draw PSNR against light fields to learn from, each system beside the sum of its views.
+COLUMNS = {
+    "system": ("system", ""),
+    "views": ("views", ""),
+    "method": ("method", ""),
+    "light_fields": ("light fields to learn from", _whole),
+    "steps": ("steps", _whole),
+    "psnr_db": ("PSNR (dB)", ".2f"),
+    "psnr_of_mean_error_db": ("of the mean error (dB)", ".2f"),
+    "ssim": ("SSIM", ".4f"),
+}
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+
+def body(record: dict) -> list[str]:
+    """Write the table as Markdown, from the record of `experiments.systems.scene_counts`."""
+    images = min(row["images"] for row in record["rows"])
+    return [
+        "Each run of a system takes the same steps of its own recipe "
+        "(`experiments/system_scenes.toml`), from the same start; only the light fields that its "
+        f"patches are cut from are more. {record['held_out']} others choose its best epoch, and "
+        f"{record['scored']} again others are scored here, the same for all runs: whole images "
+        "against all views, at the slopes that the system learns. PSNR is the mean over "
+        f"{images} images or more; beside it that of the mean squared error, in which the worst "
+        f"images count most. The formula has nothing to learn. One seed ({record['seed']}).",
+        markdown(record["rows"], COLUMNS),
+    ]
+
+
+def figure(table: pd.DataFrame):
+    """Draw PSNR against light fields to learn from, each system beside the sum of its views."""
     drawn, axis = subplots(figsize=(7.5, 5), layout="constrained")
     for number, (name, rows) in enumerate(table.groupby("system", sort=False)):
         colour = f"C{number}"

@@ -50,7 +50,7 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     from experiments.tomography.bands import count_held
     from experiments.tomography.colours import two_colours
     from experiments.tomography.networks import networks_as_sections
-    from experiments.tomography.report import BARS, NETWORKS, write_report, write_table
+    from experiments.tomography.report import BARS, EMISSION, NETWORKS, write
     from experiments.tomography.round_flames import round_flame
     from experiments.tomography.solvers import solvers
     from experiments.tomography.tasks import TASKS
@@ -60,11 +60,11 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)
     tasks = [*TASKS, solvers, round_flame, two_colours, video]
-    name = BARS if bars else NETWORKS if networks else None
-    if name:
+    name = BARS if bars else NETWORKS if networks else EMISSION
+    if name != EMISSION:
         tasks = [partial(count_held, bars) if bars else partial(networks_as_sections, networks)]
     for task in step_bar(tasks, 0, len(tasks)):
         rows += list(task(rng))
     seconds = time.perf_counter() - begin
-    path = write_table(out, name, rows, seconds) if name else write_report(out, rows, seconds)
+    path = write(out, name, rows, seconds)
     click.echo(set_beside(path, f"tomography/{path.name}"))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.report import markdown, write_report
 from experiments.tomography.colours import colours_figure
 from experiments.tomography.phantoms import (
     BLOCK,
@@ -18,39 +19,65 @@ from experiments.tomography.phantoms import (
 from experiments.tomography.round_flames import round_figure
 from experiments.tomography.tasks import AGAINST_NOISE, DEPTHS_MM, Row, by_focal_stack
 from lf_flame import PAPER_CAMERA
-from lf_flame._common.atomic_files import together, write_json, write_text
-from lf_flame._common.figures import save, subplots
-from lf_flame._common.provenance import environment
+from lf_flame._common.figures import subplots
 from lf_flame.tomography import FrustumGrid, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
 
-FILE, NETWORKS, BARS = "emission", "networks", "bars"
+EMISSION, NETWORKS, BARS = "emission", "networks", "bars"
+"""Reports that are written."""
 
 
-def write_report(out: Path, rows: Sequence[Row], wall_s: float) -> Path:
-    """Write ``emission.csv``, ``.md`` and ``.json``, and the pictures.
+COLUMNS = {
+    "task": ("task", ""),
+    "noise": ("noise", ""),
+    "method": ("method", ""),
+    "measure": ("what", ""),
+    "value": ("value", ".4f"),
+    "accepted": ("wanted", "g"),
+    "seconds": ("seconds", ".2f"),
+}
 
-    Returns
-    -------
-    Path
-        ``emission.md``.
-    """
-    table = pd.DataFrame([asdict(row) for row in rows])
-    record = {**environment(), "wall_s": round(wall_s, 1)}
-    with together(out, last=f"{FILE}.json") as aside:
-        write_text(aside / f"{FILE}.csv", table.to_csv(index=False))
-        write_text(aside / f"{FILE}.md", text(table, record))
-        save(sheets_figure(), aside / "sheets.png", dpi=110)
-        save(volume_figure(), aside / "volume.png", dpi=110)
-        save(noise_figure(table), aside / "noise.png", dpi=110)
-        save(round_figure(), aside / "round.png", dpi=110)
-        save(colours_figure(), aside / "colours.png", dpi=110)
-        write_json(aside / f"{FILE}.json", record)
-    return out / f"{FILE}.md"
+TITLES = {
+    EMISSION: "Emission by depth from one light field",
+    BARS: "How often bars of 95 % hold the truth",
+    NETWORKS: "The planes of the paper's network, taken for sections",
+}
+
+TEXTS = {
+    EMISSION: [
+        "15 x 15 views of 270 x 540 lenslets, averaged to 90 x 180 pixels; noise as a share of the "
+        "brightest pixel of those, or electrons in it. The phantoms are rendered by the simulator "
+        "from layers of their own cells, not from the inversion's. Flames in matter are a quarter "
+        "of the others in size, seen by 72 x 84 lenslets. Errors are root-mean-square relative to "
+        "the truth's root-mean-square. `reconstruct` is called as a user calls it, its noise "
+        "measured and its penalty chosen by itself. One draw of the noise each, where nothing else "
+        "is said; seconds with all setting up.",
+        "What is called small is a quarter in size too, and not averaged. Temperatures count where "
+        "the emission exceeds 20 % of its plane's peak. How often error bars hold the truth: "
+        "[bars.md](bars.md).",
+        "The round flame's axis is found, too; its errors count heights between 3 and 97 % of its "
+        "own, over the volume and over the half section. PyAbel sees the middle view alone, and "
+        "has the penalty of least true error. The video is followed twice; seconds are those of "
+        "the second time, when nothing is left to compile.",
+    ],
+    BARS: [
+        "15 x 15 views of 72 x 84 lenslets, flames a quarter of the usual size. Each row is a mean "
+        "over independent draws of the noise, its number beside the noise. Cells and places on "
+        "profiles count where the truth exceeds 5 % of the plane's peak. Two successive draws are "
+        "the two colours of a temperature. A bar is right that holds the truth in 93 to 97 %. "
+        "Seconds are those of a reconstruction of 20 bootstrap draws on one thread, others beside "
+        "it.",
+    ],
+    NETWORKS: [
+        "The network draws refocused images, from the photograph focused at 0 mm. Taken for "
+        "emission, its planes are held against the truth on a scene that it has not learnt from, "
+        "beside `reconstruct` and the refocused images. All else as in [emission.md](emission.md).",
+    ],
+}
 
 
-def write_table(out: Path, name: str, rows: Sequence[Row], wall_s: float) -> Path:
-    """Write a record of its own, ``NAME.csv``, ``.md`` and ``.json``: of `NETWORKS` or `BARS`.
+def write(out: Path, name: str, rows: Sequence[Row], wall_s: float) -> Path:
+    """Write ``NAME.csv``, ``.md`` and ``.json``; with `EMISSION` the pictures, too.
 
     Returns
     -------
@@ -58,91 +85,24 @@ def write_table(out: Path, name: str, rows: Sequence[Row], wall_s: float) -> Pat
         ``NAME.md``.
     """
     table = pd.DataFrame([asdict(row) for row in rows])
-    record = {**environment(), "wall_s": round(wall_s, 1)}
-    with together(out, last=f"{name}.json") as aside:
-        write_text(aside / f"{name}.csv", table.to_csv(index=False))
-        write_text(aside / f"{name}.md", TEXTS[name](table, record))
-        write_json(aside / f"{name}.json", record)
-    return out / f"{name}.md"
-
-
-def bars_text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table of how often bars hold the truth into Markdown."""
-    return f"""# How often bars of 95 % hold the truth
-
-{_origin(record)}
-
-15 x 15 views of 72 x 84 lenslets, flames a quarter of the usual size. Each row is a mean over
-independent draws of the noise, its number beside the noise. Cells and places on profiles count
-where the truth exceeds 5 % of the plane's peak. Two successive draws are the two colours of a
-temperature. A bar is right that holds the truth in 93 to 97 %. Seconds are those of a
-reconstruction of 20 bootstrap draws on one thread, others beside it.
-
-{_shown(table).to_markdown(index=False)}
-"""
-
-
-def networks_text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table of networks and what it rests on into Markdown."""
-    return f"""# The planes of the paper's network, taken for sections
-
-{_origin(record)}
-
-The network draws refocused images, from the photograph focused at 0 mm. Taken for emission, its
-planes are held against the truth on a scene that it has not learnt from, beside `reconstruct` and
-the refocused images. All else as in [emission.md](emission.md).
-
-{_shown(table).to_markdown(index=False)}
-"""
-
-
-TEXTS = {NETWORKS: networks_text, BARS: bars_text}
-
-
-def _origin(record: dict) -> str:
-    return (
-        f"`{record['command']}`, {record['date']}, revision {record['git_revision']}, "
-        f"{record['machine']},\n{record['wall_s']:.0f} s."
-    )
-
-
-def _shown(table: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "task": table["task"],
-            "noise": table["noise"],
-            "method": table["method"],
-            "what": table["measure"],
-            "value": [f"{value:.4f}" for value in table["value"]],
-            "wanted": ["" if pd.isna(limit) else f"{limit:g}" for limit in table["accepted"]],
-            "seconds": [f"{seconds:.2f}" for seconds in table["seconds"]],
+    pictures = {}
+    if name == EMISSION:
+        pictures = {
+            "sheets": sheets_figure(),
+            "volume": volume_figure(),
+            "noise": noise_figure(table),
+            "round": round_figure(),
+            "colours": colours_figure(),
         }
-    )
+    return write_report(
+        out, name, TITLES[name], {"wall_s": round(wall_s, 1)}, body(name, table),
+        tables={name: table}, pictures=pictures, dpi=110,
+    )  # fmt: skip
 
 
-def text(table: pd.DataFrame, record: dict) -> str:
-    """Put the table and what it rests on into Markdown."""
-    return f"""# Emission by depth from one light field
-
-{_origin(record)}
-
-15 x 15 views of 270 x 540 lenslets, averaged to 90 x 180 pixels; noise as a share of the brightest
-pixel of those, or electrons in it. The phantoms are rendered by the simulator from layers of their
-own cells, not from the inversion's. Flames in matter are a quarter of the others in size, seen by
-72 x 84 lenslets. Errors are root-mean-square relative to the truth's root-mean-square.
-`reconstruct` is called as a user calls it, its noise measured and its penalty chosen by itself. One
-draw of the noise each, where nothing else is said; seconds with all setting up.
-
-What is called small is a quarter in size too, and not averaged. Temperatures count where the
-emission exceeds 20 % of its plane's peak. How often error bars hold the truth: [bars.md](bars.md).
-
-The round flame's axis is found, too; its errors count heights between 3 and 97 % of its own, over
-the volume and over the half section. PyAbel sees the middle view alone, and has the penalty of
-least true error. The video is followed twice; seconds are those of the second time, when nothing is
-left to compile.
-
-{_shown(table).to_markdown(index=False)}
-"""
+def body(name: str, table: pd.DataFrame) -> list[str]:
+    """Write the table and what it rests on as Markdown."""
+    return [*TEXTS[name], markdown(table, COLUMNS)]
 
 
 def sheets_figure():

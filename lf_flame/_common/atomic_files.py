@@ -7,7 +7,6 @@ what a killed process left from what is still being written, and removes the for
 
 import fcntl
 import json
-import math
 import os
 import re
 import secrets
@@ -245,11 +244,3 @@ def write_json(path: str | Path, record: dict) -> None:
     """Write a record as JSON; infinity and NaN, which JSON lacks, become null."""
     valid = json.loads(json.dumps(record), parse_constant=lambda name: None)
     write_text(path, json.dumps(valid, indent=1) + "\n")
-
-
-def finite(row: dict) -> dict:
-    """Replace infinite and NaN values of a row by None, for JSON."""
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in row.items()
-    }

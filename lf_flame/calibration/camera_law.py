@@ -11,7 +11,7 @@ Any lens whose views meet in its entrance pupil has this form too, with c = e th
 pupil; a lens whose two centres differ keeps both.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,15 @@ from numpy.typing import ArrayLike
 from lf_flame._common.arrays import Number
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
+from lf_flame.optics.lens import Lens
+
+MOSTLY_DARK = 0.5
+"""Brightness relative to the central view below which a view does not count."""
+
+LARGEST_LEVEL = 100.0
+"""Largest brightness of a view relative to the central one; a larger one is a mistake."""
 
 TABLE = "law"
 """Name of the table in a TOML file."""
@@ -28,7 +36,7 @@ TABLE = "law"
 
 @strict
 @dataclass(frozen=True, kw_only=True)
-class CameraLaw:
+class CameraLaw(Lens):
     """Slope and scale of a camera as functions of depth, measured by `fit_law`.
 
     Parameters
@@ -53,6 +61,12 @@ class CameraLaw:
     distortion : float, optional
         Coefficient k of ``r (1 + k r^2)``, the distance r in lenslets from the centre of the image
         without radial distortion, per lenslet squared.
+    aperture_diameter_mm : float, optional
+        Diameter of a round pupil where the views meet. Default: the pupil is as wide as all views,
+        or known by the views that count.
+    fall_off : tuple of tuple of float, optional
+        Brightness of each view, row by row, relative to the central one, above 0; 0 of a view that
+        does not count. Default: all are alike.
     standard_deviations : dict of str to float, optional
         Standard deviations of the numbers above, by name.
 
@@ -85,6 +99,8 @@ class CameraLaw:
     views: int
     lenslets: tuple[int, int]
     distortion: float = 0.0
+    aperture_diameter_mm: float | None = None
+    fall_off: tuple[tuple[float, ...], ...] | None = None
     standard_deviations: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -105,9 +121,29 @@ class CameraLaw:
                 f"depth_range_mm must rise, and lie beyond both centres "
                 f"({self.slope_centre_mm:g} and {self.scale_centre_mm:g}), got {low:g}, {high:g}."
             )
+        diameter = self.aperture_diameter_mm
+        if diameter is not None and not SHORTEST <= diameter <= LONGEST:
+            raise InputError(f"aperture_diameter_mm must be a length above 0, got {diameter}.")
         if self.views < 1 or min(self.lenslets) < 1:
             raise InputError(
                 f"views and lenslets must be 1 or more, got {self.views} and {self.lenslets}."
+            )
+
+        if self.fall_off is not None:
+            self._check_fall_off()
+
+    def _check_fall_off(self) -> None:
+        """Refuse a fall-off of other views, or of none that counts."""
+        try:
+            levels = np.array(self.fall_off, float)
+        except ValueError:
+            levels = np.empty(0)
+        if levels.shape != (self.views, self.views) or not (
+            np.all((levels >= 0) & (levels < LARGEST_LEVEL)) and levels.any()
+        ):
+            raise InputError(
+                f"fall_off must be {self.views} rows of {self.views} numbers from 0 to "
+                f"{LARGEST_LEVEL:g}, not all 0."
             )
 
     def depth_to_slope(self, depth_mm: Number) -> Number:
@@ -170,6 +206,36 @@ class CameraLaw:
         """Distance from the point in which the views meet to the focal plane, in mm."""
         return -self.slope_mm / self.slope_at_infinity
 
+    @property
+    def lenslet_in_focus_mm(self) -> float:
+        """Size in mm of a lenslet's image in the focal plane, which may lie outside the range."""
+        return self.scale * (self.focal_plane_mm - self.scale_centre_mm)
+
+    @property
+    def view_step_mm(self) -> float:
+        """Distance in mm between neighbouring views where they meet, seen from the focal plane."""
+        return abs(self.slope_at_infinity) * self.lenslet_in_focus_mm
+
+    def with_views(self, count: int) -> "CameraLaw":
+        """Law of the inner `count` views along each axis, of the same steps."""
+        out = (self.views - count) // 2
+        inner = slice(out, out + count)
+        rows = None if self.fall_off is None else [row[inner] for row in self.fall_off[inner]]
+        return replace(self, views=count, fall_off=None if rows is None else tuple(rows))
+
+    def levelled(self, light_field: LightField) -> LightField:
+        """Divide views by their fall-off; those that are mostly dark get weight 0."""
+        if self.fall_off is None or light_field.views.shape[:2] != (self.views, self.views):
+            return light_field
+        levels = np.array(self.fall_off, np.float32)
+        lit = levels >= MOSTLY_DARK
+        own = np.ones(levels.shape) if light_field.weights is None else light_field.weights
+        weights = light_field.weights if lit.all() else own * lit
+        per_view = np.where(lit, levels, 1).reshape(
+            levels.shape + (1,) * (light_field.views.ndim - 2)
+        )
+        return replace(light_field, views=light_field.views / per_view, weights=weights)
+
     def check_depths(self, depths_mm: ArrayLike) -> None:
         """Refuse depths outside the range in which the law was measured.
 
@@ -186,27 +252,12 @@ class CameraLaw:
                     f"stood, got {depth:g} mm; calibrate with targets at that depth."
                 )
 
-    def check_views(self, views: tuple[int, ...]) -> None:
-        """Refuse a light field with another number of views: its slopes mean other depths.
-
-        Raises
-        ------
-        InputError
-            If they are not `self.views` each.
-        """
-        if tuple(views[:2]) != (self.views, self.views):
-            raise InputError(
-                f"The calibration is for {self.views} x {self.views} views, but the light field "
-                f"has {views[0]} x {views[1]}: one step between views would be another angle, and "
-                f"each depth wrong; calibrate with pictures of these views."
-            )
-
     def to_toml(self) -> str:
         """Give the law as a table of a TOML file, which `read_law` reads."""
         lines = [f"[{TABLE}]"]
         for one in fields(self):
             value = getattr(self, one.name)
-            if not isinstance(value, dict):
+            if value is not None and not isinstance(value, dict):
                 lines.append(f"{one.name} = {_toml(value)}")
         if self.standard_deviations:
             lines += ["", f"[{TABLE}.standard_deviations]"]

@@ -27,6 +27,10 @@ SURE = 0.999
 LEAST_ERROR = 1e-7
 """Smallest error of a slope, and relative one of a scale: float32 pictures hold no more."""
 
+EVEN, ERRORS = 0.01, 4.0
+"""Smallest difference of the views' brightness that is written, and that in standard errors: where
+nothing surely differs, all views count alike."""
+
 FAR = 1e12
 """Residual, in standard errors, of a trial law that has no value at a target."""
 
@@ -103,7 +107,22 @@ def fit_targets(
         lenslets=lenslets,
         distortion=distortion,
         scale_error=float(np.mean(np.abs(ratios))),
+        fall_off=_fall_off(targets),
     )
+
+
+def _fall_off(targets: Sequence[Target]) -> tuple[tuple[float, ...], ...] | None:
+    """Brightness of each view relative to the central one; None unless it surely differs."""
+    seen = np.array([one.levels for one in targets])
+    seen = seen[np.isfinite(seen).any(axis=(1, 2))]
+    if len(seen) < LEAST_DISTANCES:
+        return None
+    levels = np.median(seen, axis=0)
+    errors = np.std(seen, axis=0, ddof=1) / np.sqrt(len(seen))
+    off = np.abs(levels - 1) > np.maximum(EVEN, ERRORS * errors)
+    if not off.any():
+        return None
+    return tuple(map(tuple, np.round(np.nan_to_num(levels), 4).tolist()))
 
 
 def _distortion(targets: Sequence[Target]) -> tuple[float, float]:
@@ -136,13 +155,14 @@ def fit_law(
     lenslets: tuple[int, int],
     distortion: float = 0.0,
     scale_error: float = 0.0,
+    fall_off: tuple[tuple[float, ...], ...] | None = None,
 ) -> LawFit:
     """Fit a law to measured slopes and scales, one centre for both unless two are sure.
 
     Parameters
     ----------
     measured : Measurements
-    views, lenslets, distortion
+    views, lenslets, distortion, fall_off
         Facts of the law.
     scale_error : float, optional
         Relative standard error that all scales share.
@@ -184,6 +204,7 @@ def fit_law(
         views=views,
         lenslets=lenslets,
         distortion=distortion,
+        fall_off=fall_off,
         standard_deviations=deviations,
     )
     depth_residuals, scale_residuals = _residuals(measured, solved.x)

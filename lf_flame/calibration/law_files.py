@@ -105,4 +105,5 @@ def thin_lens(law: CameraLaw, lenslet_mm: float) -> PlenopticCamera:
         lenslet_pitch_mm=lenslet_mm,
         views=law.views,
         lenslets=law.lenslets,
+        aperture_diameter_mm=law.aperture_diameter_mm,
     )

@@ -98,6 +98,13 @@ def notes(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> li
             f"changes the scale by {100 * (1 - np.cos(np.radians(sure[worst])) ** 0.5):.2g} %: "
             f"set it parallel to the lens."
         )
+    if fit.law.fall_off is not None:
+        lit = [level for row in fit.law.fall_off for level in row if level]
+        said.append(
+            f"Views are unlike in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one; "
+            f"{LAW} holds it, and reconstruct and abel divide by it, for pictures read in the same "
+            f"way as these (with --white or without)."
+        )
     if fit.law.distortion:
         corner = np.hypot(*fit.law.lenslets) / 2
         bend = fit.law.distortion * corner**2

@@ -15,6 +15,7 @@ from lf_flame.calibration.plane import LatticeFit, fit_lattice, fit_slopes
 from lf_flame.calibration.symmetry import centres
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
+from lf_flame.refocus import align_views
 
 RADIUS = 0.5
 """Radius of the disc around a corner, in squares: the four squares that meet there, or one dot."""
@@ -57,6 +58,9 @@ class Target:
         for a target so near the focal plane that they cannot be told.
     views, lenslets : (int, int)
         Number of views, and of pixels of a view.
+    levels : ndarray, shape (v, u)
+        Brightness of the target in each view, relative to the central one; NaN of views that do not
+        count.
     """
 
     indices: np.ndarray
@@ -67,6 +71,7 @@ class Target:
     rotation_rad: float
     views: tuple[int, int]
     lenslets: tuple[int, int]
+    levels: np.ndarray
 
     @property
     def slope(self) -> float:
@@ -134,7 +139,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     >>> round(target.slope, 3), round(target.squares_per_lenslet().scale, 4)
     (0.5, 0.125)
     """
-    views, weights = light_field.grey().views, light_field.weights
+    views, weights = light_field.grey().filled, light_field.weights
     v, u, t, s = views.shape
     counted = np.ones((v, u), bool) if weights is None else weights > 0
     if min(v, u) < 3 or counted.sum() < 5:
@@ -155,7 +160,11 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     tracks = _track(views, near, offsets, middle, points, start, pitch)
     slope = float(np.median(_regress(tracks, offsets[near])[1].mean(axis=1)))
     tracks = _track(views, counted, offsets, middle, points, slope, pitch)
-    return _target(indices, tracks, offsets[counted], pitch, (v, u), (t, s))
+    levels = np.full((v, u), np.nan)
+    box = np.stack([points.min(axis=0), points.max(axis=0)])
+    levels[counted] = _brightness(views, np.argwhere(counted), slope, box)
+    levels /= levels[middle]
+    return _target(indices, tracks, offsets[counted], pitch, levels, (t, s))
 
 
 def _central(counted: np.ndarray) -> tuple[int, int]:
@@ -209,6 +218,21 @@ def _track(views, chosen, offsets, middle, points, slope: float, pitch: float) -
     return np.array(tracks)
 
 
+def _brightness(views, chosen: np.ndarray, slope: float, box: np.ndarray) -> np.ndarray:
+    """Mean of the target in the chosen views, shape (n,), over the same part of it in all.
+
+    box: corners of that part in the central view, as far as all views see it.
+    """
+    reach = abs(slope) * (np.array(views.shape[:2]) - 1) / 2
+    low = np.ceil(np.maximum(box[0], reach)).astype(int)
+    high = np.floor(np.minimum(box[1], np.array(views.shape[2:]) - 1 - reach)).astype(int)
+    if np.any(high - low < 2):  # moved by nearly the whole image
+        return np.full(len(chosen), np.nan)
+    aligned = align_views(views, slope, [(int(v), int(u)) for v, u in chosen])
+    part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
+    return part.mean(axis=(1, 2), dtype=np.float64)
+
+
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
     """Regress each corner's position on the view's offset.
 
@@ -233,7 +257,7 @@ def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
     return solved[:, 0], slopes, np.stack([solved[:, 2, 0], solved[:, 1, 1]], axis=1), residuals
 
 
-def _target(indices, tracks, offsets, pitch: float, views, lenslets) -> Target:
+def _target(indices, tracks, offsets, pitch: float, levels, lenslets) -> Target:
     """Regress the tracks, without corners that are seldom found and without outliers."""
     often = np.isfinite(tracks[..., 0]).mean(axis=0) >= LEAST_SHARE
     indices, tracks = indices[often], tracks[:, often]
@@ -262,8 +286,9 @@ def _target(indices, tracks, offsets, pitch: float, views, lenslets) -> Target:
         residual,
         anisotropy,
         rotation,
-        views,
+        levels.shape,
         lenslets,
+        levels,
     )
 
 

@@ -17,12 +17,14 @@ from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
     from lf_flame.lightfield import LightField
-    from lf_flame.optics.camera import PlenopticCamera
+    from lf_flame.optics.lens import Lens
     from lf_flame.tomography import FlameAxis
 
 FLAME = cloup.option_group(
     "Where the flame is",
-    cloup.option("--camera", type=FILE, required=True, help="TOML file, or a simulation.json."),
+    cloup.option(
+        "--camera", type=FILE, required=True, help="Calibration, TOML file, or a simulation.json."
+    ),
     cloup.option(
         "--axis-mm",
         type=float,
@@ -31,8 +33,8 @@ FLAME = cloup.option_group(
     cloup.option(
         "--axis-depth",
         type=float,
-        help="Depth of the axis, in mm from the focal plane (default: found; required for a single "
-        "picture).",
+        help="Depth of the axis, in mm from the focal plane, or from the zero of a calibration "
+        "(default: found; required for a single picture).",
     ),
     cloup.option(
         "--radius",
@@ -112,8 +114,8 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.calibration import read_lens
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.scenes.scene_files import read_camera
     from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
@@ -124,7 +126,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
 
     # Reading and compiling are slow, so everything that can be refused at once comes first.
     check_fit_options(options["noise"], options["strength"], options["bootstrap"])
-    lens = read_camera(camera)
+    lens = read_lens(camera)
     if radius is not None and not 0 < radius <= lens.focus_distance_mm:
         raise InputError(
             f"--radius must be above 0 and at most the camera's focus distance, "
@@ -181,7 +183,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     )
 
 
-def _read_views(source: Path, reading: Reading, lens: "PlenopticCamera") -> "LightField":
+def _read_views(source: Path, reading: Reading, lens: "Lens") -> "LightField":
     """Read a light field of a camera, or any picture if the camera has a single view."""
     from lf_flame.formats.view_files.sources import is_view_folder
 
@@ -192,7 +194,7 @@ def _read_views(source: Path, reading: Reading, lens: "PlenopticCamera") -> "Lig
 
 
 def _look_for_axis(
-    source: Path, light_field: "LightField", lens: "PlenopticCamera", depth_mm: float | None
+    source: Path, light_field: "LightField", lens: "Lens", depth_mm: float | None
 ) -> "FlameAxis":
     """Find the axis; its depth too where there are enough view columns."""
     from lf_flame.tomography import find_axis

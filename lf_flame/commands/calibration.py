@@ -16,7 +16,7 @@ from lf_flame.errors import InputError
 
 
 class PlacedTarget(click.ParamType):
-    """A light field and its depth in mm, as ``board.npz@-20``."""
+    """A light field and its depth in mm, as ``board.npz@-20``; None without a depth."""
 
     name = "target@mm"
 
@@ -24,6 +24,8 @@ class PlacedTarget(click.ParamType):
         """Split the path from the depth, at the last @."""
         if isinstance(value, tuple):
             return value
+        if "\0" not in value and Path(value).exists():
+            return Path(value), None
         path, at, depth = value.rpartition("@")
         try:
             number = float(depth)
@@ -42,13 +44,19 @@ class PlacedTarget(click.ParamType):
 
 @cloup.command()
 @click.argument(
-    "placed", nargs=-1, required=True, type=PlacedTarget(), metavar="TARGET@DEPTH_MM..."
+    "placed", nargs=-1, required=True, type=PlacedTarget(), metavar="TARGET[@DEPTH_MM]..."
 )
 @cloup.option(
     "--square-mm",
     type=FiniteRange(min=0, min_open=True),
     required=True,
     help="Side of a square of the checkerboard, or distance between neighbouring dots, in mm.",
+)
+@cloup.option(
+    "--step-mm",
+    type=FiniteRange(min=0, min_open=True),
+    help="Distance between neighbouring targets, given in order, the nearest to the camera first, "
+    "and without depths. Their distance from the camera need not be known: it is found.",
 )
 @cloup.option("--dots", is_flag=True, help="The target is a square grid of round dots.")
 @cloup.option(
@@ -59,7 +67,7 @@ class PlacedTarget(click.ParamType):
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
-def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
+def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> None:
     """Measure a camera in mm, by pictures of a flat target at known depths.
 
     TARGET@DEPTH_MM is the picture of a checkerboard (or, with --dots, of a square grid of dots),
@@ -71,7 +79,11 @@ def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
     \b
       lf-flame calibrate b1.npz@-20 b2.npz@-10 b3.npz@0 b4.npz@10 b5.npz@20 --square-mm 5
       lf-flame calibrate raw1.png@0 raw2.png@15 raw3.png@30 --white white.png --square-mm 2
+      lf-flame calibrate b1.npz b2.npz b3.npz b4.npz --step-mm 10 --square-mm 5
       lf-flame refocus flame.npz --camera calibration/calibration.toml --depth-mm 4
+
+    With --step-mm the first target is the zero, and how far it is from the point where the views
+    meet is printed, with its error. A step that is wrong makes all depths wrong by its factor.
 
     calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view and
     flicker. The table tells how far each target is from the law, and from the law of the others
@@ -83,6 +95,7 @@ def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
     from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.calibration import fit_targets, measure_target, output
 
+    placed = _with_depths(placed, step_mm)
     depths = [depth for _, depth in placed]
     _refuse_few(depths)
     reading = Reading(**options)
@@ -99,6 +112,7 @@ def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
         output.write_calibration(fit, targets, depths, sources, folder, camera)
         folder.facts |= {
             "square_mm": square_mm,
+            "step_mm": step_mm,
             "dots": dots,
             "lenslet_mm": lenslet_mm,
             "reading": reading.given(),
@@ -108,6 +122,25 @@ def calibrate(placed, square_mm, dots, lenslet_mm, out, **options) -> None:
     for note in [*output.notes(fit, depths, targets), *([why] if why else [])]:
         click.echo(f"Note: {note}", err=True)
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
+
+
+def _with_depths(
+    placed: list[tuple[Path, float | None]], step_mm: float | None
+) -> list[tuple[Path, float]]:
+    """Give each target its depth: the stated one, or one step more than the target before it."""
+    stated = [depth is not None for _, depth in placed]
+    if step_mm is not None and any(stated):
+        raise InputError("Give depths (TARGET@DEPTH_MM) or --step-mm, and not both.")
+    if step_mm is None and not all(stated):
+        missing = placed[stated.index(False)][0]
+        raise InputError(
+            f"{missing} needs its depth in mm, as {missing.name}@-20; or state --step-mm for "
+            f"targets at equal steps."
+        )
+    return [
+        (path, number * (step_mm or 0.0) if depth is None else depth)
+        for number, (path, depth) in enumerate(placed)
+    ]
 
 
 def _refuse_few(depths: list[float]) -> None:

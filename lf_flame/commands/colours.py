@@ -16,7 +16,11 @@ from lf_flame.errors import InputError
 
 @cloup.command("calibrate-colours")
 @click.argument(
-    "placed", nargs=-1, required=True, type=PlacedFile("a picture and its temperature in K", "f1.tif@1273"), metavar="PICTURE@KELVIN..."
+    "placed",
+    nargs=-1,
+    required=True,
+    type=PlacedFile("a picture and its temperature in K", "f1.tif@1273"),
+    metavar="PICTURE@KELVIN...",
 )
 @cloup.option(
     "--responses",

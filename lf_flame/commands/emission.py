@@ -7,11 +7,11 @@ from tabulate import tabulate
 
 from lf_flame._common.tiff_files import TIFF_SUFFIXES, read_tiff
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.tomography.resolution import angular_width, depth_blur, depth_modes
 
 
-def resolution_report(camera: PlenopticCamera, thickness_mm: float, periods_mm) -> str:
+def resolution_report(camera: Lens, thickness_mm: float, periods_mm) -> str:
     """Describe the depth resolution of a camera, as a table for the terminal."""
     rows = [
         (

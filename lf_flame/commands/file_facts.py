@@ -28,6 +28,7 @@ def describe(source: Path) -> Found:
     InputError
         If it is nothing that the package knows, or cannot be read.
     """
+    from lf_flame.formats.focused.raytrix import is_raytrix
     from lf_flame.formats.images import IMAGE_SUFFIXES
     from lf_flame.formats.lytro.decoding import is_lytro
     from lf_flame.formats.lytro.white import holds_white_files
@@ -39,6 +40,8 @@ def describe(source: Path) -> Found:
         return lytro_white_files(source)
     if is_view_folder(source):
         return _folder(source)
+    if is_raytrix(source):
+        return _calibration(source)
     if source.suffix.lower() in IMAGE_SUFFIXES:
         return _image(source)
     return _views(source)
@@ -60,6 +63,7 @@ def _folder(source: Path) -> Found:
     kind = "folder" if source.is_dir() else f"{source.suffix.lower()} file"
     found = Found(f"{kind} with one image for each view")
     v, u = folder.files.shape
+    found.shape = (v, u, rows, columns)
     colour = "grey" if channels < 3 else "colour"
     found.facts["views"] = f"{v} x {u}, of {rows} x {columns} pixels, {colour}"
     found.facts["order"] = f"{folder.found.order}, {folder.found.reason}"
@@ -89,6 +93,18 @@ def _other_folder(source: Path, error: InputError) -> Found:
     return found
 
 
+def _calibration(source: Path) -> Found:
+    """Calibration of a Raytrix camera."""
+    from lf_flame.formats import read_raytrix
+
+    lenslets = read_raytrix(source, (1, 1)).describe()
+    return Found(
+        "calibration of a Raytrix camera",
+        {"lenslets": lenslets},
+        command=typed("refocus", "RAW.png", "--focused", source),
+    )
+
+
 def _image(source: Path) -> Found:
     """Raw image, lenslet image or stack of pages."""
     from lf_flame.formats import estimate_grid, read_focal_stack
@@ -112,6 +128,7 @@ def _image(source: Path) -> Found:
     except InputError:
         found.facts["lenslets"] = "none are seen"
         found.missing.append(_how_to_decode(image.shape))
+        found.notes.append(_if_focused(source))
         found.command = typed("refocus", source, "--white", "WHITE.png")
         return found
     found.facts["lenslets"] = grid.describe()
@@ -126,12 +143,22 @@ def _image(source: Path) -> Found:
         options += ["--bayer", "rggb"]
     if grid.layout == "rectangular" and on_pixels and in_blocks and not found.notes:
         found.kind = "lenslet image"
+        found.notes.append(_if_focused(source))
         found.command = typed("refocus", source, "--views", str(views))
         return found
     found.kind = "raw image of a plenoptic camera, or its white image"
     found.missing.append("the white image (flat field) of the camera, in the same form.")
+    found.notes.append(_if_focused(source))
     found.command = typed("refocus", source, *options)
     return found
+
+
+def _if_focused(source: Path) -> str:
+    command = typed("refocus", source, "--focused", "CALIBRATION.xml")
+    return (
+        f"a picture does not tell whether the lenslets are focused, as those of a Raytrix camera "
+        f"are; for such a camera type: {command} (or its white image in place of the calibration)."
+    )
 
 
 def _how_to_decode(shape: tuple[int, ...]) -> str:
@@ -155,11 +182,13 @@ def _views(source: Path) -> Found:
 
     light_field = formats.read_light_field(source)
     v, u, t, s, *channels = light_field.views.shape
-    found = Found("light field")
+    found = Found("light field", shape=(v, u, t, s))
     colour = f"{channels[0]} channels" if channels else "grey"
     found.facts["views"] = f"{v} x {u}, of {t} x {s} pixels, {colour}"
     found.facts["values"] = f"{light_field.views.min():.4g} to {light_field.views.max():.4g}"
     if light_field.uncounted:
         found.facts["weights"] = light_field.uncounted
+    if light_field.unknown:
+        found.facts["unknown pixels"] = light_field.unknown
     found.command = typed("refocus", source)
     return found

@@ -28,6 +28,8 @@ class Found:
         Sentences on the files or options that are needed to read it.
     command : str
         Command to type next; empty if there is none.
+    shape : tuple of int
+        Number of views and pixels, (v, u, t, s); empty if unknown.
     """
 
     kind: str
@@ -35,6 +37,7 @@ class Found:
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     command: str = ""
+    shape: tuple[int, ...] = ()
 
     def text(self, source: Path) -> str:
         """Describe it in lines: kind, facts, what is missing, and the next command."""

@@ -206,7 +206,7 @@ def _checked_frames(frames, lens, slope: float | None):
     for light_field in frames:
         if lens is not None:
             lens.check_views(light_field.views.shape)
-        limit = farthest_slope(light_field.views)
+        limit = farthest_slope(light_field)
         if slope is not None and not abs(slope) <= limit:
             raise InputError(
                 f"The slope must lie from {-limit:g} to {limit:g}, beyond which views are shifted "

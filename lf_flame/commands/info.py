@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import PATH
+from lf_flame.commands.options import FILE, PATH
 from lf_flame.errors import InputError
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -20,20 +20,29 @@ PICTURES = (".png", ".jpg", ".jpeg")
 @cloup.command()
 @click.argument("source", type=PATH)
 @click.option("--thumbnail", type=PATH, help="Write a preview: .png or .jpg.")
-def info(source: Path, thumbnail: Path | None) -> None:
+@click.option(
+    "--camera",
+    type=FILE,
+    help="Calibration, TOML file with a [camera] table, or simulation.json: says what mm it gives.",
+)
+def info(source: Path, thumbnail: Path | None, camera: Path | None) -> None:
     """Say what a file or folder is, what is missing to read it, and which command comes next.
 
     SOURCE is anything that may hold a light field: a picture of a Lytro camera (.lfp, .lfr, .raw),
-    its white images (a folder, or caldata-SERIAL.tar), a folder of views, an array, a TIFF of many
-    pages, a raw image or a lenslet image. Nothing is changed. The thumbnail of a Lytro picture is
-    the one that the camera made; otherwise it is the photograph of all views.
+    its white images (a folder, or caldata-SERIAL.tar), the calibration of a Raytrix camera (.xml),
+    a folder of views, an array, a TIFF of many pages, a raw image or a lenslet image. Nothing is
+    changed. The thumbnail of a Lytro picture is the one that the camera made; otherwise it is the
+    photograph of all views.
 
     \b
       lf-flame info photo.lfr                        camera, exposure, lenslets, white image
       lf-flame info photo.lfr --thumbnail photo.jpg  and how it looks
       lf-flame info caldata-B5143909630.tar          for which camera, zoom and focus it is
+      lf-flame info flame.npz --camera calibration.toml  in mm: pixels, focus, depth
     """  # noqa: D301 - click reads the backspace
+    from lf_flame.calibration import read_lens
     from lf_flame.commands.file_facts import describe
+    from lf_flame.commands.lens_facts import lens_facts
 
     if not source.exists():
         raise InputError(f"There is no {source}: no such file or folder.")
@@ -41,7 +50,12 @@ def info(source: Path, thumbnail: Path | None) -> None:
         raise InputError(f"--thumbnail must end in {', '.join(PICTURES)}, got {thumbnail}.")
     if thumbnail is not None and thumbnail.resolve() == source.resolve():
         raise InputError(f"{thumbnail} is read, and cannot be replaced; name another file.")
-    click.echo(describe(source).text(source))
+    found = describe(source)
+    if camera is not None:
+        facts, notes = lens_facts(read_lens(camera), found.shape)
+        found.facts |= facts
+        found.notes += notes
+    click.echo(found.text(source))
     if thumbnail is not None:
         _write_thumbnail(source, thumbnail)
         click.echo(f"{printable(thumbnail)} is written")

@@ -49,14 +49,15 @@ def refocus(source, camera, out, **options):
     in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat), a TIFF
     of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
     pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white or
-    --pitch), or a raw picture of a Lytro camera (.lfp, .lfr). `lf-flame info SOURCE` says what it
-    is.
+    --pitch; --focused for a Raytrix camera), or a raw picture of a Lytro camera (.lfp, .lfr).
+    `lf-flame info SOURCE` says what it is.
 
     \b
       lf-flame refocus buddha                              at the sharpest slope
       lf-flame refocus buddha --slope 1.2 --slope -0.4     at these slopes
       lf-flame refocus buddha --sweep -1 2 --map auto      sweep.gif, slope map, all in focus
       lf-flame refocus raw.png --white white.png           any plenoptic camera
+      lf-flame refocus raw.png --focused calibration.xml   a Raytrix camera
       lf-flame refocus light_field.npz --camera simulation.json --depth-mm 10
       lf-flame refocus buddha --slope 1 --network RUN      by a network, from nine of the views
     """  # noqa: D301 - click reads the backspace
@@ -64,6 +65,7 @@ def refocus(source, camera, out, **options):
     from lf_flame.commands.refocus_job import RefocusJob, check_job
     from lf_flame.commands.refocus_output import describe_job, picture_folder
     from lf_flame.formats.movie import check_movie
+    from lf_flame.lightfield import refuse_placed
 
     focus, look, reading = (_pick(kind, options) for kind in (Focus, Appearance, Reading))
     lens = read_lens(camera) if camera else None
@@ -78,6 +80,8 @@ def refocus(source, camera, out, **options):
         views = light_field.views.shape[:2]
         if lens is not None:
             lens.check_views(views)
+        if focus.slope_of != Focus().slope_of:
+            refuse_placed(light_field, "--slope-of")
         focus = focus.with_ends(light_field)
         slopes = focus.asked_slopes(views[1], lens)
         job = RefocusJob(light_field, look.options(views, lens), network, lens, **look.brightness)
@@ -227,10 +231,10 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a .png
     or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]) or
-    .npz (views, and their weights if some do not count). Levels of 8 and 16 bits hold values from 0
-    to 1. Values outside, as in most raw images divided by a white image, are written as floats in
-    TIFF files; where that is impossible (.png, or --bits 8 or 16), they are scaled, and TARGET.json
-    holds the scale.
+    .npz (views, their weights if some do not count, and which pixels are known if some are not).
+    Levels of 8 and 16 bits hold values from 0 to 1. Values outside, as in most raw images divided
+    by a white image, are written as floats in TIFF files; where that is impossible (.png, or --bits
+    8 or 16), they are scaled, and TARGET.json holds the scale.
 
     \b
       lf-flame convert raw.png views --white white.png     decode a plenoptic camera's image
@@ -249,6 +253,11 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
         said = convert_light_field(light_field, target, int(bits) if bits else None, not coded)
     for note in coded:
         click.echo(note, err=True)
-    if light_field.uncounted and target.suffix.lower() != ".npz":
-        click.echo(f"{printable(target)} does not hold which views count; .npz does", err=True)
+    lost = {
+        "which views count": light_field.uncounted,
+        "which pixels are known": light_field.unknown,
+    }
+    if target.suffix.lower() != ".npz" and any(lost.values()):
+        what = " and ".join(name for name, note in lost.items() if note)
+        click.echo(f"{printable(target)} does not hold {what}; .npz does", err=True)
     click.echo(f"{printable(target)} is written{said}")

@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +19,9 @@ from lf_flame.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from lf_flame.calibration import CameraLaw
-    from lf_flame.formats import DecodePlan, LensletGrid, ViewFolder
+    from lf_flame.formats import DecodePlan, FocusedPlan, LensletGrid, ViewFolder
     from lf_flame.lightfield import LightField
-    from lf_flame.optics.camera import PlenopticCamera
+    from lf_flame.optics.lens import Lens
 
 READING = cloup.option_group(
     "How the light field is read",
@@ -69,8 +69,27 @@ READING = cloup.option_group(
         type=click.Choice(["rggb", "bggr", "grbg", "gbrg"], case_sensitive=False),
         help="Colours of the upper left 2 x 2 pixels of a raw image of a colour sensor.",
     ),
+    cloup.option(
+        "--focused",
+        type=UsablePath(exists=True, path_type=Path),
+        help="Calibration (.xml) of a Raytrix camera, or white image of another camera, whose "
+        "lenslets are focused.",
+    ),
+    cloup.option(
+        "--virtual-depth",
+        type=float,
+        help="Virtual depth at which focused lenslets are put together (default: found for each).",
+    ),
 )
 """Options for reading a light field."""
+
+
+def tell(words: str) -> None:
+    """Print a line to standard error, above the progress bars that are shown."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(file=sys.stderr):
+        click.echo(words, err=True)
 
 
 def refuse_options(what: str, **options: Any) -> None:
@@ -95,10 +114,25 @@ class Reading:
     layout: str | None = None
     dark: Path | None = None
     bayer: str | None = None
+    focused: Path | None = None
+    virtual_depth: float | None = None
 
-    def for_camera(self, source: Path, lens: "PlenopticCamera | CameraLaw | None") -> "Reading":
-        """Take the number of views from a camera, if the source is a raw or a lenslet image."""
+    def for_camera(self, source: Path, lens: "Lens | None") -> "Reading":
+        """Take the number of views from a camera, if the source is a raw or a lenslet image.
+
+        Raises
+        ------
+        InputError
+            If the source is said to have focused lenslets, and the camera's are not.
+        """
+        from lf_flame.calibration import CameraLaw
         from lf_flame.formats.view_files.sources import is_view_folder
+
+        if not (self.focused is None or lens is None or isinstance(lens, CameraLaw)):
+            raise InputError(
+                "A camera file is one of unfocused lenslets, whose slopes mean other depths than "
+                "those of --focused; use a calibration by `lf-flame calibrate`."
+            )
 
         stated = self.views is not None or self.mosaic is not None
         if lens is None or stated or is_view_folder(source):
@@ -117,20 +151,34 @@ class Reading:
     @property
     def is_raw(self) -> bool:
         """Whether the source is said to be a raw image."""
-        return self.white is not None or self.pitch is not None
+        return any(x is not None for x in (self.white, self.pitch, self.focused))
 
-    def plan(self, source: Path) -> "tuple[DecodePlan, np.ndarray]":
+    def plan(self, source: Path) -> "tuple[DecodePlan | FocusedPlan, np.ndarray]":
         """Read a raw image, plan its decoding, and print what was found."""
+        from lf_flame.formats.focused.reading import plan_focused
         from lf_flame.formats.raw.reading import plan_raw
 
         refuse_options(
             f"the raw image {source}", order=self.order, grid=self.grid, axes=self.axes,
             mosaic=self.mosaic, array=self.array,
         )  # fmt: skip
-        stated = self.white, self.pitch, self.layout, self.views
+        plan: DecodePlan | FocusedPlan
         with progress.stage(f"Reading {printable(source)}"):
-            plan, image = plan_raw(source, *stated, dark=self.dark, bayer=self.bayer)
-        click.echo(f"{printable(source)}: {self._describe(plan.grid)}", err=True)
+            if self.focused is None:
+                refuse_options(f"{source} without --focused", virtual_depth=self.virtual_depth)
+                plan, image = plan_raw(
+                    source, self.white, self.pitch, self.layout, self.views,
+                    dark=self.dark, bayer=self.bayer,
+                )  # fmt: skip
+                said = self._describe(plan.grid)
+            else:
+                refuse_options("--focused", pitch=self.pitch, layout=self.layout)
+                plan, image = plan_focused(
+                    source, self.focused, virtual_depth=self.virtual_depth, views=self.views,
+                    white=self.white, dark=self.dark, bayer=self.bayer,
+                )  # fmt: skip
+                said = plan.lenslets.describe()
+        tell(f"{printable(source)}: {said}")
         return plan, image
 
     def scan(self, source: Path) -> "ViewFolder":
@@ -140,9 +188,10 @@ class Reading:
         refuse_options(
             f"the folder {source}", views=self.views, layout=self.layout, axes=self.axes,
             bayer=self.bayer, mosaic=self.mosaic, array=self.array,
+            virtual_depth=self.virtual_depth,
         )  # fmt: skip
         folder = formats.scan_view_folder(source, self.order, grid=self.grid)
-        click.echo(folder.describe(), err=True)
+        tell(folder.describe())
         return folder
 
     def read_stored(self, source: Path) -> "LightField":
@@ -150,6 +199,7 @@ class Reading:
         from lf_flame import formats
 
         refuse_options(f"{source} without --white or --pitch", layout=self.layout, bayer=self.bayer)
+        refuse_options(f"{source} without --focused", virtual_depth=self.virtual_depth)
         if self.mosaic is not None:
             refuse_options("a mosaic of views", views=self.views)
         names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
@@ -168,17 +218,18 @@ class Reading:
             light_field = plan.decode(image)
         elif is_view_folder(source):
             folder = self.scan(source)
-            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view"))
+            light_field = folder.read(lambda files: tqdm(files, "reading", unit="view", leave=None))
             light_field = subtract_dark(
                 light_field, self.dark, order=folder.found.order, grid=folder.counted
             )
         else:
             light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
-        click.echo(f"{v} x {u} views of {t} x {s} pixels", err=True)
-        for note in (light_field.uncounted, *notes_on_values(light_field, source)):
+        tell(f"{v} x {u} views of {t} x {s} pixels")
+        kept = light_field.uncounted, light_field.unknown
+        for note in (*kept, *notes_on_values(light_field, source)):
             if note:
-                click.echo(note, err=True)
+                tell(note)
         return light_field
 
     def _describe(self, grid: "LensletGrid") -> str:
@@ -193,4 +244,4 @@ class Reading:
     @property
     def files(self) -> tuple[Path, ...]:
         """Files that are read beside the source."""
-        return tuple(path for path in (self.white, self.dark) if path is not None)
+        return tuple(path for path in (self.white, self.dark, self.focused) if path is not None)

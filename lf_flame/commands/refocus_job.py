@@ -10,7 +10,7 @@ import numpy as np
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_levels, white_level
-from lf_flame.lightfield import LightField
+from lf_flame.lightfield import LightField, refuse_placed
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import aperture_weights, f_number_aperture, farthest_slope, refocus
 
@@ -43,6 +43,8 @@ class RefocusJob:
         for name, low, high in (("gain", 1e-6, 1e6), ("gamma", 0.01, 100)):
             if not low <= (got := getattr(self, name)) <= high:
                 raise InputError(f"{name} must be from {low:g} to {high:g}, got {got:g}.")
+        if self.options.get("weights") is not None:
+            refuse_placed(self.light_field, "An aperture")
 
     @cached_property
     def white(self) -> float:
@@ -88,7 +90,7 @@ def check_job(
         If a slope shifts views by more than the image, a sweep or a slope map has no length, or the
         network cannot take the light field or a slope.
     """
-    limit = farthest_slope(job.light_field.views)
+    limit = farthest_slope(job.light_field)
     wrong = [slope for slope in (*slopes, *sweep, *slope_map) if not abs(slope) <= limit]
     if wrong:
         raise InputError(

@@ -46,9 +46,7 @@ if TYPE_CHECKING:
     "radiance in both colours (default: 1).",
 )
 @click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FOLDER.")
-def temperature(
-    folders, calibration_file, wavelengths, soot_exponent, calibration, out
-) -> None:
+def temperature(folders, calibration_file, wavelengths, soot_exponent, calibration, out) -> None:
     """Find the temperature of soot from its emission in two colours or more.
 
     FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which holds a folder

@@ -19,14 +19,18 @@ PERIODS_MM = (0.5, 1.0, 2.0, 5.0, 10.0)
 
 
 def _read_camera(path: Path | None):
+    from lf_flame.calibration import read_lens
     from lf_flame.optics.camera import PAPER_CAMERA
-    from lf_flame.scenes.scene_files import read_camera
 
-    return read_camera(path) if path else PAPER_CAMERA
+    return read_lens(path) if path else PAPER_CAMERA
 
 
 @cloup.command()
-@click.option("--camera", type=FILE, help="TOML file with a [camera] table, or a simulation.json.")
+@click.option(
+    "--camera",
+    type=FILE,
+    help="Calibration, TOML file with a [camera] table, or a simulation.json.",
+)
 @click.option(
     "--thickness",
     "thickness_mm",
@@ -70,7 +74,8 @@ DEPTHS = cloup.option_group(
         nargs=3,
         type=float,
         metavar="FROM TO STEP",
-        help="Evenly spaced depth planes, both ends included, in mm from the focal plane.",
+        help="Evenly spaced depth planes, both ends included, in mm from the focal plane, or "
+        "from the zero of a calibration.",
     ),
     cloup.option(
         "--depth-mm",
@@ -92,7 +97,9 @@ DEPTHS = cloup.option_group(
 FITTING = cloup.option_group(
     "How it is fitted",
     cloup.option(
-        "--camera", type=FILE, help="TOML file with a [camera] table, or simulation.json."
+        "--camera",
+        type=FILE,
+        help="Calibration, TOML file with a [camera] table, or simulation.json.",
     ),
     cloup.option(
         "--noise",
@@ -151,7 +158,18 @@ FITTING = cloup.option_group(
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
 def reconstruct(
-    source, depths, planes, block, camera, out, optical_thickness, l_curve, seed, colours, thin, **options
+    source,
+    depths,
+    planes,
+    block,
+    camera,
+    out,
+    optical_thickness,
+    l_curve,
+    seed,
+    colours,
+    thin,
+    **options,
 ) -> None:
     """Find the emission at each depth that explains a light field of a flame.
 

@@ -97,7 +97,8 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     from lf_flame.calibration import read_lens
     from lf_flame.viewer.exhibit import Exhibit
 
-    _check_single_file(options["single_file"], (source, camera, options["white"], options["dark"]))
+    beside = (options[name] for name in ("white", "dark", "focused"))
+    _check_single_file(options["single_file"], (source, camera, *beside))
     _check_making(options["single_file"], network, interpolation)
     lens = read_lens(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})

@@ -61,7 +61,7 @@ class Measures:
         """Image in which the flame is measured; grey, float64, shape (t, s)."""
         v, u = light_field.views.shape[:2]
         if self.slope is None:
-            image = light_field.views[(v - 1) // 2, (u - 1) // 2]
+            image = light_field.filled[(v - 1) // 2, (u - 1) // 2]
         else:
             image = shift_and_sum(light_field, [self.slope])[0]
         grey = np.asarray(image, np.float64)

@@ -1,4 +1,10 @@
 from .arrays import read_array as read_array
+from .focused.lenslets import FocusedLenslets as FocusedLenslets
+from .focused.raytrix import read_raytrix as read_raytrix
+from .focused.reading import read_focused as read_focused
+from .focused.views import FocusedPlan as FocusedPlan
+from .focused.virtual_depth import VirtualDepth as VirtualDepth
+from .focused.virtual_depth import find_virtual_depth as find_virtual_depth
 from .hci_files import read_true_slopes as read_true_slopes
 from .lenslet_image import read_lenslet_image as read_lenslet_image
 from .lenslet_image import write_lenslet_image as write_lenslet_image

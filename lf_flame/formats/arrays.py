@@ -23,8 +23,8 @@ HDF5_SUFFIXES, MATLAB_SUFFIX = (".h5", ".hdf5"), ".mat"
 ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX)
 """File endings of arrays."""
 
-WEIGHTS = "weights"
-"""Name of the array with the weights of views in a ``.npz`` file."""
+WEIGHTS, VALID = "weights", "valid"
+"""Names of the arrays with the weights of views, and the known pixels, in a ``.npz`` file."""
 
 VIEWS, TOOLBOX = "views", "LF"
 """Names of the array with the views: this program's, and that of HCI and LFToolbox."""
@@ -66,8 +66,8 @@ def read_array(
         ``.npy``, ``.npz``, ``.h5``, ``.hdf5`` or ``.mat`` file with an array ``[v, u, t, s]`` or
         ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3 axes: the array named
         ``views`` or ``LF``, or the only array, or the only one of 4 or 5 axes. In a ``.npz`` file
-        an array ``weights``, [v, u], holds the weights of views. Arrays of MATLAB have the axes
-        that MATLAB shows.
+        an array ``weights``, [v, u], holds the weights of views, and ``valid``, [v, u, t, s],
+        whether each pixel is known. Arrays of MATLAB have the axes that MATLAB shows.
     views : int, optional
         Number of pixels under a lenslet along each axis of a raw lenslet array.
     axes : str, optional
@@ -107,13 +107,15 @@ def read_array(
         stored = file.header(name).dtype.itemsize
         # As stored, as floats, and once more after the axes are reordered.
         (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-        beside = isinstance(file, ArrayFile) and name != WEIGHTS and WEIGHTS in file.names
-        weights = file.read([WEIGHTS])[0] if beside else None
+        beside = set(file.names) - {name} if isinstance(file, ArrayFile) else set()
+        weights, valid = (
+            file.read([one])[0] if one in beside else None for one in (WEIGHTS, VALID)
+        )
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
         held, weights = _without_weight(held, path)
     if axes is not None:
         ours = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid))
-        return LightField(ours, weights=weights)
+        return LightField(ours, weights=weights, valid=valid)
     if grid is not None:
         raise InputError(f"grid is for views with a running number: state the axes of {path}, too.")
     if held.ndim not in (2, 3, 4, 5) or held.size == 0:
@@ -123,7 +125,8 @@ def read_array(
         )
     _check_shape(held.shape, path)
     held = to_unit(held, path)
-    return LightField(cut_views(held, views, path) if held.ndim < 4 else held, weights=weights)
+    ours = cut_views(held, views, path) if held.ndim < 4 else held
+    return LightField(ours, weights=weights, valid=valid)
 
 
 @contextmanager
@@ -232,6 +235,7 @@ def _choose(file: ArrayFile | Hdf5File | MatlabFile, axes: str | None, stated: s
         return file.names[0]
     headers = {name: file.header(name) for name in file.names[:MOST_ARRAYS]}
     fitting = [name for name, header in headers.items() if len(header.shape) in ranks]
+    fitting = [name for name in fitting if name != VALID] or fitting
     if len(fitting) != 1 or len(file.names) > MOST_ARRAYS:
         shown = [f"{name} {header.shape}" for name, header in headers.items()][:MOST_NAMED]
         more = f" and {len(file.names) - MOST_NAMED} more" if len(file.names) > MOST_NAMED else ""

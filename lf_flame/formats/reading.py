@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,62 +92,44 @@ def read_light_field(
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
     path = Path(path)
-    suffix = path.suffix.lower()
     if not path.exists():
         raise InputError(f"There is no light field {path}: no such file or folder.")
+    stated = _Stated(views, order, grid, axes, mosaic, array)
     if is_lytro(path):
-        _refuse_for_others(path, axes=axes, array=array, mosaic=mosaic)
-        if order is not None or grid is not None:
-            raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
-        plan, image = plan_lytro(path, None, views, dark=dark)
-        return plan.decode(image)
+        return _read_lytro(path, dark, stated)
     if is_view_folder(path):
-        _refuse_for_others(path, axes=axes, array=array, mosaic=mosaic)
-        folder = scan_view_folder(path, order, grid=grid)
-        light_field = folder.read(progress)
-        # A dark image has no parallax from which its order could be found.
-        return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
-    light_field, pages = _read_stored(path, views, grid, axes, mosaic, array)
+        return _read_folder(path, dark, stated, progress)
+    stored = _read_stored(path, stated)
     if dark is not None:
-        counted = light_field.views.shape[:2] if pages else grid  # a dark image shows no grid
-        light_field = subtract_dark(
-            light_field, dark, views, "row,col", grid=counted, axes=axes, mosaic=mosaic, array=array
-        )
-    if order is None and (pages or mosaic is not None):
-        order = find_order(light_field.views).order
-    elif order is None and axes is None and suffix in HDF5_SUFFIXES and is_hci(path):
-        order = find_hci_order(path, light_field.views)
-    return _arranged(light_field, order)
+        counted = stored.light_field.views.shape[:2] if stored.has_pages else grid
+        # A dark image has no parallax that would show its grid and order.
+        of_dark = stated._replace(order="row,col", grid=counted)._asdict()
+        stored = stored._replace(light_field=subtract_dark(stored.light_field, dark, **of_dark))
+    return _arranged(stored.light_field, _order_of(path, stored, stated))
 
 
-def _read_stored(
-    path: Path,
-    views: int | None,
-    grid: Grid | str | None,
-    axes: str | None,
-    mosaic: Grid | str | None,
-    array: str | None,
-) -> tuple[LightField, bool]:
-    """Read a file with its views in the order stored; also returns whether it has pages."""
-    suffix = path.suffix.lower()
-    if suffix in ARRAY_SUFFIXES:
-        _refuse_for_others(path, mosaic=mosaic)
-        return read_array(path, views, axes=axes, grid=grid, array=array), False
-    _refuse_for_others(path, axes=axes, array=array)
-    if mosaic is not None and suffix in IMAGE_SUFFIXES:
-        _refuse_for_others(path, grid=grid)
-        return read_view_mosaic(path, mosaic), False
-    _refuse_for_others(path, mosaic=mosaic)
-    if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
-        return read_view_stack(path, "row,col", grid=grid), True
-    _refuse_for_others(path, grid=grid)
-    if suffix in IMAGE_SUFFIXES:
-        return read_lenslet_image(path, views), False
-    raise InputError(
-        f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one, or {LIST}), "
-        f"an array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
-        f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
-    )
+class _Stated(NamedTuple):
+    """Arguments of `read_light_field` on the form of a file; None for those left out."""
+
+    views: int | None
+    order: str | None
+    grid: Grid | str | None
+    axes: str | None
+    mosaic: Grid | str | None
+    array: str | None
+
+    def refuse(self, path: Path, *names: str) -> None:
+        """Refuse the named arguments, which fit light fields of another form."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
+
+
+class _Stored(NamedTuple):
+    """Light field with its views in the order stored, and whether each view is a page."""
+
+    light_field: LightField
+    has_pages: bool = False
 
 
 MEANT_FOR = {
@@ -158,21 +141,67 @@ MEANT_FOR = {
 """Purpose of each argument that fits some files only, for messages."""
 
 
-def _refuse_for_others(path: Path, **arguments: object) -> None:
-    """Refuse arguments that a light field of another form takes."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise InputError(f"{MEANT_FOR[name]}, not in {path}.")
+def _read_lytro(path: Path, dark: str | Path | None, stated: _Stated) -> LightField:
+    stated.refuse(path, "axes", "array", "mosaic")
+    if stated.order is not None or stated.grid is not None:
+        raise InputError(f"order and grid do not apply to the Lytro picture {path}.")
+    plan, image = plan_lytro(path, None, stated.views, dark=dark)
+    return plan.decode(image)
+
+
+def _read_folder(
+    path: Path, dark: str | Path | None, stated: _Stated, progress: Callable
+) -> LightField:
+    stated.refuse(path, "axes", "array", "mosaic")
+    folder = scan_view_folder(path, stated.order, grid=stated.grid)
+    light_field = folder.read(progress)
+    # A dark image has no parallax from which its order could be found.
+    return subtract_dark(light_field, dark, order=folder.found.order, grid=folder.counted)
+
+
+def _read_stored(path: Path, stated: _Stated) -> _Stored:
+    """Read an array, pages, a mosaic or a lenslet image."""
+    suffix = path.suffix.lower()
+    views, grid, mosaic = stated.views, stated.grid, stated.mosaic
+    if suffix in ARRAY_SUFFIXES:
+        stated.refuse(path, "mosaic")
+        return _Stored(read_array(path, views, axes=stated.axes, grid=grid, array=stated.array))
+    stated.refuse(path, "axes", "array")
+    if mosaic is not None and suffix in IMAGE_SUFFIXES:
+        stated.refuse(path, "grid")
+        return _Stored(read_view_mosaic(path, mosaic))
+    stated.refuse(path, "mosaic")
+    if suffix in TIFF_SUFFIXES and (grid is not None or is_stack(path)):
+        return _Stored(read_view_stack(path, "row,col", grid=grid), has_pages=True)
+    stated.refuse(path, "grid")
+    if suffix in IMAGE_SUFFIXES:
+        return _Stored(read_lenslet_image(path, views))
+    raise InputError(
+        f"{path} is no light field: it must be a folder of views (or {ARCHIVE} of one, or {LIST}), "
+        f"an array ({', '.join(ARRAY_SUFFIXES)}), an image ({', '.join(IMAGE_SUFFIXES)}) or a "
+        f"Lytro picture ({', '.join(LYTRO_SUFFIXES)})."
+    )
+
+
+def _order_of(path: Path, stored: _Stored, stated: _Stated) -> str | None:
+    """Order of the views as stated, or as the parallax shows it; None if as stored."""
+    if stated.order is not None:
+        return stated.order
+    if stored.has_pages or stated.mosaic is not None:
+        return find_order(stored.light_field.views).order
+    if stated.axes is None and path.suffix.lower() in HDF5_SUFFIXES and is_hci(path):
+        return find_hci_order(path, stored.light_field.views)
+    return None
 
 
 def _arranged(light_field: LightField, order: str | None) -> LightField:
-    """Reorder the views of a light field, and their weights, from a stated order."""
+    """Reorder the views of a light field, their weights and known pixels, from a stated order."""
     if not order:
         return light_field
-    weights = light_field.weights
+    beside = {"weights": light_field.weights, "valid": light_field.valid}
     return LightField(
         arranged(light_field.views, order),
-        weights=None if weights is None else arranged(weights, order),
+        **{name: None if one is None else arranged(one, order) for name, one in beside.items()},
     )
 
 
@@ -200,7 +229,7 @@ def subtract_dark(
     Returns
     -------
     LightField
-        A view that is missing in either has weight 0.
+        A view that is missing in either has weight 0, and a pixel unknown in either is unknown.
 
     Raises
     ------
@@ -216,8 +245,10 @@ def subtract_dark(
             f"{light_field.views.shape}, got {black.views.shape}."
         )
     weights = [one.weights for one in (light_field, black) if one.weights is not None]
+    valid = [one.valid for one in (light_field, black) if one.valid is not None]
     return replace(
         light_field,
         views=light_field.views - black.views,
         weights=np.prod(weights, axis=0) if weights else None,
+        valid=np.all(valid, axis=0) if valid else None,
     )

@@ -8,7 +8,7 @@ from lf_flame._common.atomic_files import atomic_write
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder import write_view_folder
-from lf_flame.lightfield import LightField
+from lf_flame.lightfield import LightField, refuse_placed
 
 
 def write_light_field(
@@ -22,8 +22,8 @@ def write_light_field(
         Light field; for images of 8 or 16 bits, values from 0 to 1.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights``, which no
-        other format stores.
+        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights`` and ``valid``,
+        which no other format stores.
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
@@ -44,6 +44,7 @@ def write_light_field(
     >>> formats.read_light_field("light_field.npz")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
+    refuse_placed(light_field, "A file")
     path = Path(path)
     suffix = path.suffix.lower()
     if not suffix:
@@ -55,8 +56,8 @@ def write_light_field(
             np.save(aside, light_field.views, allow_pickle=False)
     elif suffix == ".npz":
         arrays = {"views": light_field.views}
-        if light_field.weights is not None:
-            arrays["weights"] = light_field.weights
+        beside = {"weights": light_field.weights, "valid": light_field.valid}
+        arrays |= {name: array for name, array in beside.items() if array is not None}
         with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
     else:

@@ -292,75 +292,108 @@ def train(
         If the run folder contains a run with another configuration, or the loss becomes NaN or
         infinite.
     """
+    started = time.perf_counter()
     if not 0 <= minutes < math.inf:
         raise InputError(f"minutes must be 0 (to the end) or more, got {minutes}.")
-    started, recipe = time.perf_counter(), config.recipe(preset)
-    config = config.with_recipe(preset)
-    dataset = Dataset(data)
-    parts = split_indices(len(dataset), config.split, config.seed)
-    if recipe.warm_start and recipe.bands > 1 and dataset.config.input.kind == "grid":
-        raise InputError(
-            f"The warm start draws each of {recipe.bands} bands from the same band of what the "
-            f"network is shown, and views side by side have none: bands must be 1 with a grid."
-        )
-    model, weights = build_model(config, recipe, dataset)
-    request = {
-        "title": config.title,
-        "preset": preset,
-        "seed": config.seed,
-        "split": list(config.split),
-        "model": _without_folder(asdict(config.model)),
-        "recipe": asdict(recipe),
-        "backbone_weights": weights,
-        "data_sha256": dataset.attrs["sha256"],
-    }
-    decoder = model.get_layer("decoder")
-
-    def start(new: bool):
-        stream = FeatureStream(
-            model, dataset, parts["train"], recipe.fresh_scenes, recipe.needs_all_features
-        )
-        shown, targets = (x[parts["validation"]] for x in (dataset.inputs, dataset.targets))
-        held_out = compute_features(model, shown), targets[..., None]
-        return _start(decoder, recipe, stream, held_out, new)
-
-    def finish(best: list[np.ndarray]) -> keras.Model:
-        assign(decoder_variables(decoder), best)
-        return model
-
-    metadata = {
-        "backbone_depth": config.model.backbone_depth,
-        "parts": {
-            name: len(indices) + (recipe.fresh_scenes if name == "train" else 0)
-            for name, indices in parts.items()
-        },
-        "test_indices": parts["test"].tolist(),
-        "data": recorded_path(data, out),
-        "dataset": describe_dataset(dataset),
-    }
+    training = _Training(config.with_recipe(preset), preset, Dataset(data))
+    recipe = training.recipe
     job = Job(
-        request, recipe.epochs, config.seed, recipe.checkpoint_s, start, finish, metadata, minutes
+        training.request(),
+        recipe.epochs,
+        config.seed,
+        recipe.checkpoint_s,
+        training.start,
+        training.finish,
+        {**training.metadata(), "data": recorded_path(data, out)},
+        minutes,
     )
     return carry_out(job, Path(out), started, show)
+
+
+class _Training:
+    """Network, recipe and data of a training.
+
+    Attributes
+    ----------
+    recipe : Recipe
+    parts : dict of ndarray of int
+        Indices of the samples of each part: train, validation, test.
+
+    Raises
+    ------
+    InputError
+        If the recipe does not fit the data set, or the backbone's weights are not available.
+    """
+
+    def __init__(self, config: TrainingConfig, preset: str, dataset: Dataset):
+        self.recipe = recipe = config.recipe(preset)
+        self._config, self._preset, self._dataset = config, preset, dataset
+        self.parts = split_indices(len(dataset), config.split, config.seed)
+        if recipe.warm_start and recipe.bands > 1 and dataset.config.input.kind == "grid":
+            raise InputError(
+                f"The warm start draws each of {recipe.bands} bands from the same band of what the "
+                f"network is shown, and views side by side have none: bands must be 1 with a grid."
+            )
+        self._model, self._weights = build_model(config, recipe, dataset)
+        self._decoder = self._model.get_layer("decoder")
+
+    def request(self) -> dict:
+        """Everything that determines the result, as `Job.request`."""
+        config = self._config
+        return {
+            "title": config.title,
+            "preset": self._preset,
+            "seed": config.seed,
+            "split": list(config.split),
+            "model": _without_folder(asdict(config.model)),
+            "recipe": asdict(self.recipe),
+            "backbone_weights": self._weights,
+            "data_sha256": self._dataset.attrs["sha256"],
+        }
+
+    def metadata(self) -> dict:
+        """Further content of the record, as `Job.metadata`."""
+        sizes = {name: len(indices) for name, indices in self.parts.items()}
+        sizes["train"] += self.recipe.fresh_scenes
+        return {
+            "backbone_depth": self._config.model.backbone_depth,
+            "parts": sizes,
+            "test_indices": self.parts["test"].tolist(),
+            "dataset": describe_dataset(self._dataset),
+        }
+
+    def start(self, new: bool):
+        """Make the trainer; a new run may start from the training images."""
+        recipe, dataset, decoder = self.recipe, self._dataset, self._decoder
+        stream = FeatureStream(
+            self._model,
+            dataset,
+            self.parts["train"],
+            recipe.fresh_scenes,
+            recipe.needs_all_features,
+        )
+        shown, targets = (x[self.parts["validation"]] for x in (dataset.inputs, dataset.targets))
+        held_out = compute_features(self._model, shown), targets[..., None]
+        if recipe.warm_start:
+            freeze_normalisations(decoder)
+            if new:
+                pairs = [stream.kept()] if recipe.needs_all_features else stream
+                blocks = Blocks(len(stream), pairs)
+                solve_decoder(decoder, blocks, held_out, recipe.bands, recipe.refinements)
+        arrays = {"train": stream.kept(), "validation": held_out}
+        steps = -(-len(arrays["train"][0]) // recipe.batch_size)
+        rate = _learning_rate(recipe, steps)
+        return make_trainer(decoder, rate, recipe.batch_size, arrays, recipe.trainer)
+
+    def finish(self, best: list[np.ndarray]) -> keras.Model:
+        """Give the network with the best weights."""
+        assign(decoder_variables(self._decoder), best)
+        return self._model
 
 
 def _without_folder(model: dict) -> dict:
     """Model options with the weights file's name only: its hash in the record identifies it."""
     return {**model, "backbone_weights": Path(model["backbone_weights"]).name}
-
-
-def _start(decoder: keras.Model, recipe: Recipe, stream: FeatureStream, held_out: tuple, new: bool):
-    """Make the trainer; a new run may start from the training images."""
-    if recipe.warm_start:
-        freeze_normalisations(decoder)
-        if new:
-            pairs = [stream.kept()] if recipe.needs_all_features else stream
-            blocks = Blocks(len(stream), pairs)
-            solve_decoder(decoder, blocks, held_out, recipe.bands, recipe.refinements)
-    arrays = {"train": stream.kept(), "validation": held_out}
-    steps = -(-len(arrays["train"][0]) // recipe.batch_size)
-    rate = _learning_rate(recipe, steps)
-    return make_trainer(decoder, rate, recipe.batch_size, arrays, recipe.trainer)
 
 
 def _learning_rate(recipe: Recipe, steps_per_epoch: int):

@@ -1,5 +1,6 @@
 from .camera import PAPER_CAMERA as PAPER_CAMERA
 from .camera import PlenopticCamera as PlenopticCamera
+from .lens import Lens as Lens
 from .ray_bundle import Footprint as Footprint
 from .ray_bundle import trace_footprint as trace_footprint
 from .ray_transfer import chain as chain

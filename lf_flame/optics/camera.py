@@ -9,7 +9,7 @@ scene and in the image; the sign of the slope does not change.
 """
 
 import math
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from lf_flame._common.arrays import Number
 from lf_flame._common.config import strict
 from lf_flame.errors import InputError
 from lf_flame.optics import ray_transfer
+from lf_flame.optics.lens import Lens
 from lf_flame.optics.sensor import Sensor
 
 MOST_PER_AXIS = 100_000
@@ -48,7 +49,7 @@ _RANGES = (
 
 @strict
 @dataclass(frozen=True, kw_only=True)
-class PlenopticCamera:
+class PlenopticCamera(Lens):
     """A standard (unfocused) plenoptic camera.
 
     Parameters
@@ -193,26 +194,6 @@ class PlenopticCamera:
             )
         object.__setattr__(self, "aperture_diameter_mm", self.main_lens_focal_mm / f_number)
 
-    def check_views(self, views: tuple[int, ...]) -> None:
-        """Refuse a light field with another number of views: its slopes mean other depths.
-
-        Parameters
-        ----------
-        views : (int, int)
-            Number of rows and columns of views; further entries are ignored.
-
-        Raises
-        ------
-        InputError
-            If they are not `self.views` each.
-        """
-        if tuple(views[:2]) != (self.views, self.views):
-            raise InputError(
-                f"The camera has {self.views} x {self.views} views, but the light field has "
-                f"{views[0]} x {views[1]}: one step between views would be another angle, and each "
-                f"depth wrong; give the camera whose views these are."
-            )
-
     def check_depths(self, depths_mm: ArrayLike) -> None:
         """Refuse depths behind the main lens, and depths that look as at infinity.
 
@@ -263,6 +244,20 @@ class PlenopticCamera:
             for n in self.lenslets
         )
         return height, width
+
+    @property
+    def focal_plane_mm(self) -> float:
+        """Depth of the focal plane, from which depths are counted: 0."""
+        return 0.0
+
+    @property
+    def lenslet_in_focus_mm(self) -> float:
+        """Size in mm of a lenslet's image in the focal plane."""
+        return self.lenslet_pitch_mm * self.focus_distance_mm / self.image_distance_mm
+
+    def with_views(self, count: int) -> "PlenopticCamera":
+        """Camera whose views are the inner `count` along each axis, of the same pixels."""
+        return replace(self, views=count, pixel_pitch_mm=self.pixel_mm)
 
     def field_mm(self, depth_mm: float) -> tuple[float, float]:
         """Height and width, in mm, of the field of the central view at a depth."""

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lf_flame._common.arrays import centred
 from lf_flame.refocus.interpolation import shift_taps
 from lf_flame.refocus.shift import view_shifts
 
@@ -52,7 +53,7 @@ def sum_lines(
     LineSums
         Sums with ``taps + block - 1`` taps: those of the interpolation over a block of lenslets.
     """
-    first, taps = shift_taps(view_shifts(slopes, shares.shape[2], length), interpolation)
+    first, taps = shift_taps(view_shifts(slopes, centred(shares.shape[2]), length), interpolation)
     merged = np.zeros((len(taps) + block - 1, *first.shape))
     for j, tap in enumerate(taps):
         merged[j : j + block] += tap / block

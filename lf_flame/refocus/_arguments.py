@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.lightfield import LightField, as_view_weights, in_order
+from lf_flame.lightfield import LightField, as_view_weights, in_order, refuse_placed
 
 Views = LightField | ArrayLike
 """A light field, or its views alone."""
@@ -20,15 +21,38 @@ READ_AS_THEY_ARE = (np.uint8, np.uint16, np.float32, np.float64)
 """Pixel types for which kernels are compiled; other types are converted."""
 
 
-def as_views(views: Views) -> np.ndarray:
-    """Sub-aperture views of any real type, not copied; NaN and infinity are not checked."""
-    views = views.views if isinstance(views, LightField) else np.asarray(in_order(views))
+def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
+    """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
+
+    Unknown pixels of a light field are filled. Views at positions of their own are refused unless
+    `placed` says that the caller heeds them.
+    """
+    if not placed:
+        refuse_placed(views, "This")
+    views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
     if views.ndim not in (4, 5) or views.size == 0 or views.dtype.kind not in "biuf":
         raise InputError(
             f"A light field needs views[v, u, t, s] with at least one element, real-valued, "
             f"got an array of shape {views.shape} and type {views.dtype}."
         )
     return views
+
+
+def view_places(views: Views) -> tuple[np.ndarray, np.ndarray]:
+    """Places of views, in view steps from their centre.
+
+    Returns
+    -------
+    ndarray of float64, shape (v,)
+        Places down of the rows of views.
+    ndarray of float64, shape (v, u)
+        Places to the right.
+    """
+    v, u = as_views(views, placed=True).shape[:2]
+    if not isinstance(views, LightField) or views.positions is None:
+        return centred(v), np.broadcast_to(centred(u), (v, u))
+    places = views.positions - views.positions.mean(axis=(0, 1))
+    return places[:, 0, 0], places[:, :, 1]
 
 
 def as_readable(views: np.ndarray) -> np.ndarray:
@@ -62,8 +86,12 @@ def as_slopes(slopes: ArrayLike) -> np.ndarray:
     return slopes
 
 
-def farthest_slope(views: np.ndarray) -> float:
+def farthest_slope(views: Views) -> float:
     """Slope at which the outermost views are shifted by the whole image, in lenslets per view.
+
+    Parameters
+    ----------
+    views : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
 
     Examples
     --------
@@ -72,9 +100,10 @@ def farthest_slope(views: np.ndarray) -> float:
     >>> farthest_slope(np.ones((5, 5, 24, 30)))
     12.0
     """
-    sizes = zip(views.shape[:2], views.shape[2:4], strict=True)
-    limits = [2 * length / (count - 1) for count, length in sizes if count > 1]
-    return min(limits, default=2 * max(views.shape[2:4]))
+    lengths = as_views(views, placed=True).shape[2:4]
+    farthest = [float(np.abs(places).max()) for places in view_places(views)]
+    limits = [n / far for n, far in zip(lengths, farthest, strict=True) if far > 0]
+    return min(limits, default=2 * max(lengths))
 
 
 def as_steps(slopes: ArrayLike) -> np.ndarray:
@@ -112,7 +141,7 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
     InputError
         If they cannot be used, or all products are 0.
     """
-    shape = as_views(views).shape[:2]
+    shape = as_views(views, placed=True).shape[:2]
     own = views.weights if isinstance(views, LightField) else None
     stated = (
         np.ones(shape)

@@ -24,6 +24,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import (
     Views,
     as_readable,
@@ -36,6 +37,7 @@ from lf_flame.refocus._arguments import (
 from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews
+from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface
 
 LOW_PASS = 1.0
@@ -165,7 +167,8 @@ def all_in_focus(
     Returns
     -------
     FocusMap
-        Slope map, confidence and image.
+        Slope map, confidence and image. Of views at positions of their own they are those of the
+        focal stack, `depth_from_focus`.
 
     Raises
     ------
@@ -183,9 +186,13 @@ def all_in_focus(
     -1.0
     """
     weights = as_weights(weights, light_field)
-    views, slopes = as_views(light_field), as_steps(slopes)
     check_interpolation(interpolation)
     _check_window(window)
+    if getattr(light_field, "positions", None) is not None:
+        slopes = as_steps(slopes)
+        stack = shift_and_sum(light_field, slopes, interpolation="cubic", weights=weights)
+        return depth_from_focus(stack, slopes, window=window)
+    views, slopes = as_views(light_field), as_steps(slopes)
     refuse_not_finite(views)
     middle = [((n - 1) // 2, n // 2) for n in views.shape[:2]]
     refuse_uncounted(
@@ -196,7 +203,11 @@ def all_in_focus(
     slope, confidence = _matched(compared, views, window, weights)
     if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
         slope, confidence = _matched(compared, views, window, weights)
-    image = refocus_surface(views, slope, interpolation=interpolation, weights=weights)
+    # The light field's own weights are among these already.
+    own: Views = views
+    if isinstance(light_field, LightField):
+        own = LightField.trusted(light_field.views, valid=light_field.valid)
+    image = refocus_surface(own, slope, interpolation=interpolation, weights=weights)
     return FocusMap(slope, confidence, image)
 
 

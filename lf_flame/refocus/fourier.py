@@ -22,6 +22,8 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation, shift_taps
+from lf_flame.refocus.shift import shift_and_sum
+from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 SLOPES_AT_ONCE = 4
 """Number of slopes with row sums that are held in memory together."""
@@ -36,6 +38,7 @@ OVERSAMPLING = 2
 """Number of samples of the angular spectrum per view, for slices."""
 
 
+@of_known_pixels(shift_and_sum)
 def fourier_refocus(
     light_field: Views,
     slopes: ArrayLike,
@@ -180,6 +183,7 @@ def _mean_by_factors(spectra: Iterable[np.ndarray], down, right) -> np.ndarray:
     return total.transpose(2, 1, 0)
 
 
+@of_known_pixels(shift_and_sum)
 def fourier_slice(
     light_field: Views,
     slopes: ArrayLike,

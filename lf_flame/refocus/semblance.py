@@ -94,7 +94,7 @@ def region_semblance(
         rows = progress(rows, 0, len(passes) * len(views))
     for sums, v in rows:
         used = zip(counts[v], enumerate(patch.row(v)), strict=True)
-        sums.add(v, ((u, _gradient(view)) for count, (u, view) in used if count))
+        sums.add(v, ((u, gradient_of(view)) for count, (u, view) in used if count))
     refocused, alike, seen = (
         np.concatenate(found)[:, down, across]
         for found in zip(*(sums.found for sums in passes), strict=True)
@@ -139,12 +139,12 @@ class _Patch:
             high = max(region[2 * k + 1] for region in regions) + reach
             cuts.append(slice(max(low, 0), min(high, views.shape[k + 2])))
         seen = views[:, :, cuts[0], cuts[1]]
-        brightest = max(np.abs(view).max() for view in _grey(seen))
+        brightest = max(np.abs(view).max() for view in grey_views(seen))
         if not np.isfinite(brightest):
             refuse_not_finite(views)
         exponent = int(np.frexp(brightest)[1])
         pixels = math.prod(seen.shape[:4])
-        scaled = (np.ldexp(view, -exponent, out=view) for view in _grey(seen))
+        scaled = (np.ldexp(view, -exponent, out=view) for view in grey_views(seen))
         total, square = np.sum([(x.sum(), np.square(x).sum()) for x in scaled], axis=0)
         rounding = ROUNDING * math.sqrt(square / pixels)
         return cls(seen, (cuts[0].start, cuts[1].start), exponent, total / pixels, rounding)
@@ -156,20 +156,20 @@ class _Patch:
 
     def row(self, v: int) -> Iterator[np.ndarray]:
         """Give the views of row v one after the other, [t, s] in float32."""
-        for view in _grey(self.views[v : v + 1]):
+        for view in grey_views(self.views[v : v + 1]):
             np.ldexp(view, -self.exponent, out=view)
             view -= self.mean
             yield view.astype(np.float32)
 
 
-def _grey(views: np.ndarray) -> Iterator[np.ndarray]:
+def grey_views(views: np.ndarray) -> Iterator[np.ndarray]:
     """Give the views one after the other in grey, [t, s] in float64."""
     for view in (view for row in views for view in row):
         with np.errstate(invalid="ignore"):  # for infinities of both signs
             yield view.astype(np.float64) if view.ndim == 2 else view.mean(axis=2, dtype=np.float64)
 
 
-def _gradient(view: np.ndarray) -> np.ndarray:
+def gradient_of(view: np.ndarray) -> np.ndarray:
     """Gradient ``d/dt + i d/ds`` of a low-passed view [t, s], with edges repeated: complex64."""
     padded = [fft.next_fast_len(n + 2 * REACH, real=True) for n in view.shape]
     pads = [(REACH, m - n - REACH) for n, m in zip(view.shape, padded, strict=True)]

@@ -98,7 +98,7 @@ class ShiftAxis:
             ``sum_x w(x) S(x)^2``, with S^2 the product of two terms.
         """
         phases = self._phases(slope)  # [k, a]
-        taper = fft.fft(_taper(self.length), self.period)  # [k]
+        taper = fft.fft(taper_of(self.length), self.period)  # [k]
         shifted = np.stack([(phases * term).sum(axis=1) for term in self.terms])  # [m, k]
         seen = fft.ifft(taper * shifted).real[:, : self.length]  # [m, x]
         spectra = fft.fft(self.covered * seen[:, None], self.period)  # [m, i, k]
@@ -163,7 +163,7 @@ class SemblanceSums:
         if v == 0:
             self._begin()
         down, across = self.down, self.across
-        taper = np.outer(_taper(down.length), _taper(across.length)).astype(np.float32)
+        taper = np.outer(taper_of(down.length), taper_of(across.length)).astype(np.float32)
         energies = np.zeros((down.length, across.views, across.length), np.float32)
         spectra = np.zeros((across.period, across.views, down.period), np.complex64)
         for u, gradient in gradients:
@@ -226,7 +226,7 @@ class SemblanceSums:
         del self._by_row, self._row_sums, self._phases_down, self._phases_across, self._spectra
 
 
-def _taper(n: int) -> np.ndarray:
+def taper_of(n: int) -> np.ndarray:
     """Taper of a view along an axis: 1, falling to 0 at its edges."""
     inward = (np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5) / min(REACH, n / 4)
     return np.sin(np.pi / 2 * np.minimum(inward, 1)) ** 2

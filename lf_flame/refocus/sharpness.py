@@ -24,7 +24,9 @@ from lf_flame.refocus._arguments import (
     as_views,
     as_weights,
     farthest_slope,
+    view_places,
 )
+from lf_flame.refocus.placed_semblance import placed_semblance
 from lf_flame.refocus.semblance import region_semblance
 
 DEFAULT_RANGES = (3.0, 12.0)
@@ -133,10 +135,10 @@ def find_sharpest_slope(
     -1.0
     """
     weights = as_weights(weights, light_field)
-    views = as_views(light_field)
+    views = as_views(light_field, placed=True)
     height, width = views.shape[2:4]
     whole = (0, height, 0, width)
-    curves = _measure(views, slopes, [whole if region is None else region], weights)
+    curves = _measure(light_field, slopes, [whole if region is None else region], weights)
     if curves.flat[0]:
         raise InputError(
             "No slope is sharpest: the sharpness is the same at all of them, "
@@ -199,7 +201,7 @@ def find_sharpest_slopes(
     [-1.0, -1.0]
     """
     weights = as_weights(weights, light_field)
-    views = as_views(light_field)
+    views = as_views(light_field, placed=True)
     if tiles is not None and regions is None:
         chosen = _tiles(tiles, views.shape[2:4])
     elif regions is not None and tiles is None:
@@ -208,7 +210,7 @@ def find_sharpest_slopes(
         raise InputError("Give tiles or regions, and not both.")
     if not chosen:
         raise InputError("regions must hold at least one region, got none.")
-    curves = _measure(views, slopes, chosen, weights, progress)
+    curves = _measure(light_field, slopes, chosen, weights, progress)
     return [curves.search(k) for k in range(len(chosen))]
 
 
@@ -300,20 +302,24 @@ def _confidence(curve: np.ndarray, unrelated: float) -> float:
 
 
 def _measure(
-    views: np.ndarray, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
+    light_field: Views, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
     progress=None,
 ) -> _Curves:  # fmt: skip
     """Measure the regions at the slopes, and between them if the number of views requires it."""
-    angular, size = views.shape[:2], views.shape[2:4]
-    regions = [as_region(region, size) for region in regions]
-    step = min(WIDEST_STEP, STEP_BY_VIEWS / max(angular[0] - 1, angular[1] - 1, 1))
-    limit = farthest_slope(views)
-
+    views, places = as_views(light_field, placed=True), view_places(light_field)
+    regions = [as_region(region, views.shape[2:4]) for region in regions]
+    widest = max(float(np.ptp(one)) for one in places)
+    step = min(WIDEST_STEP, STEP_BY_VIEWS / max(widest, 1))
+    limit = farthest_slope(light_field)
     counts = weights / weights.mean()
     effective = counts.size**2 / float(np.square(counts).sum())
+    placed = getattr(light_field, "positions", None) is not None
 
     def curves(slopes, stride=1):
-        measured = region_semblance(views, slopes, regions, counts, progress)
+        if placed:
+            measured = placed_semblance(views, places, slopes, regions, counts)
+        else:
+            measured = region_semblance(views, slopes, regions, counts, progress)
         return _Curves(regions, effective, slopes, *measured, stride)
 
     if slopes is not None:

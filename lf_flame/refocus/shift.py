@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lf_flame._common.arrays import centred
 from lf_flame._common.threads import as_counters
 from lf_flame.refocus import _kernels
 from lf_flame.refocus._arguments import (
@@ -16,8 +15,10 @@ from lf_flame.refocus._arguments import (
     as_weights,
     for_slopes,
     refuse_not_finite,
+    view_places,
 )
 from lf_flame.refocus.interpolation import shift_taps
+from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 SLOPES_AT_ONCE = 8
 """Number of slopes for each reading of the light field."""
@@ -30,6 +31,7 @@ JOBS = 4
 are enough rows. It is constant, so that the bits do not depend on the number of threads."""
 
 
+@of_known_pixels()
 def shift_and_sum(
     light_field: Views,
     slopes: ArrayLike,
@@ -81,13 +83,14 @@ def shift_and_sum(
     (3, 24, 30)
     """
     weights = as_weights(weights, light_field)
-    views, steps = as_readable(as_views(light_field)), as_slopes(slopes)
+    views, steps = as_readable(as_views(light_field, placed=True)), as_slopes(slopes)
+    places = view_places(light_field)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
     stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
     for first in range(0, len(steps), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, steps[some], interpolation, weights, stack[some])
+        _shift_and_sum(lines, channels, steps[some], interpolation, weights, places, stack[some])
     return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
 
 
@@ -128,7 +131,7 @@ class ShiftPlan(NamedTuple):
 
 def plan_shifts(
     shape: tuple[int, int, int, int], channels: int, slopes: np.ndarray, interpolation: str,
-    weights: np.ndarray, precision: type = np.float32,
+    weights: np.ndarray, places: tuple[np.ndarray, np.ndarray], precision: type = np.float32,
 ) -> ShiftPlan:  # fmt: skip
     """Plan the shifts of all views at some slopes, without reading a pixel.
 
@@ -144,6 +147,8 @@ def plan_shifts(
         See `shift_and_sum`.
     weights : ndarray of float64, shape (v, u)
         Weights of the views, 0 or above, at least one above 0.
+    places : (ndarray, ndarray) of float64, shapes (v,) and (v, u)
+        Places of the rows of views down, and of the views to the right, in view steps.
     precision : {numpy.float32, numpy.float64}, optional
         Type of the sums along a line.
 
@@ -153,15 +158,15 @@ def plan_shifts(
     """
     rows, columns, height, width = shape
     blocks = -(-width // BLOCK)
-    down, down_taps = shift_taps(view_shifts(slopes, rows, height), interpolation)
-    across, taps = shift_taps(view_shifts(slopes, columns, width // channels), interpolation)
+    down, down_taps = shift_taps(view_shifts(slopes, places[0], height), interpolation)
+    across, taps = shift_taps(view_shifts(slopes, places[1], width // channels), interpolation)
     if not taps[1:].any():  # whole slopes
         taps = taps[:1]
     reach = max(-int(across.min()), int(across.max()) + len(taps) - 1, 0) * channels
     line = _padded_line(width, blocks, channels, len(taps), reach)
     at = np.arange(columns)[:, None] * line + across * channels + reach
     scale = _powers_of_two(weights.sum(axis=1))
-    across_weights = taps[:, None] * (weights / scale[:, None])[:, :, None]
+    across_weights = taps * (weights / scale[:, None])[:, :, None]
     down_weights = down_taps * (scale / weights.sum())[:, None]
     return ShiftPlan(
         weights > 0,
@@ -174,10 +179,10 @@ def plan_shifts(
     )
 
 
-def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None:
+def _shift_and_sum(views, channels, slopes, interpolation, weights, places, out) -> None:
     """Refocus views[v, u, t, s] at a few slopes: out[n, t, s]."""
     precision = np.float64 if views.dtype == np.float64 else np.float32
-    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, precision)
+    plan = plan_shifts(views.shape, channels, slopes, interpolation, weights, places, precision)
     sums = np.empty((plan.groups, len(slopes), *views.shape[2:]))
     bad = np.zeros(plan.groups * plan.blocks, bool)
     done = np.zeros(plan.blocks, np.int64)
@@ -189,9 +194,9 @@ def _shift_and_sum(views, channels, slopes, interpolation, weights, out) -> None
         refuse_not_finite(views)
 
 
-def view_shifts(slopes: np.ndarray, views: int, length: int) -> np.ndarray:
-    """Shift of every view at every slope, [view, n]; beyond the image it is clipped."""
-    return np.clip(slopes * centred(views)[:, None], -length, length)
+def view_shifts(slopes: np.ndarray, places: np.ndarray, length: int) -> np.ndarray:
+    """Shift at every place and slope, [..., n]; beyond the image it is clipped."""
+    return np.clip(slopes * places[..., None], -length, length)
 
 
 def _padded_line(width: int, blocks: int, channels: int, taps: int, reach: int) -> int:
@@ -220,7 +225,7 @@ def _chain(
     Parameters
     ----------
     used : ndarray of bool, shape (v, u)
-    at : ndarray of int, shape (u, n)
+    at : ndarray of int, shape (v, u, n)
     weights : ndarray of float, shape (tap, v, u, n)
 
     Returns
@@ -229,11 +234,12 @@ def _chain(
     weights : tuple of ndarray of float, one for each tap, shape (v, n, chain, link)
     """
     rows, columns = used.shape
-    taps, slopes = len(weights), at.shape[1]
+    taps, slopes = len(weights), at.shape[2]
     length = _next_multiple(int(used.sum(axis=1).max()), _kernels.CHAIN)
     links = np.argsort(~used, axis=1, kind="stable")[:, :length]  # used views come first
     chained_at = np.zeros((rows, slopes, length), np.uint64)
-    chained_at[..., : links.shape[1]] = np.swapaxes(at[links], 1, 2)
+    linked_at = np.take_along_axis(at, links[:, :, None], axis=1)
+    chained_at[..., : links.shape[1]] = np.swapaxes(linked_at, 1, 2)
     chained = np.zeros((taps, rows, slopes, length), weights.dtype)
     linked = np.take_along_axis(weights, links[None, :, :, None], axis=2)
     chained[..., : links.shape[1]] = np.swapaxes(linked, 2, 3)

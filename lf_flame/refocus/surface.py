@@ -25,6 +25,7 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
 )
 from lf_flame.refocus.interpolation import check_interpolation
+from lf_flame.refocus.unknown_pixels import of_known_pixels
 
 TAPS = {"nearest": 1, "linear": 2, "cubic": 4}
 """Number of lenslets along an axis that each interpolation reads."""
@@ -34,6 +35,7 @@ WINDOW = 1.5
 of 15 x 15 for a standard deviation of 5."""
 
 
+@of_known_pixels()
 def refocus_surface(
     light_field: Views,
     slopes: ArrayLike,

@@ -124,6 +124,28 @@ def check_data(
     return tuple(found)
 
 
+def check_unknown(valid: np.ndarray | None) -> tuple[str, ...]:
+    """Say how many rays are unknown, and what follows.
+
+    Raises
+    ------
+    InputError
+        If none is known.
+    """
+    if valid is None:
+        return ()
+    lost = int(np.count_nonzero(~valid))
+    if lost == valid.size:
+        raise InputError("A fit needs known pixels, and all of this light field are unknown.")
+    if not lost:
+        return ()
+    return (
+        f"{lost} of the {valid.size} rays are unknown, as saturated ones, and have weight 0: "
+        f"emission that hardly another ray sees is a guess from its neighbours, and its error bars "
+        f"are too narrow.",
+    )
+
+
 def check_spacing(grid: FrustumGrid) -> tuple[str, ...]:
     """Warn if depth planes are closer to each other than the resolution in depth."""
     steps = np.abs(np.diff(grid.depths_mm))
@@ -155,7 +177,8 @@ def check_overlap(grid: FrustumGrid, emission: np.ndarray) -> tuple[str, ...]:
     steps = sum(float(np.sum(np.square(np.diff(emission, axis=axis)))) for axis in (1, 2))
     if not steps > 0:
         return ()
-    period = 2 * np.pi * grid.cell_mm(0.0) * float(np.sqrt(power.sum() / steps))
+    cell = grid.block * grid.camera.lenslet_in_focus_mm
+    period = 2 * np.pi * cell * float(np.sqrt(power.sum() / steps))
     blur = depth_blur(grid.camera, period)
     apart = np.abs(np.subtract.outer(grid.depths_mm, grid.depths_mm))
     alike = products / np.sqrt(np.maximum(np.outer(power, power), 1e-30))

@@ -90,7 +90,7 @@ class Explainer:
         for share in FAINT:
             lit = self.seen((cells > share * cells.max()).astype(np.float32)) > 0
             if lit.mean() <= 1 - LEAST_DARK:
-                return ~lit
+                return ~lit if self._fit.valid is None else ~lit & self._fit.valid
         raise InputError(
             f"background='fit' needs a part of the field that no emission reaches, and "
             f"{lit.mean():.1%} of the pixels are lit."

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 from lf_flame._common.figures import subplots
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.tomography.frustum_grid import FEW_PLANES
 from lf_flame.tomography.resolution import (
     angular_width,
@@ -29,12 +29,12 @@ MOST_NUMBERED = 9
 """Largest number of views along an axis with which each view's chi-squared is printed."""
 
 
-def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: Sequence[float]):
+def resolution_figure(camera: Lens, thickness_mm: float, periods_mm: Sequence[float]):
     """Depth blur against lateral period, and the decay of singular values.
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
     thickness_mm : float
         Extent in depth of the emission, centred on the focal plane.
     periods_mm : sequence of float
@@ -57,7 +57,7 @@ def resolution_figure(camera: PlenopticCamera, thickness_mm: float, periods_mm: 
     left.set_ylabel("blur in depth (mm)")
     left.set_title(f"period / {angular_width(camera):.3f} rad", fontsize=10)
     left.grid(alpha=0.3, which="both")
-    depths = np.linspace(-thickness_mm / 2, thickness_mm / 2, 64)
+    depths = camera.focal_plane_mm + thickness_mm * np.linspace(-0.5, 0.5, 64)
     for number, period in enumerate(periods_mm):
         values = depth_singular_values(camera, period, depths)[:12]
         modes = depth_modes(camera, period, thickness_mm)
@@ -141,7 +141,7 @@ def depth_figure(found: "Reconstruction", light: np.ndarray, error: np.ndarray |
     words = [f"{period:g} mm: {blur:.1f} mm" for period, blur in zip(periods, blurs, strict=True)]
     bottom.set_yticks(range(len(words)), words, fontsize=8)
     bottom.set_title("detail of a size, and its blur in depth", fontsize=8)
-    bottom.set_xlabel("depth from the focal plane (mm)")
+    bottom.set_xlabel("depth (mm)")
     top.use_sticky_edges = bottom.use_sticky_edges = False  # else bars begin at the frame
     bottom.margins(x=0.05)
     return figure

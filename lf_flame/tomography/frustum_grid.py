@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.scenes.scene import Layer, Scene
 
 MOST_PLANES = 200
@@ -39,10 +39,11 @@ class FrustumGrid:
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
         Camera; of a round aperture only the views count whose part of the lens is a whole square.
     depths_mm : sequence of float
-        Depths of the planes from the focal plane, in mm; rising or falling, all different.
+        Depths of the planes in mm, from the zero of the camera (a `PlenopticCamera`: its focal
+        plane); rising or falling, all different.
     block : int, optional
         Number of lenslets along each axis that are averaged into one pixel, and into one cell.
     counted : array_like of bool, shape (views, views), optional
@@ -70,7 +71,7 @@ class FrustumGrid:
     0.134
     """
 
-    camera: PlenopticCamera
+    camera: Lens
     depths_mm: Sequence[float]
     block: int = 1
     counted: np.ndarray | None = field(default=None, repr=False, compare=False)
@@ -87,20 +88,11 @@ class FrustumGrid:
                 f"block must be 1 or more lenslets and divide the {lenslets[0]} x {lenslets[1]} "
                 f"lenslets, got {self.block}."
             )
+        _check_ideal(self.camera)
         object.__setattr__(self, "counted", self._counted())
-        for name in NOT_MODELLED:
-            if getattr(self.camera, name):
-                raise InputError(
-                    f"Emission by depth needs a camera without {name} (got "
-                    f"{getattr(self.camera, name)}): its views are not sums of shifted planes."
-                )
-        if not self.camera.falloff_corrected:
-            raise InputError(
-                "Emission by depth needs images divided by a white image (falloff_corrected)."
-            )
 
     def _counted(self) -> np.ndarray | None:
-        whole = _whole_views(self.camera)
+        whole = whole_views(self.camera)
         counted = whole if self.counted is None else whole & np.asarray(self.counted, bool)
         counted = counted & counted[::-1, ::-1]
         spans = [int(counted.any(axis=axis).sum()) for axis in (1, 0)]
@@ -213,7 +205,7 @@ class FrustumGrid:
         return down @ layer.texture @ across.T
 
 
-def _whole_views(camera: PlenopticCamera) -> np.ndarray:
+def whole_views(camera: Lens) -> np.ndarray:
     """Find the views whose square of the main lens lies wholly in its aperture, (v, u)."""
     far = (np.abs(centred(camera.views)) + 0.5) * camera.view_step_mm
     diameter = camera.aperture_diameter_mm
@@ -241,3 +233,17 @@ def _shares(edges: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     low = np.maximum(edges[None, :-1], wanted[:-1, None])
     high = np.minimum(edges[None, 1:], wanted[1:, None])
     return np.clip(high - low, 0, None) / np.diff(wanted)[:, None]
+
+
+def _check_ideal(camera: Lens) -> None:
+    """Refuse a camera whose views are not sums of shifted planes."""
+    for name in NOT_MODELLED:
+        if getattr(camera, name, None):
+            raise InputError(
+                f"Emission by depth needs a camera without {name} (got "
+                f"{getattr(camera, name)}): its views are not sums of shifted planes."
+            )
+    if not getattr(camera, "falloff_corrected", True):
+        raise InputError(
+            "Emission by depth needs images divided by a white image (falloff_corrected)."
+        )

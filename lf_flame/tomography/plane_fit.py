@@ -8,7 +8,7 @@ import numpy as np
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.refocus import align_views
 from lf_flame.tomography.cell_detail import SmoothStack
 from lf_flame.tomography.error_bars import (
@@ -25,6 +25,17 @@ from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
 from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
+
+MOST_TURNS, FILLED = 40, 1e-3
+"""Largest number of times that a fit replaces the light of unknown rays, and the largest change,
+relative to the brightest ray, that ends this."""
+
+SMOOTH = 1.0
+"""Smallest strength with which unknown rays get their first light."""
+
+BEYOND, PART = 1.8, 4
+"""Factor, below 2, by which a change of unknown rays is exceeded, because rays that no other ray
+crosses change slowly; and the part of the iterations that a repeated fit takes."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +112,19 @@ class PlaneFit:
     operator : ProjectionOperator
     gram : FrequencyGram
     options : FitOptions
+    valid : ndarray of bool, shape (v, u, t, s), optional
+        Whether each ray is known; others have weight 0. Default: all are.
     """
 
-    def __init__(self, operator: ProjectionOperator, gram: FrequencyGram, options: FitOptions):
+    def __init__(
+        self,
+        operator: ProjectionOperator,
+        gram: FrequencyGram,
+        options: FitOptions,
+        valid: np.ndarray | None = None,
+    ):
         self.operator, self.gram, self.options = operator, gram, options
+        self.valid = None if valid is None or valid.all() else valid
 
     @cached_property
     def smooth(self) -> SmoothStack:
@@ -114,11 +134,38 @@ class PlaneFit:
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
         """Fit a light field; if a fit is given, with its strength and foreground, starting from it.
 
+        Unknown rays have weight 0: they take the light that the fit gives them, and the fit is
+        repeated, until they do not change (expectation maximisation: Dempster, Laird, Rubin, J. R.
+        Stat. Soc. B 39, 1, 1977). The strength is searched for before and after.
+
         Parameters
         ----------
         views : ndarray of float32, shape (v, u, t, s)
         known : Explanation, optional
         """
+        found = self._explain(views, known)
+        if self.valid is None:
+            return found
+        # At first smoothly, as a weak penalty would keep the light that unknown rays hold.
+        views, _ = self._settle(views, replace(found, strength=max(found.strength, SMOOTH)))
+        return self._settle(views, self._explain(views, known))[1]
+
+    def _settle(self, views: np.ndarray, found: Explanation) -> tuple[np.ndarray, Explanation]:
+        """Repeat a fit until the light of unknown rays, which it replaces, does not change."""
+        few, valid = max(1, self.options.iterations // PART), self.valid is None or self.valid
+        for _ in range(MOST_TURNS):
+            seen = self.operator.matvec(found.cells.ravel()).reshape(views.shape)
+            change = np.where(valid, 0, seen - views)
+            views = views + np.float32(BEYOND) * change
+            if float(np.abs(change).max()) <= FILLED * float(views.max()):
+                break
+            found = self._explain(views, found, few)
+        return views, found
+
+    def _explain(
+        self, views: np.ndarray, known: Explanation | None, iterations: int | None = None
+    ) -> Explanation:
+        """Fit a light field of which all rays are known."""
         options = self.options
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
@@ -126,7 +173,7 @@ class PlaneFit:
             uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
         noise = measured if options.noise is None else float(options.noise)
         if known is not None:
-            cells = self.again(problem, known, options.iterations)
+            cells = self.again(problem, known, iterations or options.iterations)
             return replace(known, cells=cells, noise=noise, measured=measured, uneven=uneven)
         dark = np.zeros(self.gram.grid.shape, np.float32)
         draft = Explanation(dark, None, noise, measured, uneven, options.strength or 0.0, ())
@@ -218,7 +265,8 @@ class PlaneFit:
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
         squared = float(np.sum(np.square(views, dtype=np.float64)))
-        return RangeFit(self.gram, stack, squared, views.size)
+        rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
+        return RangeFit(self.gram, stack, squared, rays)
 
     def _noise_share(self, draft: Explanation) -> np.ndarray:
         """Fraction of the noise in each cell of a plane, shape (rows, columns)."""
@@ -238,7 +286,20 @@ class PlaneFit:
         return replace(draft, foreground=foreground, cells=cells)
 
 
-def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int) -> np.ndarray:
+def known_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray | None:
+    """Find the blocks of a camera's lenslets of which all pixels are known; None if all are.
+
+    Returns
+    -------
+    ndarray of bool, shape (v, u, t, s), or None
+    """
+    if light_field.valid is None:
+        return None
+    known = LightField.trusted(light_field.valid.astype(np.float32))
+    return average_blocks(known, camera, block) > 1 - 1 / (2 * block**2)
+
+
+def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray:
     """Average blocks of a camera's lenslets.
 
     Returns
@@ -250,7 +311,7 @@ def average_blocks(light_field: LightField, camera: PlenopticCamera, block: int)
     InputError
         If the light field is not grey, or not of that camera.
     """
-    views = light_field.views
+    views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
         raise InputError(

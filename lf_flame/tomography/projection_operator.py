@@ -10,12 +10,13 @@ import numpy as np
 from pylops import LinearOperator
 from scipy import sparse
 
+from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
 from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
+from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.scenes.scene import Layer
-from lf_flame.simulation.exact import bundle_bands
-from lf_flame.simulation.optical_pass import OpticalPass
-from lf_flame.simulation.slabs import Plane
+from lf_flame.simulation.exact import band_weights
 from lf_flame.tomography.frustum_grid import FrustumGrid
 
 
@@ -87,7 +88,7 @@ def plane_bands(grid: FrustumGrid, plane: int, axis: int) -> sparse.csr_array:
     return layer_bands(grid.empty_layer(plane), grid.camera, grid.block, axis)
 
 
-def layer_bands(layer: Layer, camera: PlenopticCamera, block: int, axis: int) -> sparse.csr_array:
+def layer_bands(layer: Layer, camera: Lens, block: int, axis: int) -> sparse.csr_array:
     """Weight of each line of a layer's cells in each pixel's ray bundles, along one axis.
 
     Returns
@@ -95,8 +96,7 @@ def layer_bands(layer: Layer, camera: PlenopticCamera, block: int, axis: int) ->
     scipy.sparse.csr_array of float64, shape (views * pixels, cells)
         Weights in row ``view * pixels + pixel``; the mean over a pixel's lenslets.
     """
-    plane = Plane(layer.texture, None, layer.depth_mm, layer)
-    start, weight = bundle_bands(plane, OpticalPass(camera), axis)
+    start, weight = band_weights(layer.cell_edges_mm(axis), *_bundles(camera, layer, axis))
     views, lenslets, band = weight.shape
     pixels = lenslets // block
     rows = np.repeat(np.arange(views * pixels), block * band)
@@ -106,3 +106,19 @@ def layer_bands(layer: Layer, camera: PlenopticCamera, block: int, axis: int) ->
     bands.sum_duplicates()
     bands.eliminate_zeros()
     return bands.tocsr()
+
+
+def _bundles(camera: Lens, layer: Layer, axis: int) -> tuple[np.ndarray, float, float]:
+    """Centres of all pixels' ray bundles on a layer, (views, lenslets), and widths of their boxes.
+
+    Where only slope and scale are measured, the boxes are those of a lenslet and of a view's step:
+    a pixel gathers light through the whole lenslet and a whole step of the pupil. A thin lens
+    differs from that by the size of a lenslet beside the pupil.
+    """
+    if isinstance(camera, PlenopticCamera):
+        traced = trace_footprint(camera, layer.depth_mm, axis)
+        return traced.centres_mm, abs(traced.lenslet_width_mm), abs(traced.pixel_width_mm)
+    side = camera.field_mm(layer.depth_mm)[axis] / camera.lenslets[axis]
+    slope = camera.depth_to_slope(layer.depth_mm)
+    places = centred(camera.lenslets[axis]) - slope * centred(camera.views)[:, None]
+    return side * places, side, side * abs(slope)

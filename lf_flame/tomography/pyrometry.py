@@ -231,7 +231,9 @@ def soot_temperature(
         inverse, spread = curves.invert(wanted, relative**-2.0)
         kelvin = 1 / inverse
         kelvin = np.where(known & (kelvin >= LEAST_K) & (kelvin <= MOST_K), kelvin, np.nan)
-        apart, amount = curves.compare(wanted, np.where(np.isfinite(kelvin), inverse, 1e-3), relative)
+        apart, amount = curves.compare(
+            wanted, np.where(np.isfinite(kelvin), inverse, 1e-3), relative
+        )
         undetermined = np.where(np.isfinite(kelvin), 0.0, np.nan)
         if errors is None:
             return Temperatures(kelvin, None, None, amount + undetermined)

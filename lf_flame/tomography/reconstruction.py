@@ -14,7 +14,13 @@ from lf_flame.lightfield import LightField
 from lf_flame.tomography.absorption import spread_thickness
 from lf_flame.tomography.background import Level
 from lf_flame.tomography.counted_views import fitted_views
-from lf_flame.tomography.data_checks import check_data, check_overlap, check_range, check_spacing
+from lf_flame.tomography.data_checks import (
+    check_data,
+    check_overlap,
+    check_range,
+    check_spacing,
+    check_unknown,
+)
 from lf_flame.tomography.error_bars import (
     Expected,
     check_bootstrap,
@@ -26,7 +32,13 @@ from lf_flame.tomography.explainer import Explainer
 from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, as_penalty
-from lf_flame.tomography.plane_fit import Explanation, FitOptions, PlaneFit, average_blocks
+from lf_flame.tomography.plane_fit import (
+    Explanation,
+    FitOptions,
+    PlaneFit,
+    average_blocks,
+    known_blocks,
+)
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import TriedStrength
 
@@ -162,7 +174,7 @@ def reconstruct(
     ----------
     light_field : LightField
         Grey light field of the grid's camera, black level subtracted, divided by a white image
-        (flat field).
+        (flat field). Unknown pixels (`LightField.valid`) have weight 0.
     grid : FrustumGrid
         Depth planes and cells.
     noise : float, optional
@@ -228,16 +240,20 @@ def reconstruct(
     if background not in (None, FIT):
         raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     rng = np.random.default_rng(rng)
+    light_field = grid.camera.levelled(light_field)
     grid, left_out = fitted_views(light_field, grid)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
     check_range(views, noise)
-    fit = PlaneFit(ProjectionOperator(grid), FrequencyGram(grid), options)
+    known = known_blocks(light_field, grid.camera, grid.block)
+    valid = None if known is None else grid.pick(known)
+    left_out = (*left_out, *check_unknown(valid))
+    fit = PlaneFit(ProjectionOperator(grid), FrequencyGram(grid), options, valid)
     explain = Explainer(fit, grid, thickness)
     level = explain.level(views) if background == FIT else Level(0.0, 0.0)
     views = views - np.float32(level.mean) if level.mean else views
     found = explain(views)
-    fitted = _Fitted(views, level, found, explain.seen(found.cells))
+    fitted = _Fitted(views, level, found, explain.seen(found.cells), valid)
     # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
     # does not change; `Explainer.emission` turns it into emission.
     correction = fit.correct(found, max(1, iterations // 2))
@@ -275,23 +291,33 @@ class _Fitted(NamedTuple):
         Light that explains the views.
     seen : ndarray of float32, shape of `views`
         Views of that light.
+    valid : ndarray of bool, shape of `views`, or None
+        Whether each ray is known; None if all are.
     """
 
     views: np.ndarray
     level: Level
     found: Explanation
     seen: np.ndarray
+    valid: np.ndarray | None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Views, with the light of the fit for unknown rays."""
+        return self.views if self.valid is None else np.where(self.valid, self.views, self.seen)
 
     @property
     def residual(self) -> np.ndarray:
         """Part of the views that the fit does not explain."""
-        return self.views - self.seen
+        return self.known - self.seen
 
     @property
     def chi_squared(self) -> np.ndarray:
         """Mean squared residual of each fitted view, in units of the noise's variance."""
-        power = np.square(self.residual, dtype=np.float64).mean(axis=(2, 3))
-        return power / noise_variance(self.found.noise)
+        power = np.square(self.residual, dtype=np.float64).sum(axis=(2, 3))
+        rays = np.prod(self.views.shape[2:]) if self.valid is None else self.valid.sum(axis=(2, 3))
+        with np.errstate(invalid="ignore"):  # of a view of which nothing is known
+            return power / rays / noise_variance(self.found.noise)
 
 
 def _draw_again(
@@ -323,7 +349,7 @@ def _disagreements(result: Reconstruction, fitted: _Fitted, stated: bool) -> tup
     found = fitted.found
     return (
         *check_data(
-            fitted.views,
+            fitted.known,
             result.chi_squared,
             found.noise,
             found.measured,

@@ -11,26 +11,25 @@ import numpy as np
 
 from lf_flame._common.arrays import Number, centred
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 
 
-def angular_width(camera: PlenopticCamera) -> float:
+def angular_width(camera: Lens) -> float:
     """Angle that the recorded views span, seen from the focal plane, in rad."""
     return camera.views * camera.view_step_mm / camera.focus_distance_mm
 
 
-def finest_period(camera: PlenopticCamera, block: int = 1) -> float:
+def finest_period(camera: Lens, block: int = 1) -> float:
     """Shortest period that the central view resolves, in mm in the focal plane: two pixels."""
-    rows_mm, _ = camera.field_mm(0.0)
-    return 2 * block * rows_mm / camera.lenslets[0]
+    return 2 * block * camera.lenslet_in_focus_mm
 
 
-def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
+def depth_blur(camera: Lens, period_mm: Number) -> Number:
     """Distance in depth over which detail is blurred: ``period / theta``.
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
     period_mm : float or ndarray
         Lateral period of the detail in the focal plane in mm, above 0.
 
@@ -54,12 +53,12 @@ def depth_blur(camera: PlenopticCamera, period_mm: Number) -> Number:
     return _checked(period_mm) / angular_width(camera)
 
 
-def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float) -> Number:
+def depth_modes(camera: Lens, period_mm: Number, thickness_mm: float) -> Number:
     """Count the values that can be distinguished along depth: ``1 + thickness / blur``.
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
     period_mm : float or ndarray
         Lateral period of the detail in the focal plane in mm, above 0.
     thickness_mm : float
@@ -87,9 +86,7 @@ def depth_modes(camera: PlenopticCamera, period_mm: Number, thickness_mm: float)
     return 1 + thickness_mm / depth_blur(camera, period_mm)
 
 
-def depth_singular_values(
-    camera: PlenopticCamera, period_mm: float, depths_mm: np.ndarray
-) -> np.ndarray:
+def depth_singular_values(camera: Lens, period_mm: float, depths_mm: np.ndarray) -> np.ndarray:
     """Singular values of the light field of depth planes that glow with one lateral period.
 
     They have a closed form: view u sees a plane shifted by its slope times u, blurred over a
@@ -97,7 +94,7 @@ def depth_singular_values(
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
     period_mm : float
         Lateral period in the focal plane in mm; it grows with distance like the grid's cells.
     depths_mm : array_like, shape (planes,)
@@ -121,8 +118,7 @@ def depth_singular_values(
     >>> depth_singular_values(PAPER_CAMERA, 1.0, np.array([-10.0, 0.0, 10.0])).shape
     (3,)
     """
-    rows_mm, _ = camera.field_mm(0.0)
-    frequency = rows_mm / camera.lenslets[0] / float(_checked(period_mm))
+    frequency = camera.lenslet_in_focus_mm / float(_checked(period_mm))
     slopes = np.atleast_1d(camera.depth_to_slope(np.asarray(depths_mm, float)))
     turns = np.outer(centred(camera.views), slopes) * frequency
     seen = np.exp(-2j * np.pi * turns) * np.sinc(frequency * slopes)

@@ -86,7 +86,7 @@ def encode_views(light_field: LightField, most_bytes: int | None = None) -> Code
     """
     most = MOST_BYTES if most_bytes is None else most_bytes
     check_channels(light_field)
-    views = light_field.views if light_field.views.ndim == 5 else light_field.views[..., None]
+    views = light_field.filled if light_field.views.ndim == 5 else light_field.filled[..., None]
     if views.size > most:
         raise InputError(
             f"A page holds {most:,} pixels at most, but this light field has {views.size:,}."

@@ -11,7 +11,7 @@ import numpy as np
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.errors import InputError
 from lf_flame.formats.images import to_preview
-from lf_flame.lightfield import LightField
+from lf_flame.lightfield import LightField, refuse_placed
 from lf_flame.optics.camera import PlenopticCamera
 from lf_flame.refocus import (
     FocusMap,
@@ -54,7 +54,7 @@ class Exhibit:
     source : str, optional
         Path in a copied command; without it no command is offered.
     reading : mapping, optional
-        Options for reading the source: views, order, white, pitch, layout, dark.
+        Options for reading the source: views, order, white, pitch, dark and so on.
     with_map : bool, optional
         Whether there is a slope map.
     interpolation : {"linear", "nearest", "cubic", "sinc"}
@@ -89,6 +89,7 @@ class Exhibit:
     most_bytes: int = MOST_BYTES
 
     def __post_init__(self):
+        refuse_placed(self.light_field, "A viewer")
         check_channels(self.light_field)
         if self.camera is not None:
             self.camera.check_views(self.light_field.views.shape)

@@ -209,7 +209,7 @@ class PlaneMaker:
     @cached_property
     def _views(self) -> np.ndarray:
         """Views for refocusing: unchanged, or scaled to 0 to 1 for a network."""
-        views = self.light_field.views
+        views = self.light_field.filled
         return views if self.network is None or self._white == 1 else views / self._white
 
     @cached_property
@@ -219,7 +219,7 @@ class PlaneMaker:
     def middle(self) -> np.ndarray:
         """Central view: radiance, float32, shape (t, s, channels)."""
         v, u, t, s = self.light_field.views.shape[:4]
-        view = self.light_field.views[(v - 1) // 2, (u - 1) // 2]
+        view = self.light_field.filled[(v - 1) // 2, (u - 1) // 2]
         return view.reshape(t, s, self.channels)
 
     def slices(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:

@@ -172,12 +172,37 @@ def test_a_law_survives_its_file_and_is_not_taken_for_a_camera(tmp_path):
         ("depth_range_mm", (-500.0, 5.0)),
         ("views", 0),
         ("distortion", float("nan")),
+        ("aperture_diameter_mm", 0.0),
+        ("fall_off", ((1.0, 1.0), (1.0, 1.0))),
+        ("fall_off", ((0.0,) * 5,) * 5),
+        ("fall_off", ((float("nan"),) * 5,) * 5),
+        ("fall_off", ((1.0,) * 5,) * 4 + ((1.0,),)),
     ],
 )
 def test_numbers_that_are_no_law_are_refused(name, value):
     good = {one: x for one, x in vars(fit().law).items() if one != "standard_deviations"}
     with pytest.raises(InputError):
         CameraLaw(**{**good, name: value})
+
+
+def test_views_of_unlike_brightness_are_written_and_brought_to_one(tmp_path):
+    bench = Bench(views=3, lenslets=(30, 34))
+    fall = np.array([[0.8, 0.9, 0.82], [0.9, 1.0, 0.91], [0.3, 0.9, 0.79]])
+    depths = [-20.0, 0.0, 20.0]
+    boards = [bench.picture(z + ZERO, 4.3, fine=4).views for z in depths]
+    shown = [[LightField(one * f[..., None, None]) for one in boards] for f in (fall, fall**0)]
+    fits = [
+        fit_targets(depths, [measure_target(one) for one in some], square_mm=4.3) for some in shown
+    ]
+    assert fits[1].law.fall_off is None
+    path = tmp_path / "calibration.toml"
+    path.write_text(fits[0].law.to_toml())
+    law = read_law(path)
+    assert np.array(law.fall_off) == pytest.approx(fall, abs=3e-3)
+    even = law.levelled(shown[0][1])
+    assert even.weights.tolist() == (fall > 0.5).tolist()
+    np.testing.assert_allclose(even.views[:2], boards[1][:2], rtol=5e-3)
+    assert law.with_views(1).fall_off == ((1.0,),)
 
 
 def test_targets_of_two_cameras_are_refused():

@@ -133,3 +133,13 @@ def noise_alone(shape):
 def test_what_is_no_target_is_refused_in_a_sentence(picture, said):
     with pytest.raises(InputError, match=said):
         measure_target(LightField(picture))
+
+
+def test_the_fall_off_of_the_views_is_measured_from_the_board():
+    """A fall towards the corners, by views that each see the board alike but darker."""
+    steps = np.hypot(*np.mgrid[-2:3, -2:3])
+    fall = 1 - 0.06 * steps**2
+    light_field = BENCH.picture(425.0, 5.0, noise=0.005)
+    darker = LightField(light_field.views * fall[..., None, None])
+    assert measure_target(darker).levels == pytest.approx(fall, abs=3e-3)
+    assert measure_target(light_field).levels == pytest.approx(1, abs=3e-3)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from campaigning.home import Home
+from campaigning.table import CALLS
 from lf_flame._common import provenance
 from lf_flame._common.atomic_files import write_text
 
@@ -17,17 +18,29 @@ def pytest_addoption(parser):
     parser.addoption("--report", type=Path, help="Markdown file of what is found")
 
 
+def pytest_generate_tests(metafunc):
+    """Run each trial over the calls that it fits; without slow ones in a quick campaign."""
+    trial, quick = metafunc.function.__name__, metafunc.config.getoption("quick")
+    calls = [x for x in CALLS if not (quick and (x.learns or x.minutes))]
+    if trial == "test_malformed":  # the first call of each command
+        calls = list({x.command: x for x in reversed(calls)}.values())
+    elif trial != "test_places":
+        calls = [x for x in calls if not x.minutes]
+    if trial == "test_damaged_beginnings":
+        calls = [x for x in calls if x.goes_on]
+    elif trial not in ("test_malformed", "test_damaged_inputs"):
+        calls = [x for x in calls if x.outputs]
+    metafunc.parametrize("asked", calls, ids=lambda call: call.line)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Of a quick campaign draw a case of each kind and command."""
+    """Draw one case of each kind and command for a quick campaign."""
     # Among all tests, where this folder is only passed by, there are no such options.
     if config.getoption("quick", False):
-        groups: dict[tuple, list] = {}
-        for item in items:
-            key = (item.originalname, item.callspec.params["asked"].command)
-            groups.setdefault(key, []).append(item)
         rng = random.Random(config.getoption("seed"))
-        items[:] = [rng.choice(group) for group in groups.values()]
+        rng.shuffle(items)
+        items[:] = {(x.originalname, x.callspec.params["asked"].command): x for x in items}.values()
 
 
 @pytest.fixture(scope="session")
@@ -52,8 +65,7 @@ def pytest_terminal_summary(terminalreporter, config):
     if not path or not found:
         return
     counts, wrong = Counter(), [r for r in found if r.failed]
-    for report in found:
-        named = dict(report.user_properties)
+    for named in (dict(report.user_properties) for report in found):
         counts[named.get("command"), named.get("kind")] += named.get("cases", 1)
     commands, kinds = (list(dict.fromkeys(key[k] for key in counts)) for k in (0, 1))
     made = provenance.environment()
@@ -64,5 +76,5 @@ def pytest_terminal_summary(terminalreporter, config):
         f"| | {' | '.join(map(str, kinds))} |\n|---|{'---|' * len(kinds)}",
         *(f"| {x} | {' | '.join(str(counts[x, k] or '') for k in kinds)} |" for x in commands),
         *(f"\n- `{r.nodeid}`: {r.longrepr.reprcrash.message[:600]}" for r in wrong),
-    ]  # fmt: skip
+    ]
     write_text(path, "\n".join(lines) + "\n")

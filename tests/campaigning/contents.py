@@ -1,9 +1,10 @@
-"""What folders hold, but for dates and durations: what must be the same in two runs."""
+"""Contents of folders without dates and durations: what must be equal in two runs."""
 
 import csv
 import hashlib
 import io
 import json
+from contextlib import suppress
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -16,24 +17,19 @@ VARYING = {
 """Keys of records, and columns of tables, that differ from run to run."""
 
 
-def contents(folder: Path, names_only: bool = False) -> dict[str, str]:
+def contents(folder: Path) -> dict[str, str]:
     """Describe each file, link and folder inside a folder, by its path."""
-    found = {}
-    for path in sorted(folder.rglob("*")):
-        name = str(path.relative_to(folder))
-        if path.is_symlink():
-            found[name] = f"link to {path.readlink()}"
-        elif path.is_file():
-            found[name] = "file" if names_only else describe(path)
-        else:
-            found[name] = "folder" if path.is_dir() else "device"
-    return found
+    return {str(path.relative_to(folder)): _describe(path) for path in sorted(folder.rglob("*"))}
 
 
-def describe(path: Path) -> str:
-    """Hash a file without what varies; one that is not what its ending says, by its bytes."""
+def _describe(path: Path) -> str:
+    """Hash of a file without what varies; of all its bytes if it is not what its name says."""
+    if path.is_symlink():
+        return f"link to {path.readlink()}"
+    if not path.is_file():
+        return "folder" if path.is_dir() else "device"
     content = path.read_bytes()
-    try:
+    with suppress(Exception):  # damaged in any way
         if path.suffix == ".json":
             content = json.dumps(_constant(json.loads(content)), sort_keys=True).encode()
         elif path.suffix == ".csv":
@@ -41,8 +37,6 @@ def describe(path: Path) -> str:
             content = json.dumps([_constant(row) for row in rows]).encode()
         elif path.suffix == ".keras":  # beside the weights Keras writes memory addresses
             content = ZipFile(path).read("model.weights.h5")
-    except Exception:  # damaged, in whatever way
-        content = path.read_bytes()
     return hashlib.sha256(content).hexdigest()[:16]
 
 
@@ -53,7 +47,7 @@ def _constant(value):
 
 
 def differences(found: dict[str, str], expected: dict[str, str]) -> str:
-    """Say in a few words how two folders differ; nothing if they do not."""
+    """Say in a few words how two folders differ; nothing if they are equal."""
     both = found.keys() & expected.keys()
     named = {
         "left over": found.keys() - expected.keys(),
@@ -66,9 +60,7 @@ def differences(found: dict[str, str], expected: dict[str, str]) -> str:
 def is_recorded(path: Path) -> bool:
     """Whether a record in a file's folder names it with its hash."""
     for record in path.parent.glob("*.json"):
-        try:
+        with suppress(ValueError, KeyError, TypeError):  # no record, or one that names no files
             if path.name in dict(json.loads(record.read_bytes())["files"]):
                 return True
-        except (ValueError, KeyError, TypeError):  # no record, or one that names no files
-            continue
     return False

@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 import pytest
 
-from campaigning.contents import differences, is_recorded
+from campaigning.contents import contents, differences, is_recorded
 from campaigning.home import Copy, Home
 from campaigning.processes import Outcome, Process, fault
-from campaigning.table import CALLS, Call, chosen, registered
+from campaigning.table import Call, registered
 
 VALUES = (
     "nan", "inf", "-1", "0", "1e308", "1e39", "9" * 400, '""', '"x"', '"../../x"', '"\\u0000"',
@@ -21,22 +21,7 @@ VALUES = (
 """What a value in a text file becomes."""
 
 
-def pytest_generate_tests(metafunc):
-    first = {x.command: x for x in reversed(CALLS)}
-    chosen(metafunc, {
-        test_damaged_inputs: [x for x in CALLS if not x.minutes],
-        test_damaged_outputs: [x for x in CALLS if not x.minutes and x.outputs],
-        test_damaged_beginnings: [x for x in CALLS if x.goes_on],
-        test_malformed: [x for x in CALLS if x is first[x.command]],
-    }[metafunc.function])  # fmt: skip
-
-
-def cut(content: bytes, rng: random.Random) -> bytes:
-    """Keep the beginning."""
-    return content[: rng.randrange(max(len(content), 1))]
-
-
-def flip(content: bytes, rng: random.Random) -> bytes:
+def _flip(content: bytes, rng: random.Random) -> bytes:
     """Turn some bits around."""
     changed = bytearray(content)
     for _ in range(rng.choice((1, 2, 20)) if content else 0):
@@ -44,18 +29,18 @@ def flip(content: bytes, rng: random.Random) -> bytes:
     return bytes(changed)
 
 
-def nest(content: bytes, rng: random.Random) -> bytes:
+def _nest(content: bytes, rng: random.Random) -> bytes:
     """Put lists in lists in lists."""
     times = rng.choice((100, 100_000))
     return rng.choice((b"[" * times + b"]" * times, b'{"a":' * times, b"a = " + b"[" * times))
 
 
-def other_value(content: bytes, rng: random.Random) -> bytes:
+def _other_value(content: bytes, rng: random.Random) -> bytes:
     """Replace a value of a text file; some bits of any other."""
     text = content.decode(errors="replace")
     found = list(re.finditer(r'-?\d[\d.e+-]*|"[^"\n]*"|true|false|null', text))
     if not found or "\ufffd" in text:
-        return flip(content, rng)
+        return _flip(content, rng)
     one = rng.choice(found)
     return (text[: one.start()] + rng.choice(VALUES) + text[one.end() :]).encode()
 
@@ -68,8 +53,9 @@ def _other_kind(path: Path, rng: random.Random) -> None:
 
 
 CONTENTS: dict[str, Callable[[bytes, random.Random], bytes]] = {
-    "cut": cut, "flipped": flip, "empty": lambda content, rng: b"", "nested": nest,
-    "another value": other_value,
+    "cut": lambda content, rng: content[: rng.randrange(max(len(content), 1))],
+    "flipped": _flip, "empty": lambda content, rng: b"", "nested": _nest,
+    "another value": _other_value,
 }  # fmt: skip
 KINDS: dict[str, Callable[[Path, random.Random], None]] = {
     "gone": lambda path, rng: None,
@@ -102,6 +88,13 @@ def _each(request, home: Home, asked: Call, names, rng: random.Random, work: Cal
     assert not wrong, "\n".join(wrong)
 
 
+def _judge(copy: Copy, outcome: Outcome) -> str:
+    """Say what is wrong with an end, or with what it has changed that is not its own."""
+    may_write = outcome.status == 0 or copy.asked.goes_on
+    changed = [name for name in copy.changes() if name in copy.before or not may_write]
+    return fault(outcome) or (f"changed: {', '.join(changed[:4])}" if changed else "")
+
+
 @pytest.mark.parametrize("how", DAMAGES)
 def test_damaged_inputs(request, home: Home, asked: Call, how: str, rng: random.Random):
     """One sentence, or a result that no hash contradicts."""
@@ -111,12 +104,11 @@ def test_damaged_inputs(request, home: Home, asked: Call, how: str, rng: random.
         with home.copy(asked) as copy:
             before, recorded = copy.before[name], is_recorded(copy.folder / name)
             damage(copy.folder / name, how, rng)
-            copy.before = copy.now()
+            copy = Copy(copy.folder, asked)
             outcome = copy.call(limit_s=30.0 + 3 * whole.seconds)
-            if wrong := _judge(copy, outcome):
+            wrong, harmless = _judge(copy, outcome), copy.before.get(name) == before
+            if wrong or outcome.status == 2 or harmless:
                 return wrong
-            if outcome.status == 2 or copy.before.get(name) == before:
-                return ""
             if asked.command == "verify":
                 return "not noticed" if recorded else ""
             if copy.changes() == whole.outputs:
@@ -128,13 +120,6 @@ def test_damaged_inputs(request, home: Home, asked: Call, how: str, rng: random.
     _each(request, home, asked, whole.inputs, rng, work)
 
 
-def _judge(copy: Copy, outcome: Outcome) -> str:
-    """Say what is wrong with an end, or with what it has changed that is not its own."""
-    may_write = outcome.status == 0 or copy.asked.goes_on
-    changed = [name for name in copy.changes() if name in copy.before or not may_write]
-    return fault(outcome) or (f"changed: {', '.join(changed[:4])}" if changed else "")
-
-
 @pytest.mark.parametrize("how", DAMAGES)
 def test_damaged_outputs(request, home: Home, asked: Call, how: str, rng: random.Random):
     """Damaged behind a call, which is made again: the file stays, or the whole result is there."""
@@ -144,20 +129,17 @@ def test_damaged_outputs(request, home: Home, asked: Call, how: str, rng: random
         with home.copy(asked, finished=True) as copy:
             recorded = is_recorded(copy.folder / name)
             damage(copy.folder / name, how, rng)
-            damaged, inputs = copy.now(), copy.before
+            damaged, expected = contents(copy.folder), copy.before | whole.outputs
             outcome = copy.call(limit_s=30.0 + 3 * whole.seconds)
-            now = copy.now()
-            if wrong := fault(outcome):
-                return wrong
-            is_as_it_was = damaged.get(name) in (None, whole.outputs[name])
-            if recorded and not is_as_it_was and now.get(name) != damaged[name]:
-                return "replaced, though it has changed since it was written"
-            if outcome.status == 2:
-                return "" if asked.goes_on else differences(now, damaged)
-            expected = inputs | whole.outputs
-            if now.get(name) == damaged.get(name):  # it is left as it is
-                now.pop(name, None), expected.pop(name)
-            return differences(now, expected)
+            now = contents(copy.folder)
+        stays, changed = now.get(name) == damaged.get(name), damaged.get(name, whole.outputs[name])
+        if recorded and not stays and changed != whole.outputs[name]:
+            return fault(outcome) or "replaced, though it has changed since it was written"
+        if outcome.status == 2:
+            return fault(outcome) or ("" if asked.goes_on else differences(now, damaged))
+        if stays:
+            now.pop(name, None), expected.pop(name)
+        return fault(outcome) or differences(now, expected)
 
     _each(request, home, asked, whole.outputs, rng, work)
 
@@ -165,11 +147,10 @@ def test_damaged_outputs(request, home: Home, asked: Call, how: str, rng: random
 @pytest.mark.parametrize("how", DAMAGES)
 def test_damaged_beginnings(home: Home, asked: Call, how: str, rng: random.Random):
     """Killed, a file of what is done damaged, called again: the whole result, or one sentence."""
-    whole = home.whole(asked)
+    whole, share = home.whole(asked), rng.uniform(0.1, 0.9)
     with home.copy(asked) as copy:
-        process, share = Process(asked.words, copy.folder), rng.uniform(0.1, 0.9)
-        process.watch(lambda changes, seconds: changes >= share * whole.changes)
-        process.end()
+        with Process(asked.words, copy.folder) as process:
+            process.watch(lambda changes, seconds: changes >= share * whole.changes)
         begun = [x for x in copy.changes() if (copy.folder / x).is_file() and ".lock" not in x]
         if begun and copy.changes() != whole.outputs:
             name = rng.choice(begun)

@@ -13,12 +13,7 @@ import pytest
 from campaigning.contents import differences
 from campaigning.home import Copy, Home, Whole
 from campaigning.processes import LIMIT_S, Process, fault
-from campaigning.table import CALLS, Call, chosen
-
-
-def pytest_generate_tests(metafunc):
-    work = [x for x in CALLS if x.outputs and (metafunc.function is test_places or not x.minutes)]
-    chosen(metafunc, work)
+from campaigning.table import CALLS, Call
 
 
 @pytest.mark.parametrize("draw", range(8))
@@ -26,15 +21,12 @@ def test_kills(home: Home, asked: Call, draw: int, rng: random.Random):
     """Killed or interrupted at a random moment, then called again: the result is the same."""
     whole, by = home.whole(asked), rng.choice((signal.SIGKILL, signal.SIGINT))
     with home.copy(asked) as copy:
-        process = Process(asked.words, copy.folder)
-        try:
+        with Process(asked.words, copy.folder) as process:
             process.watch(_moment(whole, rng))
             print(f"{by.name} after {process.seconds:.2f} s of {whole.seconds:.2f} s")
             process.send(by)
             outcome = process.wait()
-            assert process.left_behind() == 0
-        finally:
-            process.end()
+            assert not process.leaves_helpers()
         # The interpreter itself may be interrupted, before it runs the program or after its end.
         inside = re.search(r'program\.py", line \d+, in run', outcome.err)
         if by == signal.SIGINT and (inside or "KeyboardInterrupt" not in outcome.err):
@@ -71,40 +63,29 @@ def test_pairs(home: Home, asked: Call, behind: int, rng: random.Random):
     other = same[(same.index(asked) + behind) % len(same)]
     wholes = [home.whole(x).outputs for x in (asked, other)]
     with home.copy(asked) as copy:
-        home.add_inputs(other, copy.folder)
-        copy.before = copy.now()
-        processes = [Process(asked.words, copy.folder)]
-        try:
+        copy = Copy(home.add_inputs(other, copy.folder), asked)
+        with Process(asked.words, copy.folder) as first:
             time.sleep(rng.choice((0.0, rng.uniform(0, 1.0))))
-            processes.append(Process(other.words, copy.folder))
-            outcomes = [process.wait() for process in processes]
-        finally:
-            for process in processes:
-                process.end()
-        assert not any(map(fault, outcomes)), list(map(fault, outcomes))
+            with Process(other.words, copy.folder) as second:
+                outcomes = [first.wait(), second.wait()]
         found = copy.changes()
+    assert not any(map(fault, outcomes)), list(map(fault, outcomes))
     strange = [name for name, what in found.items() if what not in [w.get(name) for w in wholes]]
     assert not strange, f"of neither {asked.line} nor {other.line}: {strange}"
-    missing = [
-        differences(found | w, found)
-        for w, o in zip(wholes, outcomes, strict=True)
-        if o.status == 0
-    ]
+    written = [w for w, outcome in zip(wholes, outcomes, strict=True) if outcome.status == 0]
+    missing = [differences(found | whole, found) for whole in written]
     assert missing, "both are refused"
     assert not all(missing), f"with {other.line} no whole result: {missing}"
 
 
-def _own_folder(place: Path) -> None:
-    place.mkdir()
-    (place / "thesis.txt").write_text("years of work")
-
-
-def _own(out: Path, is_file: bool) -> None:
-    out.write_text("years of work") if is_file else _own_folder(out)
+def _own(place: Path, is_file: bool = False) -> None:
+    if not is_file:
+        place.mkdir()
+    (place if is_file else place / "thesis.txt").write_text("years of work")
 
 
 def _link_to_folder(out: Path) -> None:
-    _own_folder(out.with_name("elsewhere"))
+    _own(out.with_name("elsewhere"))
     out.symlink_to("elsewhere")
 
 
@@ -120,33 +101,30 @@ PLACES: dict[str, Callable[[Path], None] | None] = {
     "a folder that may not be written": lambda out: out.parent.chmod(0o555),  # but by root
     "/proc/out": None, "thesis.txt/out": None, "x" * 300: None,
 }  # fmt: skip
-"""What stands where an output is to be; or, of names, an output that cannot be."""
+"""What is at the place of an output; without a function, an output that cannot be there."""
 
 
 @pytest.mark.parametrize("what", PLACES)
 def test_places(home: Home, asked: Call, what: str, rng: random.Random):
     """Outputs that cannot be where they are to be: what was there before stays."""
-    output, prepare = rng.choice(asked.outputs), PLACES[what]
+    output, prepare, words = rng.choice(asked.outputs), PLACES[what], asked.words
     with home.copy(asked) as copy:
-        (copy.folder / "thesis.txt").write_text("years of work")
-        words = asked.words
+        _own(copy.folder / "thesis.txt", is_file=True)
         if prepare:
             prepare(copy.folder / output)
         else:
             words = [what + Path(output).suffix if x == output else x for x in words]
-        copy.before = copy.now()
+        copy = Copy(copy.folder, asked)
         outcome = copy.call(words, limit_s=20.0 if asked.minutes else LIMIT_S)
         copy.folder.chmod(0o755)
         changes = copy.changes()
     mine: tuple[str, ...] = ()
     if outcome.status != 2 or asked.goes_on:  # also through a link to a folder, or beside, as cards
         mine = (*asked.outputs, "elsewhere", *({} if asked.minutes else home.whole(asked).outputs))
-    assert not [n for n in changes if not _is_of(n, mine) or n.endswith("thesis.txt")]
+    within = tuple(f"{out}{end}" for out in mine for end in ("/", ".part"))
+    strange = [x for x in changes if x not in mine and not x.startswith(within)]
+    assert not strange + [x for x in changes if x.endswith("thesis.txt")]
     assert not fault(outcome) or (asked.minutes and outcome.status is None)
-
-
-def _is_of(name: str, outputs: tuple[str, ...]) -> bool:
-    return any(name == out or name.startswith((f"{out}/", f"{out}.part")) for out in outputs)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])

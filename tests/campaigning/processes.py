@@ -1,4 +1,4 @@
-"""Programs as processes: started, limited, killed, and judged by how they end."""
+"""Programs that run in a folder, on one thread, and how they end."""
 
 import fcntl
 import functools
@@ -12,9 +12,9 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import NamedTuple
 from unittest import mock
 
 ROOT = Path(__file__).parents[2]
@@ -29,10 +29,14 @@ ENVIRONMENT = {
     "TF_NUM_INTRAOP_THREADS": "1", "TF_CPP_MIN_LOG_LEVEL": "3", "LF_FLAME_MEMORY_GB": "2",
     "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")]),
 }  # fmt: skip
+FOLDERS = "commands", "formats", "optics", "refocus", "scenes", "simulation", "tomography"
+PATHS = [path for x in FOLDERS for path in sorted((ROOT / "lf_flame" / x).glob("[!_]*.py"))]
+PATHS += sorted(ROOT.glob("experiments/*/commands.py"))
+LOADED = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in PATHS]
+"""Modules that each program finds loaded, as loading takes most of a small call's time."""
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """How a program ended: its status, None if it did not end in time, and what it printed."""
 
     status: int | None
@@ -56,13 +60,6 @@ def fault(outcome: Outcome, *allowed: int) -> str:
     if outcome.status == 2 and (len(said) != 1 or len(said[0]) > LONGEST_SENTENCE):
         return f"not one sentence: {err[-300:]}"
     return ""
-
-
-FOLDERS = ("commands", "formats", "optics", "refocus", "scenes", "simulation", "tomography")
-PATHS = [path for x in FOLDERS for path in sorted((ROOT / "lf_flame" / x).glob("[!_]*.py"))]
-PATHS += sorted(ROOT.glob("experiments/*/commands.py"))
-LOADED = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in PATHS]
-"""Modules that each program finds loaded, as loading takes most of a small call's time."""
 
 
 @functools.cache
@@ -89,7 +86,7 @@ def _run(words: list[str], folder: Path, largest_file: int, out, err) -> None:
 
 
 class Process:
-    """A program, as words behind ``python -m``, that runs in a folder on one thread.
+    """A program, as words behind ``python -m``; with its helpers it ends where its context ends.
 
     What would be longer than ``largest_file`` bytes fails, as on a full disk.
     """
@@ -105,6 +102,12 @@ class Process:
         for end in ends:
             end.close()
         self.pid = self._process.pid
+
+    def __enter__(self) -> "Process":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.end()
 
     @property
     def seconds(self) -> float:
@@ -135,37 +138,22 @@ class Process:
             self.end()
         return Outcome(status, *map(_read, self._pipes))
 
-    def helpers(self) -> list[int]:
-        """Other processes of its session that have not ended."""
-        found = []
-        for pid in (int(x.name) for x in Path("/proc").iterdir() if x.name.isdigit()):
-            with suppress(ProcessLookupError):
-                if pid != self.pid and os.getsid(pid) == self.pid:
-                    found.append(pid)
-        return found
-
-    def left_behind(self) -> int:
-        """Number of helpers that live on, when they have had time to end."""
-        end = time.monotonic() + END_S
-        while (left := len(self.helpers())) and time.monotonic() < end:
-            time.sleep(0.05)
-        return left
+    def leaves_helpers(self, limit_s: float = END_S) -> bool:
+        """Whether helpers live on behind its end, when they have had time to end."""
+        end = time.monotonic() + limit_s
+        with suppress(ProcessLookupError):  # its group has no process any more
+            while time.monotonic() < end:
+                os.killpg(self.pid, 0)
+                time.sleep(0.05)
+            return True
+        return False
 
     def end(self) -> None:
         """Kill it and its helpers."""
-        for pid in (self.pid, *self.helpers()):
+        for kill in (os.kill, os.killpg):  # it may not have a group yet, or have left only that
             with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+                kill(self.pid, signal.SIGKILL)
         self._process.join()
-
-
-def call(words: list[str], folder: Path, limit_s: float = LIMIT_S, **options) -> Outcome:
-    """Run a program to its end."""
-    process = Process(words, folder, **options)
-    try:
-        return process.wait(limit_s)
-    finally:
-        process.end()
 
 
 def _read(pipe) -> str:
@@ -183,6 +171,5 @@ def _look(folder: Path) -> set[tuple[str, int]]:
         found.add((place, 0))
         for name in names:
             with suppress(OSError):
-                path = f"{place}/{name}"
-                found.add((path, os.lstat(path).st_size))
+                found.add((f"{place}/{name}", os.lstat(f"{place}/{name}").st_size))
     return found

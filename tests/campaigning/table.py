@@ -16,7 +16,6 @@ class Call:
     goes_on: bool = False  # a call that fails leaves what is done, and the next one goes on from it
     once: bool = False  # it refuses an output that exists, even one of its own
     learns: bool = False  # it needs TensorFlow, or a network; the quick campaign leaves it out
-    timed: bool = False  # it measures seconds, so that two results have the same names alone
     minutes: bool = False  # nothing makes it shorter, so nothing waits for its result
 
     @property
@@ -33,7 +32,7 @@ class Call:
 
     @property
     def outputs(self) -> list[str]:
-        """Names of what it writes; of what stands beside these, the same with another ending."""
+        """Names of what it writes; files beside these have the same name and another ending."""
         return [word for word in self.line.split() if word.startswith("out")]
 
     @property
@@ -84,6 +83,7 @@ CALLS = (
     Call("convert simulated/light_field.npz out.npy"),
     Call("convert lenslets.tif out.npy --views 3"),
     Call("convert raw.png out.npy --white white.png"),
+    Call("convert focused.png out.npy --focused focused.xml --views 3"),
     Call("convert views.zip out.npy"),
     Call("convert views.csv out.npy", "view_0.png view_1.png"),
     Call("convert picture.png out.npy --mosaic 3x6"),
@@ -117,7 +117,7 @@ CALLS = (
     Call("experiments depth-test runs/shapes --samples 1 --out out", "data.zarr", learns=True),
     Call(
         "experiments compare runs --data shapes.toml --light-fields 1 --electrons 10 --out out",
-        "data.zarr", learns=True, timed=True, minutes=True,
+        "data.zarr", learns=True, minutes=True,
     ),
     Call(
         "experiments system-scenes --config systems.toml --system refocusnet --light-fields 2 "
@@ -149,10 +149,3 @@ def registered() -> dict:
 
     others = experiments.commands.items()
     return dict(commands.commands) | {f"experiments {name}": command for name, command in others}
-
-
-def chosen(metafunc, calls: list[Call]) -> None:
-    """Let a trial run over some calls; in a quick campaign without those that take long."""
-    quick = metafunc.config.getoption("quick")
-    calls = [call for call in calls if not (quick and (call.learns or call.minutes))]
-    metafunc.parametrize("asked", calls, ids=lambda call: call.line)

@@ -76,13 +76,75 @@ def test_a_picture_is_refocused_at_a_depth_by_the_calibration(boards, tmp_path):
     assert np.isnan(depths[(slopes < near - 2e-3) | (slopes > far + 2e-3)]).all()
 
 
+def test_targets_at_equal_steps_tell_their_distance(boards, tmp_path):
+    """The views meet as far before the first as the lens is, within the stated error."""
+    folder = tmp_path / "steps"
+    folder.mkdir()
+    for number, distance in enumerate((380.0, 400.0, 420.0, 440.0)):
+        picture = BENCH.picture(distance, 5.0, noise=0.005, seed=number, fine=4)
+        write_light_field(picture, folder / f"b{number}.npz")
+    words = ("--square-mm", 5, "--step-mm", 20, "--out", tmp_path / "out")
+    done = call("calibrate", *sorted(folder.iterdir()), *words)
+    assert done.exit_code == 0, done.output
+    law = read_law(tmp_path / "out" / "calibration.toml")
+    error = 3 * law.standard_deviations["slope_centre_mm"]
+    assert law.slope_centre_mm == pytest.approx(-380, abs=error)
+    assert error < 6
+    assert f"views meet at z = {law.slope_centre_mm:.2f} +-" in done.output
+    assert law.depth_to_slope(30.0) == pytest.approx(BENCH.slope(410.0), abs=1e-3)
+
+
+def test_emission_is_found_by_the_calibration(boards, tmp_path):
+    """A board is a sheet that glows as its squares do; cells are in mm, depths from the zero."""
+    placed, out, _ = boards
+    source, law = placed[1].rpartition("@")[0], out / "calibration.toml"
+    words = ("--camera", law, "--depth-mm", -8, "--bootstrap", 0)
+    done = call("reconstruct", source, *words, "--out", tmp_path / "r")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "r" / "reconstruct.json").read_text())
+    assert record["depths_mm"] == [-8.0]
+    assert record["cell_mm"][0] == pytest.approx(BENCH.scale(ZERO - 8), rel=3e-4)
+    assert imread(tmp_path / "r" / "emission.tif").mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_file_and_a_calibration_say_what_mm_they_give(boards, tmp_path):
+    placed, out, _ = boards
+    source, law = placed[0].rpartition("@")[0], out / "calibration.toml"
+    done = call("info", source, "--camera", law)
+    assert done.exit_code == 0, done.output
+    said = {line[2:16].strip(): line[16:] for line in done.output.splitlines()}
+    assert said["focal plane"].startswith("at -10")
+    assert float(said["pixel there"].split()[0]) == pytest.approx(BENCH.scale(400), rel=1e-3)
+    # Two view steps move a point by a lenslet at slopes of a half: 1/Z = 1/400 -+ slope / B.
+    per_slope = BENCH.pitch / BENCH.image / BENCH.step
+    near, far = (1 / (1 / 400 + sign * per_slope / 2) - ZERO for sign in (1, -1))
+    assert near < -37.5 < 37.5 < far
+    assert "beyond the targets (-37.5 mm) to beyond the targets (37.5 mm)" in said["in focus"]
+    angle = 3 * BENCH.step / 400
+    assert f"over {2 * BENCH.scale(400) / angle:.2g} mm of depth" in said["depth"]
+    camera = out / "camera.toml"
+    (near, far) = (depth - (400 - ZERO) for depth in (near, far))
+    assert f"{near:.2g}"[:3] in call("info", source, "--camera", camera).output
+    other = tmp_path / "other.npy"
+    np.save(other, np.ones((4, 4, 36, 44), np.float32))
+    assert "3 x 3 views" in str(call("info", other, "--camera", law).exception)
+
+
+def test_lines_of_the_reader_stand_above_the_progress_bar(boards):
+    """They began where the bar ended."""
+    said = boards[2].replace("\r", "\n").splitlines()
+    lines = [line for line in said if "views of 36 x 44 pixels" in line]
+    assert len(lines) == len(DEPTHS)
+    assert all(line.startswith("3 x 3 views") for line in lines)
+
+
 @pytest.mark.parametrize(
     ("command", "words", "said"),
     [
         ("refocus", ("--depth-mm", 100), "holds for depths from -37.5 to 37.5 mm"),
         ("refocus", ("--depth-mm", 0, "--f-number", 8), "thin-lens camera"),
-        ("reconstruct", ("--depth-mm", 0), "thin-lens camera"),
-        ("abel", (), "thin-lens camera"),
+        ("reconstruct", ("--depth-mm", 40), "holds for depths from -37.5 to 37.5 mm"),
+        ("abel", ("--axis-depth", 40), "holds for depths from -37.5 to 37.5 mm"),
     ],
 )
 def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
@@ -101,6 +163,8 @@ def test_what_a_law_cannot_do_is_said(boards, tmp_path, command, words, said):
         (lambda placed: placed[:2], "3 different distances"),
         (lambda placed: [*placed[:3], placed[3].replace("@25", "@nan")], "its depth in mm"),
         (lambda placed: [*placed[:3], placed[3].partition("@")[0]], "its depth in mm"),
+        (lambda placed: [*placed, "--step-mm", 10], "and not both"),
+        (lambda placed: [*placed[:1], placed[1].partition("@")[0], "--step-mm", 9], "not both"),
         (lambda placed: [*placed[:3], "none.npz@25"], "there is no"),
         (lambda placed: [*placed[:3], placed[0].replace("@-25", "@25")], "which picture"),
     ],

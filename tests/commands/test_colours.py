@@ -88,7 +88,9 @@ def test_calibrations_that_cannot_be_are_one_sentence(furnace, tmp_path):
     assert "two temperatures or more" in str(few.exception)
     words = ["calibrate-colours", *furnace, "--responses"]
     Path("three.csv").write_text("wavelength_nm,a,b,c\n500,1,1,1\n600,1,1,1\n")
-    assert "each of the 3 spectral responses, got 2" in str(run(*words, "three.csv", code=1).exception)
+    assert "each of the 3 spectral responses, got 2" in str(
+        run(*words, "three.csv", code=1).exception
+    )
     wrong = [furnace[0], furnace[1].replace("@1700", "@1900"), furnace[2].replace("@1900", "@1700")]
     mixed = run("calibrate-colours", *wrong, "--responses", "camera.csv", code=1)
     assert "No gain explains the signals of" in str(mixed.exception)

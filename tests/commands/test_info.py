@@ -7,6 +7,7 @@ import lytro_files as own
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from focused_pictures import Camera, Waves
 from PIL import Image
 
 from lf_flame import InputError, LightField
@@ -110,6 +111,24 @@ def test_processed_pictures(told, tmp_path):
     assert "missing: the raw image" in said
     assert "read_lytro_products reads" in said
     assert (tmp_path / "a.jpg").read_bytes() == image
+
+
+def test_focused_lenslets_are_not_taken_for_others(told, tmp_path):
+    camera = Camera()
+    raw = np.rint(40000 * camera.record(3.1, Waves())).astype(np.uint16)
+    write_image(tmp_path / "raw.png", raw)
+    (tmp_path / "calibration.xml").write_text(camera.xml())
+    said = told("raw.png")
+    assert "hexagonal lenslets, pitch 23." in said
+    assert "type: lf-flame refocus raw.png --focused CALIBRATION.xml (or its white image" in said
+    said = told("calibration.xml")
+    assert "calibration.xml: calibration of a Raytrix camera" in said
+    assert "pitch 23.300 pixels along rows" in said
+    assert "virtual depths of 1 to 3, 2.8 to 4, 3.8 to 100" in said
+    assert said.endswith("next: lf-flame refocus RAW.png --focused calibration.xml\n")
+    (tmp_path / "other.xml").write_text("<scene/>")
+    with pytest.raises(InputError, match="no calibration of a Raytrix camera"):
+        told("other.xml")
 
 
 def test_other_light_fields(told, tmp_path, rng):

@@ -3,13 +3,12 @@
 import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from programs import run_here
 
 from lf_flame.formats import read_light_field
 
@@ -41,8 +40,7 @@ def test_the_page_ends_in_the_slope_of_the_picture(tmp_path):
     for line in block.splitlines():
         program, *arguments = shlex.split(line)
         assert program == "lf-flame"
-        command = [sys.executable, "-m", "lf_flame", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        done = run_here(*arguments, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
     (record,) = tmp_path.rglob("refocus.json")
     slopes = tifffile.imread(record.with_name("slope_map.tif"))

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from builders import scene_toml
 from click.testing import CliRunner
+from programs import run_here
 from skimage.io import imread, imsave
 
 from experiments import __main__
@@ -35,7 +36,7 @@ def run(*args, cwd=ROOT, program="lf_flame"):
 
 
 def experiment(*args, cwd=ROOT):
-    return run(*args, cwd=cwd, program="experiments")
+    return run_here(*args, cwd=cwd, program="experiments")
 
 
 def assert_one_sentence(result, *parts):
@@ -102,7 +103,6 @@ def test_simulate_writes_what_it_says(tmp_path):
     assert not list(out.glob(".*"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
@@ -130,7 +130,7 @@ def test_simulate_writes_what_it_says(tmp_path):
 def test_mistakes_in_a_scene_are_one_sentence(tmp_path, old, new, parts):
     assert old in SCENE
     (tmp_path / "scene.toml").write_text(SCENE.replace(old, new))
-    assert_one_sentence(run("simulate", "scene.toml", cwd=tmp_path), *parts)
+    assert_one_sentence(run_here("simulate", "scene.toml", cwd=tmp_path), *parts)
     assert not (tmp_path / "simulated").exists()
 
 
@@ -181,7 +181,7 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
     )
     training = ROOT / "experiments" / "shapes.toml"
     assert_one_sentence(
-        run(
+        run_here(
             "train",
             training,
             "--preset",
@@ -194,11 +194,11 @@ def test_missing_files_and_runs_are_one_sentence(tmp_path):
         "There is no data set at",
     )
     assert_one_sentence(
-        run("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
+        run_here("train", training, "--preset", "big", "--data", tmp_path, "--out", tmp_path / "r"),
         "preset must be one of paper, closed-form, smoke, got 'big'",
     )
     seeded = ("train", training, "--data", tmp_path, "--out", tmp_path / "r", "--seed", "1000001")
-    assert_one_sentence(run(*seeded), "seed must be 0 to 1000000, got 1000001")
+    assert_one_sentence(run_here(*seeded), "seed must be 0 to 1000000, got 1000001")
     assert_one_sentence(
         experiment("tables", tmp_path, tmp_path / "none"), "There is no results folder", "none"
     )
@@ -286,18 +286,18 @@ def test_from_data_set_to_table(tmp_path):
         ROOT / "experiments", tmp_path / "experiments", ignore=shutil.ignore_patterns("results")
     )
     data = ["dataset", "flames.toml", "--preset", "smoke", "--out", "flames.zarr", "--workers", "1"]
-    assert run(*data, cwd=tmp_path).returncode == 0
-    again = run(*data, cwd=tmp_path)
+    assert run_here(*data, cwd=tmp_path).returncode == 0
+    again = run_here(*data, cwd=tmp_path)
     assert "is complete: 12 samples" in again.stdout
-    rays = run(*data, "--route", "exact", cwd=tmp_path)
+    rays = run_here(*data, "--route", "exact", cwd=tmp_path)
     assert_one_sentence(rays, "another configuration or size")
     (tmp_path / "flames.toml").write_text(text.replace("seed = 20251", "seed = 1"))
-    assert_one_sentence(run(*data, cwd=tmp_path), "another configuration or size")
+    assert_one_sentence(run_here(*data, cwd=tmp_path), "another configuration or size")
     training = [
         "train", "experiments/flames.toml", "--preset", "smoke", "--data", "flames.zarr",
         "--out", "run", "--backbone-weights", "random", "--backbone-depth", "conv4", "--seed", "2",
     ]  # fmt: skip
-    result = run(*training, cwd=tmp_path)
+    result = run_here(*training, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     result = experiment(
         "evaluate",

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from programs import run_here
 
 PAGE = (Path(__file__).parents[2] / "docs" / "data_sets.md").read_text(encoding="utf-8")
 
@@ -30,7 +31,8 @@ def test_the_page_does_what_it_says(tmp_path):
     assert len(commands) == 3
     for program, *arguments in commands:
         assert program == "lf-flame"
-        run("-m", "lf_flame", *arguments)
+        done = run_here(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
     example, fresh = blocks("py")
     run("-c", fresh + "assert inputs.shape == (16, 30, 60, 1) and targets.shape == (16, 2, 30, 60)")
     printed = run("-c", example).splitlines()

@@ -2,13 +2,12 @@
 
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from programs import run_here
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "from_raw_image_to_temperature.md").read_text(encoding="utf-8")
@@ -25,8 +24,7 @@ def test_the_page_ends_in_the_temperatures_that_it_began_with(tmp_path):
     assert len(commands) == 7
     for program, *arguments in commands:
         assert program == "lf-flame"
-        command = [sys.executable, "-m", "lf_flame", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        done = run_here(*arguments, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert "Warning" not in done.stderr
     found = tifffile.imread(tmp_path / "temperature" / "green" / "temperature.tif")

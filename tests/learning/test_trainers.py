@@ -133,7 +133,6 @@ def test_the_same_on_jax():
         "test_trainers.py::test_training_is_that_of_keras[image-2]",
         "test_trainers.py::test_an_epoch_is_its_batches",
         "test_trainers.py::test_a_state_goes_on_to_the_same_bits",
-        "test_training.py::test_interrupted_training_goes_on_to_the_same_result",
     ]
     here = Path(__file__).parent
     done = subprocess.run(
@@ -143,7 +142,7 @@ def test_the_same_on_jax():
         text=True,
     )
     assert done.returncode == 0, done.stdout[-3000:]
-    assert "4 passed" in done.stdout
+    assert "3 passed" in done.stdout
 
 
 def test_another_backend_is_refused(monkeypatch, samples):

@@ -227,7 +227,10 @@ def test_what_needs_a_light_field_is_named_with_its_reason(name):
     words = f"{name} {NOT_SEPARABLE[name]}"
     assert name in plan.not_separable
     lines = str(plan).splitlines()
-    assert f"  {words}" in lines[lines.index("refocused images: through the light field, as") + 1 :]
+    assert (
+        f"  {words}"
+        in lines[lines.index("refocused images: through the light field, because") + 1 :]
+    )
     assert plan.to_json()["not_separable"] == plan.not_separable
     with pytest.raises(InputError, match=f"These images need a light field, as .*{words}"):
         Projector(scene, camera, plan)
@@ -253,7 +256,7 @@ def test_effects_that_keep_light_separable_are_in_the_images(name):
     plan = plan_effects(scene, camera, effects=effects)
     assert name in plan.kept
     assert plan.not_separable == {}
-    assert "refocused images: straight from the scene, as light only adds" in str(plan)
+    assert "refocused images: directly from the scene, because light only adds up" in str(plan)
     images = [
         Projector(scene, camera, plan_effects(scene, camera, effects=effects | {name: kept}))
         for kept in (True, False)

@@ -8,7 +8,7 @@ from own_rays import Lens, Sheet, cells, record, slabs
 from scipy.special import erf
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
-from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography import FrustumGrid, ProjectionOperator, reconstruct
 from lf_flame.tomography.pyrometry import two_colour_temperature
 
 LENS = Lens(lenslets=(40, 48))
@@ -143,3 +143,49 @@ def test_error_bars_hold_the_truth(record_noise):
         held.append((np.abs(soot.kelvin - kelvin) <= 2.09 * soot.sigma)[known])
     # Too wide, as the record says: what is left of the correction is alike in both colours.
     assert np.mean(np.concatenate(held)) > 0.93
+
+
+WIDE = [Sheet(8.0, (0.3, 0.3), (0.9, 0.8)), Sheet(-8.0, (-0.2, -0.6), (0.8, 1.0), 0.4)]
+
+
+def test_saturated_rays_do_not_change_the_emission_that_others_see():
+    """The sensor clips at 60 % of the peak; cells that no clipped ray crosses stay as they were."""
+    grid, truth = FrustumGrid(CAMERA, [8.0, -8.0]), np.array([cells(LENS, one) for one in WIDE])
+    lit = gaussian(record(LENS, WIDE), 0.005).views
+    level = 0.6 * lit.max()
+    held, valid = np.minimum(lit, level), lit < level
+    found = reconstruct(LightField(held, valid=valid), grid)
+    assert f"{np.count_nonzero(~valid)} of the {valid.size} rays are unknown" in found.warnings[0]
+    operator = ProjectionOperator(grid)
+    crossed, every = (
+        grid.crop(operator.rmatvec(rays.astype(np.float32).ravel()).reshape(grid.shape))
+        for rays in (~valid, np.ones(valid.shape))
+    )
+    clear, shut = crossed < 0.01 * every, crossed > 0.9 * every
+    plain, whole = reconstruct(LightField(held), grid), reconstruct(LightField(lit), grid)
+
+    def bias(one, where):
+        return abs((one.emission - truth)[where].mean())
+
+    def error(one, where):
+        return np.sqrt(np.square(one.emission - truth)[where].mean())
+
+    partly = ~clear & ~shut
+    assert bias(found, clear) < 2e-4 < bias(plain, clear)
+    assert error(found, clear) < 0.6 * error(plain, clear)
+    assert error(found, partly) < 0.2 * error(plain, partly)
+    assert error(found, shut) < 0.05 < 0.15 < error(plain, shut)
+    np.testing.assert_allclose(found.noise, whole.noise, rtol=0.02)
+
+
+def test_blocks_with_an_unknown_pixel_are_unknown_and_none_known_is_refused():
+    grid = FrustumGrid(CAMERA, [3.0, -4.0], block=2)
+    lit = gaussian(CLEAN, 0.005)
+    valid = np.ones(lit.views.shape, bool)
+    valid[:, :, 20, 24] = valid[0, :, :4] = False
+    found = reconstruct(LightField(np.where(valid, lit.views, 0), valid=valid), grid)
+    assert found.warnings[0].startswith(f"{7 * 7 + 7 * 2 * 24} of the ")
+    whole = reconstruct(lit, grid)
+    assert np.abs(found.emission - whole.emission).max() < 0.02
+    with pytest.raises(InputError, match="all of this light field are unknown"):
+        reconstruct(LightField(lit.views, valid=np.zeros(valid.shape)), GRID)

@@ -1,22 +1,17 @@
 """Sooty flames that absorb their own light, recorded by an integrator of the test's own."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from own_rays import Lens
 from own_soot import SootFlame, planck, record
 
 from lf_flame import LightField, PlenopticCamera
-from lf_flame.errors import InputError
 from lf_flame.tomography import (
     AbsorbingSection,
     AxisymmetricGrid,
     ColourCalibration,
-    FrustumGrid,
     SpectralResponses,
     reconstruct_axisymmetric_soot,
-    reconstruct_soot,
 )
 
 COLOURS = (480.0, 640.0)
@@ -68,7 +63,7 @@ def test_its_adjoint_and_mean_transmission_are_those_of_the_operator(rng):
     assert clear.mean_transmission() == pytest.approx(1, abs=1e-12)
     ones = np.ones(operator.shape[0])
     seen = clear.rmatvec(ones) > 0
-    wanted = (operator.rmatvec(ones)[seen] / clear.rmatvec(ones)[seen])
+    wanted = operator.rmatvec(ones)[seen] / clear.rmatvec(ones)[seen]
     assert operator.mean_transmission().ravel()[seen] == pytest.approx(wanted, rel=1e-9)
 
 

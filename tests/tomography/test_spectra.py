@@ -136,10 +136,15 @@ def test_bad_responses_are_refused(tmp_path, text, says):
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: soot_temperature([[1.0]], SpectralResponses.single((550,))), "two colours or more"),
+        (
+            lambda: soot_temperature([[1.0]], SpectralResponses.single((550,))),
+            "two colours or more",
+        ),
         (lambda: soot_temperature([[1.0]] * 2, CAMERA), "each of the 3 spectral responses, got 2"),
         (
-            lambda: soot_temperature([[1.0]] * 2, SpectralResponses(("a", "b"), NM, [CURVES[0]] * 2)),
+            lambda: soot_temperature(
+                [[1.0]] * 2, SpectralResponses(("a", "b"), NM, [CURVES[0]] * 2)
+            ),
             "see nearly the same light",
         ),
         (lambda: soot_temperature([[1.0]] * 3, CAMERA, gains=(1, 0, 1)), "gains must be 3 finite"),

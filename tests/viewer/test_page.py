@@ -243,6 +243,8 @@ def test_the_copied_command_puts_all_in_focus_where_that_is_shown(tab, two_plane
          'light_field = read_light_field("x", views=5, order="-row,-col")'),
         ({"white": "it's.png", "pitch": 9.5}, ["--white=it's.png", "--pitch=9.5"],
          'light_field, _ = read_raw("x", white="it\'s.png", pitch=9.5)'),
+        ({"focused": "c.xml", "virtual_depth": 4.0}, ["--focused=c.xml", "--virtual-depth=4"],
+         'light_field = read_focused("x", calibration="c.xml", virtual_depth=4)'),
     ],
 )  # fmt: skip
 def test_what_is_copied_reads_the_source_in_the_same_way(

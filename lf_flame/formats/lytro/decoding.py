@@ -76,7 +76,9 @@ def plan_lytro(
             f"{printable(picture.metadata.serial or 'SERIAL', 40)}.tar); {origin}."
         )
     bayer, raw = picture.metadata.bayer, picture.radiance
-    plan = DecodePlan(grid, shape=raw.shape, views=views, white=flat, dark=black, bayer=bayer)
+    plan = DecodePlan(
+        grid, shape=raw.shape, views=views, white=flat, dark=black, bayer=bayer, saturation=1.0
+    )
     return plan, raw
 
 

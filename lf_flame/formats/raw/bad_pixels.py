@@ -38,13 +38,26 @@ class BadPixels(NamedTuple):
     good: np.ndarray
     """Whether each neighbour is good, shape (4, n)."""
 
+    @property
+    def lost(self) -> np.ndarray:
+        """Whether each pixel has no good neighbour, shape (n,)."""
+        return np.logical_not(np.any(self.good, axis=0))
+
+    def lost_in(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Image of an image's rows and columns, 1 where a pixel is lost: float32, (..., 1)."""
+        out = np.zeros((*shape[:2], 1), np.float32)
+        out[self.at[0][self.lost], self.at[1][self.lost]] = 1
+        return out
+
     def mended(self, image: np.ndarray) -> np.ndarray:
         """Copy an image, (rows, columns, channels), with means of good neighbours in place."""
         out = image.copy()
         count = np.maximum(self.good.sum(axis=0), 1)[:, None]
         mean = (image[self.beside] * self.good[..., None]).sum(axis=0) / count
-        some = self.good.any(axis=0)
+        some = ~self.lost
         out[self.at[0][some], self.at[1][some]] = mean[some]
+        least = out[self.beside].min(axis=0)  # a lower bound, as hot pixels are none
+        out[self.at[0][self.lost], self.at[1][self.lost]] = least[self.lost]
         return out
 
 
@@ -138,17 +151,26 @@ def _bad_pixels(bad: np.ndarray, step: int) -> BadPixels:
     return BadPixels((rows, columns), beside, inside & ~bad[beside])
 
 
-def count_saturated(image: np.ndarray) -> int:
-    """Count the pixels at the largest level of a sensor of 8 to 16 bits.
+def find_saturated(image: np.ndarray, level: float | None = None) -> np.ndarray | None:
+    """Find the pixels at a level or above, or at the largest level of a sensor of 8 to 16 bits.
 
     Levels of 16-bit files, and of 8-bit ones, are numbers from 0 to 1 if they were scaled; sensors
-    of 10, 12 and 14 bits reach a part of 16. A few pixels there may be the light's own maximum.
+    of 10, 12 and 14 bits reach a part of 16. A few pixels there may be the light's own maximum,
+    which a stated level excludes.
+
+    Returns
+    -------
+    ndarray of bool, shape of the image, or None
+        None if no pixel, or too few of them, are saturated.
     """
     highest = float(image.max())
+    if level is not None:
+        least = level * (1 - np.finfo(np.float32).eps)  # as images are rounded to float32
+        return image >= least if highest >= least else None
     bits = (8, 10, 12, 14, 16)
     full = [2**n - 1 for n in bits] if image.dtype.kind != "f" else []
     scaled = [1.0, *((2**n - 1) / (2**16 - 1) for n in bits[1:])] if not full else []
     if not any(abs(highest / level - 1) < 1e-6 for level in (*full, *scaled)):
-        return 0
-    count = int(np.count_nonzero(image == image.max()))
-    return count if count >= FEWEST_SATURATED else 0
+        return None
+    saturated = image == image.max()
+    return saturated if np.count_nonzero(saturated) >= FEWEST_SATURATED else None

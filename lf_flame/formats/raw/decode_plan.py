@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
-from lf_flame.formats.raw.bad_pixels import count_saturated, find_bad_pixels
+from lf_flame.formats.raw.bad_pixels import find_bad_pixels, find_saturated
 from lf_flame.formats.raw.bayer import check_bayer
 from lf_flame.formats.raw.colour_pattern import refuse_mosaic
 from lf_flame.formats.raw.lenslet_grid import LensletGrid
@@ -31,6 +31,9 @@ mosaic the next pixel of a colour is up to two pixels away."""
 
 LEAST_LEVEL = 0.05
 """Smallest centre brightness, relative to the median, of a micro-image that is trusted."""
+
+TOUCHED = 0.02
+"""Share of unknown pixels of the sensor in a pixel of a view from which it is unknown too."""
 
 
 class DecodePlan:
@@ -54,7 +57,9 @@ class DecodePlan:
     per view: 2 / sqrt(3) times those in pitches per view.
 
     Hot and dead pixels, which the dark and the white image show, are replaced by their neighbours
-    of the same colour.
+    of the same colour. A pixel of a view is unknown (`LightField.valid`) if more than 2 % of it
+    comes from saturated pixels, or from bad ones without a good neighbour; or if its lenslet is too
+    dark there in the white image, although the view counts.
 
     Views with light that is not their own lenslet's get weight 0: their parts are nearer to a
     neighbour (`LensletGrid.own_views`), share pixels with it, or are mostly dark in the white
@@ -78,6 +83,10 @@ class DecodePlan:
         because each contains the sensor's black level. Default: black is 0.
     bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
         Colours of the upper left 2 x 2 pixels of a mosaic, row by row. Default: no mosaic.
+
+    saturation : float, optional
+        Level of the raw images from which a pixel is saturated. Default: the largest level of 8,
+        10, 12, 14 or 16 bits, if ten pixels or more are there.
 
     Attributes
     ----------
@@ -108,6 +117,7 @@ class DecodePlan:
         white: ArrayLike | None = None,
         dark: ArrayLike | None = None,
         bayer: str | None = None,
+        saturation: float | None = None,
     ):
         if len(shape) not in (2, 3):
             raise InputError(
@@ -125,13 +135,16 @@ class DecodePlan:
         self._refuse_mosaic(light, "white")
         self._bad = find_bad_pixels(light, self._black, grid, step)
         self._black = None if self._black is None else self._mended(self._black)
-        self._gain = None
+        self._gain, bright = None, None
         lit = np.ones((views, views), bool)
         if white is not None:
             flat = self._mended(_fitting(white, "white", self.shape))
             parts = self._resampling(flat, self._black, square=False)
-            lit, self._gain = _lit(parts), _gain(parts)
-        self.weights = _counted(grid, lit, step)
+            lit, bright = _lit(parts), self._resampling.joined(_bright(parts))
+            self._gain = _gain(parts)
+        self.weights, self._saturation = _counted(grid, lit, step), saturation
+        lost = None if self._bad is None else self._untouched(self._bad.lost_in(self.shape))
+        self._valid = self._known(bright, lost)
         self._is_new = True
 
     def decode(self, raw: ArrayLike) -> LightField:
@@ -145,7 +158,8 @@ class DecodePlan:
         Returns
         -------
         LightField
-            Views of the largest block of whole micro-images, with the weights of views.
+            Views of the largest block of whole micro-images, with the weights of views, and which
+            of their pixels are known.
 
         Raises
         ------
@@ -158,14 +172,48 @@ class DecodePlan:
             raise InputError(
                 f"A raw image must have the plan's shape {self.shape}, got {np.shape(raw)}."
             )
+        saturated = find_saturated(image, self._saturation)
         if self._is_new:
-            self._look_at(image)
+            self._look_at(image, saturated)
         views = self._resampling(self._mended(image), self._black, self._gain)
         coloured = len(self.shape) == 3 or self.bayer is not None
         weights = None if self.weights.all() else self.weights.astype(np.float32)
-        return LightField.trusted(views if coloured else views[..., 0], weights=weights)
+        valid = self._valid
+        if saturated is not None:
+            # A bad pixel is as saturated as the neighbours that replace it.
+            clipped = self._mended(np.any(saturated, axis=2)[..., None].astype(np.float32))
+            valid = self._known(valid, self._untouched(clipped))
+        return LightField.trusted(
+            views if coloured else views[..., 0], weights=weights, valid=valid
+        )
 
-    def _look_at(self, image: np.ndarray) -> None:
+    def _untouched(self, lost: np.ndarray) -> np.ndarray | None:
+        """Find the pixels of views without noticeable light of lost pixels of the sensor.
+
+        Parameters
+        ----------
+        lost : ndarray of float32, shape (rows, columns, 1)
+            1 where a pixel of the sensor is lost, else 0.
+
+        Returns
+        -------
+        ndarray of bool, shape (v, u, row, column), or None
+            None if no pixel is lost.
+        """
+        if not lost.any():
+            return None
+        share = self._resampling(lost, None)
+        return np.abs(share, out=share).max(axis=4) <= TOUCHED
+
+    def _known(self, *found: np.ndarray | None) -> np.ndarray | None:
+        """Combine what is known of the pixels of the views that count; None if all are known."""
+        known = np.ones((1, 1, 1, 1), bool)
+        for one in found:
+            known = known if one is None else known & one
+        known = known | ~self.weights[..., None, None]
+        return None if known.all() else known
+
+    def _look_at(self, image: np.ndarray, saturated: np.ndarray | None) -> None:
         """Refuse a mosaic that is not stated, and note bad and saturated pixels, once."""
         self._is_new = False
         self._refuse_mosaic(less_dark(image, self._black, "raw"), "raw")
@@ -174,11 +222,11 @@ class DecodePlan:
                 f"{self._bad.good.shape[1]} hot or dead pixels of the sensor are replaced by their "
                 f"neighbours of the same colour."
             )
-        clipped = count_saturated(image)
-        if clipped:
+        if saturated is not None:
+            clipped = np.count_nonzero(saturated)
             LOGGER.warning(
-                f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: they are too "
-                f"dark, and with them every result from these places; expose less."
+                f"{clipped} pixels ({clipped / image.size:.2g} of all) are saturated: what they "
+                f"touch in the views is unknown, and left out; expose less."
             )
 
     def _mended(self, image: np.ndarray) -> np.ndarray:
@@ -261,11 +309,14 @@ def _lit(white: np.ndarray) -> np.ndarray:
     return level >= LEAST_LIT * level[len(level) // 2, len(level) // 2]
 
 
-def _gain(white: np.ndarray) -> np.ndarray:
-    """Median of the white image's central view over its parts, bounded for dark pixels.
+def _bright(white: np.ndarray) -> np.ndarray:
+    """Find the parts that are bright enough to divide by: bool, shape (v, u, row, column)."""
+    _, least = _levels(white)
+    return np.array([[(view >= least).all(axis=2) for view in row] for row in white])
 
-    It replaces the parts, to save memory.
-    """
+
+def _levels(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Median of the white image's central view, and the least by which its parts are divided."""
     middle = white[white.shape[0] // 2, white.shape[1] // 2].copy()
     level = np.median(middle, axis=(0, 1))
     if not np.all(level > 0):
@@ -273,7 +324,15 @@ def _gain(white: np.ndarray) -> np.ndarray:
             f"The white image must be bright in the middle of its micro-images, "
             f"got a median there of {level.min():g}."
         )
-    least = np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
+    return level, np.maximum(np.float32(LEAST_LIT) * middle, np.float32(LEAST_LEVEL) * level)
+
+
+def _gain(white: np.ndarray) -> np.ndarray:
+    """Median of the white image's central view over its parts, bounded for dark pixels.
+
+    It replaces the parts, to save memory.
+    """
+    level, least = _levels(white)
     for row in white:
         for view in row:
             np.divide(level, np.maximum(view, least, out=view), out=view)

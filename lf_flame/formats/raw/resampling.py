@@ -145,6 +145,17 @@ class Resampling:
         )
         return out
 
+    def joined(self, flags: np.ndarray) -> np.ndarray:
+        """Combine flags of parts, (v, u, row, column), that a lenslet of the views is read from."""
+        if self._joined is None:
+            return flags
+        out = np.empty((*flags.shape[:3], self._joined.left.shape[1]), bool)
+        for r, row in enumerate(self._array.rows):
+            left, share = self._joined.left[row % 2], self._joined.share[row % 2]
+            line = flags[:, :, r]
+            out[:, :, r] = (line[..., left] | (share == 1)) & (line[..., left + 1] | (share == 0))
+        return out
+
     def _coefficients(
         self, image: np.ndarray, black: np.ndarray | None, colours: list[Lattice]
     ) -> np.ndarray:

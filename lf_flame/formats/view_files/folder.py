@@ -17,9 +17,15 @@ from lf_flame._common.printable import printable
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
-from lf_flame.formats.view_files.names import name_some, number_grid
+from lf_flame.formats.view_files.names import grid_of, name_some, number_grid
 from lf_flame.formats.view_files.orders import Grid, arranged, as_grid, check_order
 from lf_flame.formats.view_files.parallax_order import FoundOrder, find_order, fold, order_memory
+from lf_flame.formats.view_files.positions import (
+    Pair,
+    off_grid,
+    pairs_off_grid,
+    place_views,
+)
 from lf_flame.formats.view_files.sources import LIST, find_files, read_list
 from lf_flame.lightfield import LightField
 
@@ -40,6 +46,8 @@ class ViewFolder:
         Number of other files in the folder.
     missing : tuple of str
         Numbers of the missing views, as the names count them.
+    positions : ndarray of float64, shape (v, 1, 2), or None
+        Places of views that stand on no grid, see `LightField`.
     """
 
     path: Path
@@ -47,10 +55,13 @@ class ViewFolder:
     found: FoundOrder
     left_out: int
     missing: tuple[str, ...] = ()
+    positions: np.ndarray | None = None
 
     @property
-    def counted(self) -> tuple[int, int]:
-        """Number of rows and columns as the file names count them: the value of ``grid``."""
+    def counted(self) -> tuple[int, int] | None:
+        """Number of rows and columns as the names count them, the value of ``grid``, if they do."""
+        if self.positions is not None:
+            return None
         rows, columns = self.files.shape
         return (columns, rows) if "col," in self.found.order else (rows, columns)
 
@@ -122,7 +133,8 @@ class ViewFolder:
             for _ in zip(progress(paths), done, strict=True):
                 pass
         weights = None if there.all() else there.reshape(self.files.shape)
-        return LightField(views.reshape(*self.files.shape, *first.shape), weights=weights)
+        views = views.reshape(*self.files.shape, *first.shape)
+        return LightField(views, weights=weights, positions=self.positions)
 
 
 def scan_view_folder(
@@ -135,7 +147,8 @@ def scan_view_folder(
     ``out_RR_CC_y_x.png`` (the first two numbers that make a full grid), positions such as
     ``pos_-40_12.5.png``, or HCI's ``input_Cam000.png`` and so on. A running number counts a square
     row by row, if the parallax shows one, or the rows of `grid`. Numbers may start anywhere. Other
-    files are left out; a second set of images half as large or larger is refused.
+    files are left out; a second set of images half as large or larger is refused. Places with
+    decimals that fill no grid of equal steps are kept as positions (`LightField.positions`).
 
     Parameters
     ----------
@@ -180,9 +193,13 @@ def scan_view_folder(
     """
     path = Path(path)
     shape = as_grid(grid)
+    left_out = 0
     if path.suffix.lower() == LIST and not path.is_dir():
-        numbered, missing = read_list(path)
-        left_out = 0
+        listed = read_list(path)
+        files, pairs = list(listed.values()), list(listed)
+        if shape is None and off_grid(pairs):
+            return _placed_folder(path, files, pairs, order, left_out)
+        numbered, missing = grid_of(files, pairs, path)
         if shape not in (None, numbered.shape):
             raise InputError(
                 f"{path} lists {numbered.shape[0]} x {numbered.shape[1]} views, not the "
@@ -190,6 +207,9 @@ def scan_view_folder(
             )
     else:
         files, left_out = find_files(path)
+        placed = pairs_off_grid(files) if shape is None else None
+        if placed is not None:
+            return _placed_folder(path, files, placed, order, left_out)
         numbered, missing = number_grid(files, shape)
     _check_memory([file for file in numbered.flat if file], path, numbered.size)
     if numbered.ndim == 1:
@@ -199,6 +219,17 @@ def scan_view_folder(
     else:
         found = FoundOrder(check_order(order), "as stated")
     return ViewFolder(path, arranged(numbered, found.order), found, left_out, missing)
+
+
+def _placed_folder(
+    path: Path, files: list[File], pairs: list[Pair], order: str | None, left_out: int
+) -> ViewFolder:
+    """Arrange views at positions of their own as rows of one column."""
+    _check_memory(files, path, len(files))
+    positions, found = place_views(pairs, order)
+    column = np.empty((len(files), 1), object)
+    column[:, 0] = files
+    return ViewFolder(path, column, found, left_out, positions=positions)
 
 
 def _check_memory(files: list[File], folder: Path, places: int) -> None:

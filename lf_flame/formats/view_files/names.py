@@ -94,9 +94,9 @@ def number_grid(
         If the numbers make no grid, or not the stated one; or if none is stated, and more than
         `MOST_MISSING` of the views are missing, or one with a running number is.
     """
-    readings = [_numbers(split_numbers([path.stem for path in files])), _digits(files)]
+    readings = [numbers_of(split_numbers([path.stem for path in files])), digits_of(files)]
     readings = readings[readings[0] == readings[1] :]  # one if there is no sign or decimal
-    pairs = [pair for numbers in readings if (pair := _pair(numbers, shape))]
+    pairs = [pair for numbers in readings if (pair := fullest_pair(numbers, shape))]
     if pairs:
         rows_columns, _ = min(pairs, key=lambda pair: pair[1])
         grid, missing = grid_of(files, rows_columns, files[0])
@@ -130,21 +130,21 @@ Columns = list[tuple[Count, ...]]
 """Numbers in the name of each file."""
 
 
-def _numbers(parts: list[Parts]) -> Columns:
+def numbers_of(parts: list[Parts]) -> Columns:
     """Numbers that all names have, with signs and decimals."""
     shared = min(len(part) // 2 for part in parts)
     values = [[x for x in part if isinstance(x, Decimal)] for part in parts]
     return [tuple(Count(x, f"{x}") for x in one[:shared]) for one in values]
 
 
-def _digits(files: list[File]) -> Columns:
+def digits_of(files: list[File]) -> Columns:
     """Find the runs of digits that all names have."""
     words = [re.findall(r"[0-9]+", path.stem) for path in files]
     shared = min(map(len, words))
     return [tuple(Count(Decimal(word), word) for word in one[:shared]) for one in words]
 
 
-def _pair(
+def fullest_pair(
     numbers: Columns, shape: tuple[int, int] | None
 ) -> tuple[list[tuple[Count, Count]], int] | None:
     """First pair of neighbouring numbers that makes the fullest grid, and the size of the grid."""
@@ -181,7 +181,7 @@ def grid_of(
     InputError
         If the grid would have more than `LARGEST_GRID` places, of which most are missing.
     """
-    rows, columns = (_evenly(axis) for axis in zip(*numbers, strict=True))
+    rows, columns = (evenly(axis) for axis in zip(*numbers, strict=True))
     if len(rows) * len(columns) > max(2 * len(files), LARGEST_GRID):
         raise InputError(
             f"{source}: {len(files)} views cannot fill a grid of {len(rows)} x {len(columns)}."
@@ -197,7 +197,7 @@ def _in_a_row(
     files: list[File], column: tuple[Count, ...], shape: tuple[int, int] | None
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Place files by a running number; gaps are kept only where they fill the stated grid."""
-    placed, run = dict(zip(column, files, strict=True)), _evenly(column)
+    placed, run = dict(zip(column, files, strict=True)), evenly(column)
     gaps = [count.text for count in run if count not in placed]
     if shape is None and isqrt(len(files)) ** 2 != len(files):
         _refuse_missing(gaps, files, None)
@@ -206,7 +206,7 @@ def _in_a_row(
     return _as_array([placed.get(count) for count in run]), tuple(gaps)
 
 
-def _evenly(numbers: tuple[Count, ...]) -> list[Count]:
+def evenly(numbers: tuple[Count, ...]) -> list[Count]:
     """Numbers from the lowest to the highest, in steps of their greatest common divisor."""
     found = sorted(set(numbers))
     finest = min(int(count.value.as_tuple().exponent) for count in found)

@@ -5,13 +5,11 @@ import re
 from decimal import Decimal
 from pathlib import Path
 
-import numpy as np
-
 from lf_flame._common.input_files import File, read_text
 from lf_flame._common.zip_files import list_zip, read_zip
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
-from lf_flame.formats.view_files.names import Count, grid_of, largest_set
+from lf_flame.formats.view_files.names import Count, largest_set
 
 ARCHIVE, LIST = ".zip", ".csv"
 """File endings of an archive of views, and of a list of views."""
@@ -62,14 +60,14 @@ def first_image(path: Path) -> File | None:
         names = [name for name in list_zip(path) if "__MACOSX" not in name.parts]
         first = min(filter(_is_image, names), default=None)
         return None if first is None else read_zip(path, [first])[0]
-    return min((file for file in read_list(path)[0].flat if file is not None), default=None)
+    return min(read_list(path).values(), key=lambda file: file.name)
 
 
 def _is_image(path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
-def read_list(path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
+def read_list(path: Path) -> dict[tuple[Count, Count], File]:
     """Read a list of views: in each line the name of a file, its row and its column.
 
     Names are looked up among the images of the list's own folder; no path is made of them. A first
@@ -77,10 +75,8 @@ def read_list(path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
 
     Returns
     -------
-    files : ndarray of Path, shape (rows, columns)
-        None where the list has no view.
-    missing : tuple of str
-        Rows and columns without a view.
+    dict of (Count, Count) to Path
+        Views by their row and column.
 
     Raises
     ------
@@ -93,7 +89,7 @@ def read_list(path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
     except csv.Error as error:
         raise InputError(f"{path} cannot be read as a list of views: {error}.") from None
     there = {file.name: file for file in path.parent.iterdir() if _is_image(file)}
-    placed: dict[tuple[Count, Count], Path] = {}
+    placed: dict[tuple[Count, Count], File] = {}
     for number, line in enumerate(lines, 1):
         words = [word.strip() for word in line]
         heading = number == 1 and len(words) == 3 and not any(map(POSITION.fullmatch, words[1:]))
@@ -118,4 +114,4 @@ def read_list(path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
         placed[row, column] = there[name]
     if len(placed) < 2:
         raise InputError(f"{path} must list at least two views, got {len(placed)}.")
-    return grid_of(list(placed.values()), list(placed), path)
+    return placed

@@ -1,1 +1,1 @@
-"""Decisions on which effects of a scene are simulated, and how finely, before a pixel is made."""
+"""Effect planning: which optical effects of a scene are simulated, and how finely."""

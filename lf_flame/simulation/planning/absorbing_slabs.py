@@ -1,4 +1,7 @@
-"""How far the slabs of a thick layer that absorbs can be off; "How many slabs" derives it."""
+"""Bound on the error of dividing a thick, absorbing layer into slabs.
+
+It is derived on the page "How many slabs" of the documentation, section "Slabs that absorb".
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,36 +16,38 @@ from lf_flame.simulation.planning.scene_bounds import SceneBounds, box_mm
 from lf_flame.simulation.slabs import slab_edges
 
 PLACES = 32
-"""Distances from a face at which a layer's light is bounded."""
+"""Number of distances from a face by which slabs are grouped."""
 
 NEAREST = 1e-2
-"""The smallest of them that is not 0, in mean free paths."""
+"""Smallest of these distances above 0, in mean free paths."""
 
 BOX_EDGES = 2
-"""Edges of a box along one axis."""
+"""Number of edges of a box along one axis."""
 
 KINK = 8
-"""Of a slope that jumps by J inside a part of width h, midpoints err by at most J h^2 / KINK."""
+"""Divisor in the midpoint rule's error: at most J h^2 / KINK for a slope that jumps by J within a
+part of width h."""
 
 CURVATURE = 24
-"""Of a second derivative g, midpoints of parts of width h err by g h^2 / CURVATURE."""
+"""Divisor in the midpoint rule's error: g h^2 / CURVATURE for parts of width h and a second
+derivative g."""
 
 
 @dataclass(frozen=True, eq=False)
 class MatterSteps:
-    """What a ray sees change where it passes from some cells to others.
+    """Changes of the light along a ray where it passes from one cell to the next.
 
-    Per share of the layer's thickness and, as an upper bound, before any matter dims it.
+    Changes are upper bounds, per fraction of the layer's thickness and before attenuation.
 
     Attributes
     ----------
     shown, passed : ndarray of float64, shape (rows, columns)
-        Of what the changed cells show of themselves, through the matter in front of them; and of
-        what comes through all matter on the ray.
+        Change of the light that the cells emit, which reaches the camera through the matter in
+        front of them; and of the light that passes through all matter on the ray.
     least, most : ndarray of float64, shape (rows, columns)
-        Of the optical thicknesses on either side, at least: the lesser and the greater.
+        Lower bounds on the optical thicknesses on the two sides: the smaller and the larger one.
     thickest : ndarray of float64, shape (rows, columns)
-        Greatest optical thickness of the cells themselves.
+        Largest optical thickness of the cells themselves.
     """
 
     shown: np.ndarray
@@ -52,14 +57,14 @@ class MatterSteps:
     thickest: np.ndarray
 
     def at_edges(self, edges: np.ndarray) -> np.ndarray:
-        """Largest change, times its width squared, that any slab makes."""
+        """Largest product of change and squared width over all slabs."""
         return sum(
             part * np.exp(-extra) * np.max([w**2 * np.exp(-rate * d) for d, w, _ in slabs], axis=0)
             for part, rate, extra, slabs in self._parts(edges)
         )
 
     def inside(self, edges: np.ndarray) -> np.ndarray:
-        """Sum over all slabs of change times width squared, where light fades within a slab."""
+        """Sum over all slabs of change times squared width, for attenuation within a slab."""
         return sum(
             part
             * np.exp(-extra)
@@ -78,14 +83,15 @@ class MatterSteps:
 
 
 class Radiances(NamedTuple):
-    """Radiances that decide what misplaced matter changes, near each cell.
+    """Bounds on the radiance that arrives at matter near each cell, from behind.
 
     Attributes
     ----------
     low, high : ndarray of float64, shape (rows, columns)
-        Least and greatest that the matter tends to in depth.
+        Smallest and largest radiance of the matter itself if it is optically thick (its source
+        function, emission over absorption).
     through : ndarray of float64, shape (rows, columns)
-        Greatest of that, and of what shines on it from behind.
+        Largest radiance, including light from behind the layer.
     """
 
     low: np.ndarray
@@ -93,7 +99,7 @@ class Radiances(NamedTuple):
     through: np.ndarray
 
     def between(self, axis: int) -> "Radiances":
-        """Join each cell and its next along an axis, which is put first."""
+        """Bounds for each pair of neighbouring cells along an axis, which comes first."""
         (low, low_1), (high, high_1), (through, through_1) = (_pairs(x, axis) for x in self)
         return Radiances(
             np.minimum(low, low_1), np.maximum(high, high_1), np.maximum(through, through_1)
@@ -101,18 +107,19 @@ class Radiances(NamedTuple):
 
 
 class AbsorbingSlabs:
-    """Bound on the change of a pixel when a thick layer that absorbs is cut into slabs.
+    """Bound on the error of a pixel if a thick, absorbing layer is divided into slabs.
 
     Parameters
     ----------
     bounds : SceneBounds
+        Bounds of the scene in front of its camera.
     layer : Layer
-        With a thickness and an optical thickness.
+        Layer with a thickness and an optical thickness.
     """
 
     def __init__(self, bounds: SceneBounds, layer: Layer):
         self._layer = layer
-        # One cell of nothing around the layer.
+        # The layer is surrounded by one empty cell.
         emission, tau = np.pad(layer.texture, 1), np.pad(layer.optical_thickness, 1)
         travels = [_travel_mm(bounds, layer, axis) for axis in (0, 1)]
         cells = [bounds.steps[layer, axis].cell_mm for axis in (0, 1)]
@@ -139,7 +146,7 @@ class AbsorbingSlabs:
         self._whole = _matter_steps(emission, tau, least, most, radiances, tau)
 
     def change(self, slabs: int) -> float:
-        """Bound on the change of any pixel with so many slabs in place of the whole."""
+        """Bound on the error of any pixel with this number of slabs."""
         edges, error = slab_edges(self._layer, slabs), 0.0
         for steps, move, window in zip(self._steps, self._moves, self._windows, strict=True):
             changed = BOX_EDGES * steps.at_edges(edges) + steps.inside(edges)
@@ -149,20 +156,30 @@ class AbsorbingSlabs:
 
 
 def _travel_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
-    """Farthest that a ray moves over a layer from its front to its back."""
+    """Largest displacement of a ray across a layer between its front and its back, in mm."""
     here = bounds.footprints[layer, axis]
     faces = (layer.depth_mm + side * layer.thickness_mm / 2 for side in (-1, 1))
     return sum(farthest_move_mm(bounds.camera, here, axis, face) for face in faces)
 
 
 def _arriving(emission: np.ndarray, tau: np.ndarray, near: list[int], behind: float) -> Radiances:
-    """Find what rays that meet a cell can bring from behind it; near: cells to each side."""
+    """Bound the radiance that arrives at each cell from behind.
+
+    Parameters
+    ----------
+    emission, tau : ndarray, shape (rows, columns)
+        Emission and optical thickness of the cells.
+    near : list of int
+        Number of cells to each side that a ray through a cell can meet, along each axis.
+    behind : float
+        Radiance from behind the layer.
+    """
     size = [2 * cells + 1 for cells in near]
     absorbs, clear_glow = tau > 0, (emission > 0) & (tau == 0)
     source = np.divide(emission, tau, out=np.zeros_like(tau), where=absorbs)
     low = minimum_filter(np.where(absorbs, source, np.inf), size, mode="nearest")
     high = maximum_filter(source, size, mode="nearest")
-    # What glows and does not absorb has no bound in depth but that of all its light.
+    # Cells that emit and do not absorb have no source function; all of their light is the bound.
     unbound = maximum_filter(clear_glow, size, mode="nearest")
     low, high = np.where(unbound | ~np.isfinite(low), 0.0, low), np.maximum(high, 0.0)
     most = np.where(unbound, behind + emission.max(), high)
@@ -182,7 +199,7 @@ def _matter_steps(
 def _by_distance(
     distances: np.ndarray, widths: np.ndarray, tau: float
 ) -> list[tuple[float, float, float]]:
-    """Slabs in groups of about one distance: its least, greatest width, sum of squared widths."""
+    """Group slabs by distance: smallest distance, largest width, and sum of squared widths."""
     places = np.append(0, np.geomspace(NEAREST / max(tau, 1), 1, PLACES - 1))
     group, found = np.searchsorted(places, distances, side="right") - 1, []
     for inside in (group == number for number in np.unique(group)):
@@ -192,24 +209,27 @@ def _by_distance(
 
 
 def _pairs(cells: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Put an axis first; all lines but the last, and all but the first."""
+    """Each line and the next one along an axis, which comes first."""
     lines = np.moveaxis(cells, axis, 0)
     return lines[:-1], lines[1:]
 
 
 def _least(tau: np.ndarray, axis: int, side: int, cells: int) -> np.ndarray:
-    """Least mean optical thickness of a cell and those behind it that a ray can meet there."""
+    """Smallest mean optical thickness over a cell and the next ones on one side of it.
+
+    It is the smallest over all numbers of cells, up to `cells`, that a ray can pass there.
+    """
     lines = np.moveaxis(tau, axis, 0)[::-side]
     sums = np.cumsum(np.pad(lines, [(1, 0), (0, 0)]), axis=0)
     least = lines.copy()
     for count in range(2, min(cells, len(lines)) + 1):
-        before = np.maximum(np.arange(len(lines)) + 1 - count, 0)  # outside there is nothing
+        before = np.maximum(np.arange(len(lines)) + 1 - count, 0)  # outside, the thickness is 0
         np.minimum(least, (sums[1:] - sums[before]) / count, out=least)
     return np.moveaxis(least[::-side], 0, axis)
 
 
 def _largest_sum(steps: np.ndarray, window: int) -> float:
-    """Largest sum of so many steps, one behind the other along the first axis."""
+    """Largest sum of `window` consecutive steps along the first axis."""
     sums = np.cumsum(np.pad(steps, [(1, 0), (0, 0)]), axis=0)
     window = min(window, len(steps))
     return float((sums[window:] - sums[:-window]).max())

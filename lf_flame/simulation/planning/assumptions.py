@@ -1,8 +1,8 @@
-"""What a camera leaves unstated, and what the effects that follow from it would be if it were not.
+"""Effects whose causes a camera does not state, and their size at typical values.
 
-A camera without a wavelength has no diffraction, one without a sensor no noise: such an effect is
-left out because nobody said what causes it, not because it is small. A plan says so, and
-`typical_bounds` says how large the effect would be at a value that is usual.
+Without a wavelength, no diffraction is simulated; without a sensor, no noise. Such an effect is
+left out because its cause is unknown, not because it is small. A plan says so, and `typical_bounds`
+estimates the size of the effect at a typical value.
 """
 
 import re
@@ -18,23 +18,24 @@ from lf_flame.simulation.planning.effects import EFFECTS
 from lf_flame.simulation.planning.scene_bounds import bound_scene
 
 TYPICAL_SENSOR = Sensor(exposure_e=8_000.0, full_well_e=10_000.0, bits=12, read_noise_e=2.0)
-"""An industrial camera's: the full well and noise of EMVA 1288 data sheets of small pixels, exposed
-to four fifths of the full well."""
+"""Sensor of an industrial camera: full well and noise as in EMVA 1288 data sheets of small pixels,
+with an exposure of four fifths of the full well."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """The field of a camera from which an effect follows.
+    """Cause of an effect: a field of a camera.
 
     Attributes
     ----------
     field : str
+        Name of the field.
     unstated : object
-        Value that stands for "not stated": the field's default.
+        Value of the field that means "not stated": its default.
     typical : callable, optional
-        Takes the camera, gives a usual value; None where there is none.
+        Function of the camera that returns a typical value; None if there is none.
     words : str
-        That value, for people.
+        Description of the typical value.
     """
 
     field: str
@@ -57,28 +58,30 @@ CAUSES = {
     "vignetting": Cause("rim_diameter_mm", None, None, ""),
     "lenslet_diffraction": _WAVELENGTH,
     "main_lens_diffraction": _WAVELENGTH,
-    # Two Lytro cameras' own calibration files: 0.54 and 0.86 mrad, 0.034 and 0.037 %.
+    # Calibration files of two Lytro cameras state 0.54 and 0.86 mrad, 0.034 and 0.037 %.
     "lenslet_rotation": Cause("lenslet_rotation_rad", 0.0, lambda camera: 7e-4, "0.7 mrad"),
     "lenslet_pitch_error": Cause("lenslet_pitch_error", 0.0, lambda camera: 3.5e-4, "0.035 %"),
-    # The secondary spectrum of an achromat: W. J. Smith, Modern Optical Engineering.
+    # Secondary spectrum of an achromat: W. J. Smith, Modern Optical Engineering.
     "chromatic": Cause("chromatic_shift", 0.0, lambda camera: 1 / 2400, "an achromat"),
     "shot_noise": _SENSOR,
     "read_noise": _SENSOR,
     "quantisation": _SENSOR,
     "saturation": _SENSOR,
 }
-"""Effects that follow from what a camera may leave unstated; the others follow from the scene."""
+"""Causes of the effects that follow from a camera's optional fields; other effects follow from the
+scene."""
 
 
 def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()) -> bool:
-    """Tell whether a camera says what an effect follows from.
+    """Whether a camera states the cause of an effect.
 
     Parameters
     ----------
     camera : PlenopticCamera
     effect : str
+        Name of the effect.
     stated : collection of str, optional
-        Fields that count as stated although they hold the default, as a file may say so.
+        Fields that count as stated although they have the default value, because a file names them.
     """
     cause = CAUSES.get(effect)
     if cause is None or getattr(camera, cause.field) != cause.unstated:
@@ -89,7 +92,7 @@ def is_stated(camera: PlenopticCamera, effect: str, stated: Collection[str] = ()
 def typical_bounds(
     scene: Scene, camera: PlenopticCamera, stated: Collection[str] = ()
 ) -> dict[str, float]:
-    """Bound the effects whose causes a camera does not state, each at its typical value alone.
+    """Bound each effect whose cause a camera does not state, at a typical value of that cause.
 
     Parameters
     ----------
@@ -101,7 +104,8 @@ def typical_bounds(
     Returns
     -------
     dict of str to float
-        Bound on the relative change of the image, as in a plan; effects with a typical value only.
+        Bound on the relative change of the image, as in a plan, by effect. Effects without a
+        typical value are missing.
     """
     found, known = {}, {}
     for name, cause in CAUSES.items():
@@ -118,23 +122,33 @@ def typical_bounds(
 def assume(
     camera: PlenopticCamera, words: Iterable[str], stated: Collection[str] = ()
 ) -> PlenopticCamera:
-    """State of a camera what its data sheet leaves open.
+    """Set properties of a camera that its data sheet does not state.
 
     Parameters
     ----------
     camera : PlenopticCamera
+        Camera to start from.
     words : iterable of str
-        ``550nm``: the wavelength; ``round``: a round stop, matched to the lenslets; ``f/4``: a
-        round stop of this f-number of the main lens; ``12bit``: a sensor of so many bits, else
-        typical; ``falloff``: no white image takes cos^4 out; ``typical``: each field that is not
-        stated and has a typical value takes it.
+        Assumptions, applied in order:
+
+        - ``550nm``: wavelength, which turns on diffraction;
+        - ``round``: round aperture, matched to the lenslets;
+        - ``f/4``: round aperture with this f-number of the main lens;
+        - ``12bit``: sensor with this number of bits, otherwise typical;
+        - ``falloff``: images are not divided by a white image, so that cos^4 remains;
+        - ``typical``: typical value for each field that is not stated and has one.
     stated : collection of str, optional
-        As in `is_stated`.
+        Fields that ``typical`` does not change although they have the default value.
+
+    Returns
+    -------
+    PlenopticCamera
+        Camera with these properties.
 
     Raises
     ------
     InputError
-        If a word is none of these, or a value is out of range.
+        If a word is not one of these, or a value is out of range.
 
     Examples
     --------

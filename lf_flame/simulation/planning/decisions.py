@@ -1,13 +1,14 @@
-"""The decisions of an effect plan: what is kept, in how many parts, by which integrator.
+"""Decisions of an effect plan: which effects are simulated, in how many parts, and by what method.
 
-An effect is left out only if all that is left out together changes the image by less than a quarter
-of the tolerance; the rest is for the slabs of thick flames, the colours of a chromatic lens and the
+All effects that are left out may change the image, together, by at most a quarter of the tolerance.
+The rest of the tolerance is for the slabs of thick layers, the colours of a chromatic lens and the
 finite number of rays. A tighter tolerance therefore never drops an effect.
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from lf_flame.simulation.planning.scene_bounds import SceneBounds, bound_scene
 from lf_flame.simulation.planning.time_estimates import compare_integrators, estimate_seconds
 
 LEFT_OUT_SHARE = 0.25
-"""Share of the tolerance that all effects left out may use up together."""
+"""Fraction of the tolerance that all effects that are left out may use together."""
 
 
 def plan_effects(
@@ -34,30 +35,37 @@ def plan_effects(
     *,
     stated: Collection[str] = (),
 ) -> EffectPlan:
-    """Decide which effects a scene calls for, before anything is rendered.
+    """Decide which optical effects to simulate for a scene, before anything is rendered.
+
+    For each effect, an upper bound is computed on how much the image would change if the effect
+    were left out. Effects with small bounds are left out; the others are kept.
 
     Parameters
     ----------
     scene : Scene
+        Scene to render.
     camera : PlenopticCamera
+        Camera that records it.
     tolerance : float, optional
-        Change of the image that may be accepted, relative to its brightest pixel.
+        Largest acceptable error of the image, relative to its brightest pixel.
     effects : mapping of str to bool, optional
-        Effects to force on (True) or off (False), whatever their bound.
+        Effects to simulate (True) or to leave out (False) regardless of their bounds.
     typical : bool, optional
-        Tell how large effects would be whose causes the camera does not state, at usual values.
+        Whether to estimate also the effects whose causes the camera does not state, such as noise
+        without a sensor, at typical values; see `EffectPlan.typical`.
     stated : collection of str, optional
-        Fields of the camera that count as stated although they hold the default.
+        Fields of the camera that count as stated although they have the default value.
 
     Returns
     -------
     EffectPlan
+        Effects that are kept and left out, with bounds and reasons; `print` shows it as a table.
 
     Raises
     ------
     InputError
         If the tolerance is not above 0, an effect is unknown, or the tolerance would need more
-        slabs or colours than are sensible.
+        than 1,024 slabs or colours.
 
     Examples
     --------
@@ -69,56 +77,141 @@ def plan_effects(
     """
     forced = dict(effects or {})
     check_request(tolerance, forced)
-    bounds = bound_scene(scene, camera)
-    allowance = LEFT_OUT_SHARE * tolerance
-    estimates, sharp = _estimate_changes(bounds, forced, allowance)
-    # Without defocus all else may change more, which leaving it out then costs too.
-    changes = {name: estimate.bound for name, estimate in estimates.items()}
-    changes["defocus"] += sum(
-        max(0.0, sharp[name].bound - estimate.bound) for name, estimate in estimates.items()
-    )
-    kept = _choose(changes, forced, allowance)
-    if "defocus" not in kept:
-        bounds, estimates = replace(bounds, defocus=False), sharp
-    changes = {name: estimate.bound for name, estimate in estimates.items()}
+    chosen = _choose_effects(bound_scene(scene, camera), forced, LEFT_OUT_SHARE * tolerance)
+    bounds, estimates, kept = chosen
     slabs = [1] * len(scene.layers)
     if "thickness" in kept:
         slabs = count_slabs(bounds, scene, tolerance, "self_absorption" in kept)
     colours = count_colours(bounds, tolerance) if "chromatic" in kept else 1
-    traced = _traced(kept, changes, bounds)
-
-    def compare(names: Collection[str]) -> tuple[dict[str, float], str]:
-        costs = compare_integrators(scene, camera, tolerance, kept, slabs, names)
-        cheaper = any(name in MATTER for name in names) and costs["rays"] < costs["exact"]
-        rays = any(name in RAYS for name in names) or cheaper
-        return costs, "rays" if rays else "exact"
-
-    costs, integrator = compare(traced)
-    others = {}
-    for name in traced:
-        without, instead = compare([one for one in traced if one != name])
-        others[name] = without[instead]
-    added = estimate_seconds(bounds, kept, slabs, colours, costs, others, integrator)
+    traced = _traced(chosen)
+    times = _estimate_times(scene, chosen, tolerance, slabs, colours, traced)
     planned = tuple(
         PlannedEffect(
-            name, e.bound, name in kept, name in forced, e.criterion, added[name],
-            stated=is_stated(camera, name, stated) or e.bound > 0,
+            name,
+            estimate.bound,
+            name in kept,
+            name in forced,
+            estimate.criterion,
+            times.added[name],
+            stated=is_stated(camera, name, stated) or estimate.bound > 0,
         )
-        for name, e in estimates.items()
-    )  # fmt: skip
-    after = set(kept) - {*MATTER, *RAYS, "thickness", "chromatic"}
-    rest = costs["blank"] + sum(added[name] for name in after)
-    seconds = {name: costs[name] * colours + rest for name in ("exact", "rays")}
-    usual = typical_bounds(scene, camera, stated) if typical else {}
-    return EffectPlan(
-        tolerance, planned, tuple(slabs), colours, traced, integrator, usual, seconds=seconds
+        for name, estimate in estimates.items()
     )
+    return EffectPlan(
+        tolerance,
+        planned,
+        tuple(slabs),
+        colours,
+        traced,
+        times.integrator,
+        typical_bounds(scene, camera, stated) if typical else {},
+        seconds=times.seconds,
+    )
+
+
+class _Chosen(NamedTuple):
+    """Effects that are simulated, and the bounds from which they were chosen.
+
+    Attributes
+    ----------
+    bounds : SceneBounds
+        Bounds of the scene; without the blur of defocus if that is left out.
+    estimates : dict of str to Estimate
+        Estimate of each effect with these bounds.
+    kept : set of str
+        Names of the effects that are simulated.
+    """
+
+    bounds: SceneBounds
+    estimates: dict[str, Estimate]
+    kept: set[str]
+
+    @property
+    def changes(self) -> dict[str, float]:
+        """Bound of each effect."""
+        return _changes(self.estimates)
+
+
+class _Times(NamedTuple):
+    """Estimated times in seconds on one core.
+
+    Attributes
+    ----------
+    integrator : str
+        Name of the integrator that renders the scene.
+    added : dict of str to float
+        Time that each effect adds, or would add.
+    seconds : dict of str to float
+        Time of the whole image by each integrator.
+    """
+
+    integrator: str
+    added: dict[str, float]
+    seconds: dict[str, float]
+
+
+def _choose_effects(bounds: SceneBounds, forced: dict[str, bool], allowance: float) -> _Chosen:
+    """Choose the effects to simulate: those forced on, and those that the allowance calls for."""
+    estimates, sharp = _estimate_changes(bounds, forced, allowance)
+    changes = _changes(estimates)
+    # Without the blur of defocus the bounds of other effects are larger. Leaving defocus out costs
+    # this difference too.
+    changes["defocus"] += sum(
+        max(0.0, sharp[name].bound - estimate.bound) for name, estimate in estimates.items()
+    )
+    kept = _choose(changes, forced, allowance)
+    if "defocus" in kept:
+        return _Chosen(bounds, estimates, kept)
+    return _Chosen(replace(bounds, defocus=False), sharp, kept)
+
+
+def _changes(estimates: Mapping[str, Estimate]) -> dict[str, float]:
+    return {name: estimate.bound for name, estimate in estimates.items()}
+
+
+def _estimate_times(
+    scene: Scene,
+    chosen: _Chosen,
+    tolerance: float,
+    slabs: Sequence[int],
+    colours: int,
+    traced: tuple[str, ...],
+) -> _Times:
+    """Estimate the time of each integrator, choose one, and estimate what each effect adds."""
+    bounds, _, kept = chosen
+
+    def costs_of(names: Collection[str]) -> dict[str, float]:
+        return compare_integrators(scene, bounds.camera, tolerance, kept, slabs, names)
+
+    costs = costs_of(traced)
+    integrator = _faster(costs, traced)
+    without = {}
+    for name in traced:
+        others = [one for one in traced if one != name]
+        fewer = costs_of(others)
+        without[name] = fewer[_faster(fewer, others)]
+    added = estimate_seconds(bounds, slabs, colours, costs[integrator], without)
+    after = kept - {*MATTER, *RAYS, "thickness", "chromatic"}
+    rest = costs["blank"] + sum(time for name, time in added.items() if name in after)
+    seconds = {name: costs[name] * colours + rest for name in ("exact", "rays")}
+    return _Times(integrator, added, seconds)
+
+
+def _faster(costs: Mapping[str, float], traced: Collection[str]) -> str:
+    """Name of the faster integrator that can render the effects in `traced`."""
+    if any(name in RAYS for name in traced):
+        return "rays"
+    has_matter = any(name in MATTER for name in traced)
+    return "rays" if has_matter and costs["rays"] < costs["exact"] else "exact"
 
 
 def _estimate_changes(
     bounds: SceneBounds, forced: Mapping[str, bool], allowance: float
 ) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Estimate what leaving out each effect costs, with defocus and, if that may go, without."""
+    """Estimate how much leaving out each effect changes the image, with and without defocus.
+
+    If defocus is certain to be kept, the second result equals the first.
+    """
     estimates = {name: find(bounds) for name, find in EFFECTS.items()}
     if forced.get("defocus", estimates["defocus"].bound > allowance):
         return estimates, estimates
@@ -128,11 +221,13 @@ def _estimate_changes(
 
 
 def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
-    """Refuse a tolerance or effects that cannot be meant.
+    """Check a tolerance, and the names and values of forced effects.
 
     Raises
     ------
     InputError
+        If the tolerance is not a finite number above 0, an effect is unknown, or its value is not
+        True or False.
     """
     if not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
@@ -144,14 +239,20 @@ def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
 
 
 def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float) -> set[str]:
-    """Leave out effects, smallest bound first, while their sum stays within the allowance."""
+    """Leave out effects, smallest bound first, while the sum of their bounds is small enough.
+
+    Returns
+    -------
+    set of str
+        Names of the effects that are kept.
+    """
     kept = {name for name, on in forced.items() if on}
     used = 0.0
     for name in sorted((name for name in changes if name not in forced), key=changes.__getitem__):
         used += changes[name]
         if used > allowance:
             kept.add(name)
-    if "f_number_mismatch" in kept:  # both are one round stop
+    if "f_number_mismatch" in kept:  # one round stop causes both effects
         if forced.get("round_aperture", True):
             kept.add("round_aperture")
         elif "f_number_mismatch" not in forced:
@@ -164,12 +265,14 @@ def _choose(changes: dict[str, float], forced: dict[str, bool], allowance: float
     return kept
 
 
-def _traced(kept: set[str], changes: dict[str, float], bounds: SceneBounds) -> tuple[str, ...]:
-    """Kept effects that arise and that weigh or shift the rays of one bundle unevenly."""
+def _traced(chosen: _Chosen) -> tuple[str, ...]:
+    """Kept effects that occur, and that treat the rays of one pixel's bundle differently."""
+    changes = chosen.changes
+    # A flat layer that absorbs, with nothing behind it, only becomes darker.
     alone = all(
-        not layer.thickness_mm and not bounds.behind[layer]
-        for layer in bounds.layers
+        not layer.thickness_mm and not chosen.bounds.behind[layer]
+        for layer in chosen.bounds.layers
         if layer.optical_thickness.any()
     )
-    candidates = set(kept) - ({"self_absorption"} if alone else set())
+    candidates = chosen.kept - ({"self_absorption"} if alone else set())
     return tuple(name for name in (*MATTER, *RAYS) if name in candidates and changes[name] > 0)

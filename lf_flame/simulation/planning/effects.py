@@ -1,9 +1,9 @@
-"""The physical effects that a scene may call for, and how much each can change its image.
+"""Optical effects, and an upper bound on how much each can change the image of a scene.
 
-Every function of `EFFECTS` takes `SceneBounds` and returns an `Estimate`: an upper bound on the
-change of any pixel (for noise: of the root-mean-square over the image), relative to the brightest
-pixel, and the criterion in words and numbers. Bounds come from the scene and the camera alone,
-before anything is rendered. Sources of the criteria stand with the functions.
+Each function in `EFFECTS` takes `SceneBounds` and returns an `Estimate`: an upper bound on the
+change of any pixel if the effect is left out (for noise: on the root-mean-square change of the
+image), relative to the brightest pixel, and the reason with its numbers. Bounds are computed from
+scene and camera, before anything is rendered. The source of each formula is given in its function.
 """
 
 import math
@@ -34,20 +34,21 @@ from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import crosstalk, neighbours, share_cut
 
 MEASURED = ", measured on some pixels, doubled"
-"""Words where a change is no bound: see `lf_flame.simulation.planning.probes`."""
+"""Note on a change that was measured, not bounded: see `lf_flame.simulation.planning.probes`."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What leaving an effect out can cost.
+    """Change of the image if an effect is left out.
 
     Attributes
     ----------
     bound : float
-        Largest relative change of the image, derived, or measured on some of its pixels where the
-        criterion says so; 0 where the effect does not arise.
+        Largest change of the image relative to its brightest pixel: an upper bound, or twice the
+        largest change of some measured pixels if the criterion says so; 0 if the effect does not
+        occur.
     criterion : str
-        Why, with its numbers.
+        Reason, with its numbers.
     """
 
     bound: float
@@ -55,14 +56,15 @@ class Estimate:
 
 
 def _defocus(bounds: SceneBounds) -> Estimate:
-    """Blur by the patch of the main lens that a pixel sees: on the layer, a box of width b.
+    """Blur of a layer out of focus, because a pixel collects rays from a patch of the main lens.
 
-    A box moves rays by b/4 on average. (Circle of confusion for one view; Hahne et al., Opt.
-    Express 24, 21521, 2016, give it for plenoptic cameras.)
+    On the layer these rays fill a box of some width b, and lie b/4 from its centre on average.
+    (Circle of confusion of one view; Hahne et al., Opt. Express 24, 21521, 2016, give it for
+    plenoptic cameras.)
     """
     change, widest = 0.0, 0.0
     for layer, axis in product(bounds.layers, (0, 1)):
-        # Where a layer is thick or the lens chromatic, some of its light is more out of focus.
+        # If a layer is thick or the lens chromatic, a part of its light is farther out of focus.
         seen = [
             trace_footprint(bounds.camera, depth, axis, focal)
             for depth, focal in focus_spread(bounds.camera, layer)
@@ -76,7 +78,7 @@ def _defocus(bounds: SceneBounds) -> Estimate:
 
 
 def _occlusion(bounds: SceneBounds) -> Estimate:
-    """Hide what is behind opaque layers, where some pixel's bundle meets both."""
+    """Occlusion of light by opaque layers, if the rays of some pixel meet both."""
     opaque = [layer for layer in bounds.layers if layer.opaque]
     hidden = sum(bounds.behind[layer] for layer in opaque)
     if not opaque:
@@ -86,9 +88,11 @@ def _occlusion(bounds: SceneBounds) -> Estimate:
 
 
 def _self_absorption(bounds: SceneBounds) -> Estimate:
-    """1 - (1 - exp(-tau)) / tau of a layer's own light, 1 - exp(-tau) of that behind it.
+    """Absorption of a layer's own light and of light from behind, at optical thickness tau.
 
-    Beer's law; Modest, Radiative Heat Transfer. Soot: tau = 6 pi E(m) f_v L / lambda.
+    The layer absorbs the fraction ``1 - (1 - exp(-tau)) / tau`` of its own light and ``1 -
+    exp(-tau)`` of the light behind it (Beer's law; Modest, Radiative Heat Transfer). For soot,
+    ``tau = 6 pi E(m) f_v L / lambda``.
     """
     change, thickest = 0.0, 0.0
     for layer in bounds.layers:
@@ -101,7 +105,10 @@ def _self_absorption(bounds: SceneBounds) -> Estimate:
 
 
 def _thickness(bounds: SceneBounds) -> Estimate:
-    """Each slab of a thick layer moves on the image from where its middle plane would be."""
+    """Blur of a thick layer, because its slabs are in focus at different distances.
+
+    The change is that of replacing the layer by its middle plane.
+    """
     change, thickest, by_pixels = 0.0, 0.0, False
     for layer in bounds.layers:
         if layer.thickness_mm > 0:
@@ -121,22 +128,24 @@ def _thickness(bounds: SceneBounds) -> Estimate:
 
 
 def _cos4(bounds: SceneBounds) -> Estimate:
-    """1 - cos^4 at the corner of the field, from the far corner of the pixel's own patch."""
+    """Fall-off of light with the angle of the rays: 1 - cos^4 at the corner of the field."""
     if bounds.camera.falloff_corrected:
         return Estimate(0.0, "falloff_corrected: divided out by a white image")
     squared = squared_tangent(bounds.camera)
     cos4 = 1 / (1 + squared) ** 2
-    change = (1 - cos4) / cos4  # relative to the dimmed image too
+    change = (1 - cos4) / cos4  # valid relative to the darkened image too
     angle = math.degrees(math.atan(math.sqrt(squared)))
     words = f"rays tilted up to {angle:.2f} degrees"
     return Estimate(bounds.relative(change * bounds.brightest_raw), words)
 
 
 def squared_tangent(camera: PlenopticCamera) -> float:
-    """Largest squared tangent of a pixel's central ray behind the main lens, and of its patch.
+    """Largest mean squared tangent of the angle between a pixel's rays and the optical axis.
 
-    The ray crosses the main lens on the patches that the pixels of a lenslet see, or where a
-    wider aperture is, and the array where the outermost lenslet stands.
+    It is that of the outermost pixel of a lenslet at the corner of the array: the squared tangent
+    of its central ray between main lens and lenslet, plus the variance over the patch of the main
+    lens that the pixel sees. A displaced lenslet, or light from neighbouring lenslets, can come
+    from anywhere in a wide aperture.
     """
     seen, pitch_mm, farther = (camera.views - 1) * camera.view_step_mm, true_pitch_mm(camera), 0.0
     if max(misplaced_mm(camera)) > 0 or neighbours(camera):
@@ -152,21 +161,23 @@ def squared_tangent(camera: PlenopticCamera) -> float:
 
 
 def _round_aperture(bounds: SceneBounds) -> Estimate:
-    """Round off the aperture, at matched width: it darkens the corners of every micro-image."""
+    """Round aperture of matched width, which darkens the corners of each micro-image."""
     camera = bounds.camera
     if camera.aperture_diameter_mm is None:
         return Estimate(0.0, "no aperture_diameter_mm: square and matched")
     share = share_cut(camera, 0.0, camera.aperture_mm / 2)
-    if camera.lenslet_pitch_error < 0:  # it is too wide for such lenslets
+    if camera.lenslet_pitch_error < 0:  # the aperture is too wide for smaller lenslets
         share = min(1.0, share + crosstalk(camera))
     words = f"cuts up to {share:.3g} of a pixel's light"
     return Estimate(bounds.relative(share * bounds.radiance), words)
 
 
 def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
-    """Light neighbours' pixels if the aperture is too wide; if too narrow, leave some dark.
+    """Aperture that is wider or narrower than matched to the lenslets.
 
-    Ng et al., Stanford CSTR 2005-02: the f-numbers of main lens and lenslets have to match.
+    If it is wider, light also reaches pixels of neighbouring lenslets; if it is narrower, some
+    pixels stay dark (Ng et al., Stanford CSTR 2005-02: the f-numbers of main lens and lenslets
+    must match).
     """
     camera = bounds.camera
     if camera.aperture_diameter_mm is None:
@@ -181,7 +192,7 @@ def _f_number_mismatch(bounds: SceneBounds) -> Estimate:
 
 
 def _vignetting(bounds: SceneBounds) -> Estimate:
-    """Chief ray height plus marginal ray height against the radius of the rim."""
+    """Light that the rim of a lens element cuts off: rays higher than the radius of the rim."""
     camera = bounds.camera
     if camera.rim_diameter_mm is None:
         return Estimate(0.0, "no rim_diameter_mm")
@@ -191,9 +202,10 @@ def _vignetting(bounds: SceneBounds) -> Estimate:
 
 
 def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
-    """Share of a point's light that leaves its pixel: a square lenslet's sinc^2 at the sensor.
+    """Fraction of a pixel's light that diffraction by the lenslet spreads to other pixels.
 
-    Goodman, Introduction to Fourier Optics; Broxton et al., Opt. Express 21, 25418 (2013).
+    The diffraction pattern of a square lenslet on the sensor is sinc^2 along each axis (Goodman,
+    Introduction to Fourier Optics; Broxton et al., Opt. Express 21, 25418, 2013).
     """
     camera = bounds.camera
     if camera.wavelength_nm is None:
@@ -205,7 +217,7 @@ def _lenslet_diffraction(bounds: SceneBounds) -> Estimate:
 
 
 def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
-    """Share of a point's light that leaves its lenslet: the main lens's pattern at the array."""
+    """Fraction of a lenslet's light that diffraction by the main lens spreads to others."""
     camera = bounds.camera
     if camera.wavelength_nm is None:
         return Estimate(0.0, "no wavelength_nm: ray optics")
@@ -215,7 +227,7 @@ def _main_lens_diffraction(bounds: SceneBounds) -> Estimate:
 
 
 def _lenslet_rotation(bounds: SceneBounds) -> Estimate:
-    """Lenslets at the edge of a rotated array stand aside of where the sensor is read."""
+    """Rotation of the lenslet array, which displaces lenslets at its edge against the pixels."""
     camera = bounds.camera
     if not camera.lenslet_rotation_rad:
         return Estimate(0.0, "no lenslet_rotation_rad")
@@ -225,7 +237,7 @@ def _lenslet_rotation(bounds: SceneBounds) -> Estimate:
 
 
 def _lenslet_pitch_error(bounds: SceneBounds) -> Estimate:
-    """Lenslets at the edge of an array of another pitch stand aside of where the sensor is read."""
+    """Error of the lenslet pitch, which displaces lenslets at the edge against the pixels."""
     camera = bounds.camera
     if not camera.lenslet_pitch_error:
         return Estimate(0.0, "no lenslet_pitch_error")
@@ -235,7 +247,10 @@ def _lenslet_pitch_error(bounds: SceneBounds) -> Estimate:
 
 
 def _chromatic(bounds: SceneBounds) -> Estimate:
-    """Change the focal length over the band, by about its share of F-C over the Abbe number."""
+    """Chromatic shift: the focal length of the main lens changes over the band of light.
+
+    Between the F and C lines, it changes by about its value divided by the Abbe number.
+    """
     camera = bounds.camera
     if not camera.chromatic_shift:
         return Estimate(0.0, "no chromatic_shift")
@@ -250,14 +265,14 @@ def _chromatic(bounds: SceneBounds) -> Estimate:
 
 
 def _shot_noise(bounds: SceneBounds) -> Estimate:
-    """1 / sqrt(electrons): Poisson (EMVA 1288 linear model)."""
+    """Shot noise: 1 / sqrt(electrons) of the brightest pixel (Poisson; EMVA 1288)."""
     return _noise(
         bounds, lambda sensor: math.sqrt(bounds.brightest_raw * sensor.exposure_e), "shot"
     )
 
 
 def _read_noise(bounds: SceneBounds) -> Estimate:
-    """Read noise against the electrons of the brightest pixel (EMVA 1288 linear model)."""
+    """Read noise relative to the electrons of the brightest pixel (EMVA 1288)."""
     return _noise(bounds, lambda sensor: sensor.read_noise_e, "read")
 
 
@@ -267,7 +282,7 @@ def _noise(bounds: SceneBounds, electrons, kind: str) -> Estimate:
         return Estimate(0.0, "no sensor: ideal")
     camera = bounds.camera
     pixels = camera.views**2 * camera.lenslets[0] * camera.lenslets[1]
-    # The root-mean-square of n draws scatters by 1 / sqrt(2 n) of itself.
+    # The root mean square of n random draws has a relative standard deviation of 1 / sqrt(2 n).
     noise = electrons(sensor) * (1 + 5 / math.sqrt(2 * pixels))
     words = (
         f"{kind} noise {electrons(sensor):.3g} of {bounds.peak * sensor.exposure_e:.3g} electrons"
@@ -315,26 +330,26 @@ EFFECTS = {
     "quantisation": _quantisation,
     "saturation": _saturation,
 }
-"""All effects by name, in the order in which light meets them."""
+"""Functions that estimate the effects, by name, in the order in which light meets them."""
 
 MATTER = ("occlusion", "self_absorption")
-"""Effects by which planes hide or dim what is behind them."""
+"""Effects by which layers occlude or attenuate light from behind."""
 
 RAYS = ("round_aperture", "f_number_mismatch", "vignetting", "lenslet_rotation")
-"""Effects that weigh or shift the rays of one bundle unevenly, which only tracing them can do."""
+"""Effects that treat the rays of one pixel's bundle differently, and so need traced rays."""
 
 NOT_SEPARABLE = {
-    "occlusion": "hides what is behind",
-    "self_absorption": "dims what is behind",
-    "cos4": "dims pixels by their distance from the axis",
-    "round_aperture": "ends bundles in a circle",
-    "f_number_mismatch": "ends bundles in a circle",
-    "vignetting": "ends bundles in a circle",
+    "occlusion": "hides light from behind",
+    "self_absorption": "attenuates light from behind",
+    "cos4": "darkens pixels by their distance from the axis",
+    "round_aperture": "limits bundles of rays by a circle",
+    "f_number_mismatch": "limits bundles of rays by a circle",
+    "vignetting": "limits bundles of rays by a circle",
     "lenslet_diffraction": "spreads light from pixel to pixel",
-    "lenslet_rotation": "turns the lenslets against the scene",
-    "shot_noise": "is drawn for every pixel",
-    "read_noise": "is drawn for every pixel",
-    "quantisation": "rounds every pixel",
-    "saturation": "cuts every pixel",
+    "lenslet_rotation": "rotates the lenslets against the scene",
+    "shot_noise": "is drawn for each pixel",
+    "read_noise": "is drawn for each pixel",
+    "quantisation": "rounds each pixel",
+    "saturation": "clips each pixel",
 }
-"""Effects by which a light field is more than light that adds up along y and along x apart."""
+"""Effects for which a light field is not the product of sums along y and along x, with reasons."""

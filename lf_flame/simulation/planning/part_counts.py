@@ -1,6 +1,7 @@
-"""How many slabs of thick layers, and how many colours of a band, an image needs.
+"""Number of slabs for thick layers, and of colours for a band of light, that meet a tolerance.
 
-"How many slabs" in the documentation derives the bounds on what midpoints of parts leave out.
+A part, that is a slab or a colour, represents its range of depths or focal lengths by its middle.
+The bounds on the error of this are derived on the page "How many slabs" of the documentation.
 """
 
 import math
@@ -24,35 +25,38 @@ from lf_flame.simulation.planning.scene_bounds import SceneBounds, box_mm, chang
 from lf_flame.simulation.slabs import slab_edges
 
 SLICING_SHARE = 0.125
-"""Share of the tolerance for the slabs of thick layers, and the same for the colours."""
+"""Fraction of the tolerance for the slabs of thick layers, and again for the colours."""
 
 MOST_PARTS = 1024
-"""Slabs or colours beyond which a tolerance counts as out of reach."""
+"""Largest number of slabs or colours; a tolerance that needs more is refused."""
 
 POWERS = tuple(2**k for k in range(1, 12))
-"""Powers of 2 that are tried as numbers of parts."""
+"""Numbers of parts that are tried: powers of 2."""
 
 EIGHTHS_MEAN = 5 / 8
-"""Mean move to the far ends of a part's eighths, over the move to the part's end: `smeared`'s."""
+"""Mean displacement in `smeared`, relative to that at the end of a part: the mean of the outer ends
+of four eighths on each side, (1/4 + 2/4 + 3/4 + 1) / 4."""
 
 TRAVEL_PER_MEAN = 2 / EIGHTHS_MEAN
-"""Travel from end to end of a part, over the mean move that `smeared` finds."""
+"""Displacement from one end of a part to the other, relative to the mean in `smeared`."""
 
 BOUNDARIES_BESIDE = 2
-"""Boundaries of cells that an edge passes at most, beyond its travel over the width of a cell."""
+"""Largest number of boundaries of cells that an edge can pass beyond displacement over cell width:
+one for each end."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """Limits on the parts of a spread of depth or colour.
+    """Accuracy that a number of parts must reach.
 
     Attributes
     ----------
     effect : str
+        Name of the effect: "thickness" or "chromatic".
     allowance : float
-        Error that is acceptable, in the unit of the textures.
+        Largest acceptable error, in the unit of the textures.
     tolerance : float
-        Tolerance of the image from which it follows.
+        Tolerance of the image from which it follows, for messages.
     most : int, optional
         Largest number of parts.
     """
@@ -64,14 +68,26 @@ class Request:
 
 
 def count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float, absorption: bool) -> list[int]:
-    """Count planes for each layer, so that those of all together keep within their share.
+    """Find the number of planes for each layer with which the error of all stays small enough.
 
-    absorption: whether layers dim their own light.
+    Parameters
+    ----------
+    bounds : SceneBounds
+    scene : Scene
+    tolerance : float
+        Tolerance of the image; `SLICING_SHARE` of it is for the planes of all layers together.
+    absorption : bool
+        Whether layers absorb their own light.
+
+    Returns
+    -------
+    list of int
+        Number of planes for each layer of the scene, in its order; 1 for flat layers.
 
     Raises
     ------
     InputError
-        If the tolerance would need more parts than are sensible.
+        If more than `MOST_PARTS` planes would be needed (twice as many with absorption).
     """
     thick = sum(layer.thickness_mm > 0 for layer in scene.layers)
     allowance = SLICING_SHARE * tolerance * bounds.peak / max(thick, 1)
@@ -98,9 +114,11 @@ def count_slabs(bounds: SceneBounds, scene: Scene, tolerance: float, absorption:
 def _absorbing_change(
     bounds: SceneBounds, layer: Layer, even: Callable[[float], float]
 ) -> Callable[[int], float]:
-    """Bound on the error of the slabs of a layer that absorbs, of which half crowd at its faces.
+    """Bound the error of the slabs of a layer that absorbs, by number of slabs.
 
-    even: bound for so many equal slabs, of the light as if nothing dimmed it.
+    Half of these slabs lie close to the layer's faces. `even` bounds the error of a number of equal
+    slabs if nothing were absorbed; with absorption the error of equal slabs as wide as the widest
+    is no larger.
     """
     absorbing = AbsorbingSlabs(bounds, layer)
 
@@ -112,12 +130,18 @@ def _absorbing_change(
 
 
 def count_colours(bounds: SceneBounds, tolerance: float) -> int:
-    """Count the focal lengths that stand for the band of light within their share of the tolerance.
+    """Find the number of focal lengths that represent the band of light accurately enough.
+
+    Parameters
+    ----------
+    bounds : SceneBounds
+    tolerance : float
+        Tolerance of the image; `SLICING_SHARE` of it is for the colours.
 
     Raises
     ------
     InputError
-        As `count_slabs`.
+        If more than `MOST_PARTS` focal lengths would be needed.
     """
     band_mm = bounds.camera.chromatic_shift * bounds.camera.main_lens_focal_mm
 
@@ -136,16 +160,24 @@ def count_colours(bounds: SceneBounds, tolerance: float) -> int:
 def _sliced_change(
     bounds: SceneBounds, layer: Layer, parts: float, smear: Callable[[int, float], float]
 ) -> float:
-    """Bound on the error of `parts` midpoints in place of an integral over depth or colour.
+    """Bound the error of `parts` midpoints in place of an integral over depth or colour.
 
-    The smaller of two ("How many slabs" in the documentation derives them). Of the first order:
-    as if the light of each part stood where it moves the bundle farthest. Of the second: a box
-    that moves by ``travel`` of its own widths in all bends its light where an edge passes from
-    cell to cell, by ``next * travel`` each, for which midpoints err by 1 / KINK; and in between
-    by the product of both axes, ``2 whole travel_y travel_x``, for which they err by
-    1 / CURVATURE.
+    It is the smaller of two bounds, derived on the page "How many slabs" of the documentation. The
+    first-order bound assumes that all light of a part comes from where it displaces the bundle
+    most. For the second-order bound, let a pixel's bundle, a box, move over the layer by ``travel``
+    times its own width in total. As a function of position in the spread, the light of the pixel
+    has a kink of ``next * travel`` where an edge of the box passes from cell to cell, of which
+    midpoints miss 1 / KINK; in between it has a second derivative of ``2 whole travel_y travel_x``,
+    of which they miss 1 / CURVATURE.
 
-    smear: from an axis and a number of parts to the change of the first order.
+    Parameters
+    ----------
+    bounds : SceneBounds
+    layer : Layer
+    parts : float
+        Number of parts.
+    smear : callable
+        First-order change for an axis and a number of parts.
     """
     first, travels, kinks = 0.0, [], 0.0
     for axis in (0, 1):
@@ -153,7 +185,7 @@ def _sliced_change(
         first += smear(axis, parts)
         if box == 0 or steps.whole == 0:
             return first if box == 0 else 0.0
-        # From a part so small that its change is in proportion to its travel.
+        # The change of a very small part is proportional to its displacement.
         smallest = smear(axis, MOST_PARTS) * MOST_PARTS
         travels.append(TRAVEL_PER_MEAN * smallest / change_rate(steps, box) / box)
         crossed = BOX_EDGES * (travels[axis] * box / steps.cell_mm + BOUNDARIES_BESIDE)
@@ -164,7 +196,7 @@ def _sliced_change(
 
 
 def _count_parts(bound: Callable[[int], float], probes: Sequence[Probes], request: Request) -> int:
-    """Fewest parts whose error is within the allowance, by the bound or as measured."""
+    """Find the smallest number of parts with an error, bounded or measured, that is accepted."""
     counts = [n for n in sorted((*POWERS, *(3 * n // 2 for n in POWERS))) if n <= request.most]
     enough = bisect_left(counts, True, key=lambda n: bound(n) <= request.allowance)
     sure = counts[enough] if enough < len(counts) else math.inf

@@ -1,4 +1,4 @@
-"""A lower bound on the brightest pixel of an image, without rendering it."""
+"""Lower bound on the brightest pixel of an image, without rendering it."""
 
 import itertools
 import math
@@ -20,25 +20,30 @@ from lf_flame.simulation.slabs import self_absorbed
 from lf_flame.simulation.stops import round_stops, share_cut
 
 Footprints = Mapping[tuple[Layer, int], Footprint]
-"""Bundles of all pixels on each layer along each axis."""
+"""Intersection of all pixels' bundles of rays with each layer, along each axis."""
 
 
 def peak_radiance(
     camera: PlenopticCamera, layers: tuple[Layer, ...], footprints: Footprints
 ) -> float:
-    """Lower bound on the brightest pixel, from the pixels that look at each layer's peak.
+    """Lower bound on the radiance of the brightest pixel.
+
+    A few pixels of the central view that see the brightest place of each layer are integrated, at
+    the most unfavourable position of the bundles; then losses by stops, diffraction, occlusion and
+    absorption are subtracted as upper bounds.
 
     Parameters
     ----------
     camera : PlenopticCamera
     layers : tuple of Layer
+        Layers of the scene.
     footprints : mapping of (Layer, int) to Footprint
-        For axis 0 (y) and 1 (x).
+        Intersection of the pixels' bundles with each layer along axis 0 (y) and 1 (x).
 
     Returns
     -------
     float
-        0 or above, in the unit of the textures; no more than the full well of a sensor.
+        Radiance, 0 or above, in the unit of the textures; at most the full well of a sensor.
     """
     peak, clear = 0.0, _clear_of_stops(camera) * _undiffracted(camera, layers)
     for layer in layers:
@@ -54,10 +59,10 @@ def peak_radiance(
 
 
 def _clear_of_stops(camera: PlenopticCamera) -> float:
-    """Share of the central view's light that the stops let pass, at the edge of the field.
+    """Fraction of the central view's light that all stops transmit, at the edge of the field.
 
-    Where the array does not stand as the sensor is read, another view of each lenslet is central,
-    to half a pixel.
+    If the lenslets are displaced, the central view is the one that sees the middle of the aperture,
+    to within half a pixel.
     """
     y, x = aside_mm(camera)
     aside = min(y, camera.pixel_mm / 2), min(x, camera.pixel_mm / 2)
@@ -66,9 +71,10 @@ def _clear_of_stops(camera: PlenopticCamera) -> float:
 
 
 def _undiffracted(camera: PlenopticCamera, layers: tuple[Layer, ...]) -> float:
-    """Share of a point's light that stays where it would be without diffraction.
+    """Fraction of a point's light that diffraction leaves in place.
 
-    Of the main lens only where matter keeps it from being a blur of the layers.
+    Diffraction by the main lens is included only with layers that occlude or absorb; otherwise
+    `_blurred` treats it as a blur of the layers.
     """
     if camera.wavelength_nm is None:
         return 1.0
@@ -83,7 +89,15 @@ def _blurred(
     glow: np.ndarray,
     near: list[slice],
 ) -> tuple[Layer, np.ndarray]:
-    """Blur a layer by the main lens's diffraction where some pixels look; the cells, their glow."""
+    """Blur a layer by diffraction at the main lens, around the place that some pixels see.
+
+    Returns
+    -------
+    Layer
+        Layer with the blurred cells.
+    ndarray
+        Light of these cells.
+    """
     if camera.wavelength_nm is None or any(map(_dims, layers)):
         return layer, glow
     (top, bottom), (left, right) = (
@@ -94,7 +108,7 @@ def _blurred(
 
 
 def _before(front: Layer, layer: Layer) -> bool:
-    """Whether light of one layer may have to cross another."""
+    """Whether light of `layer` may have to cross `front`."""
     nearest, farthest = front.depth_mm - front.thickness_mm / 2, layer.depth_mm
     return front is not layer and nearest < farthest + layer.thickness_mm / 2
 
@@ -110,7 +124,13 @@ def _least_hidden(
     glow: np.ndarray,
     footprints: Footprints,
 ) -> list[slice]:
-    """Find the lenslet that sees most of a layer through what stands before it, central view."""
+    """Find the lenslet that sees most light of a layer through those in front, in the central view.
+
+    Returns
+    -------
+    list of slice
+        Row and column of the lenslet, as slices of length 1.
+    """
     light = _at_lenslets(camera, layer, glow, uniform_filter, 0.0, footprints)
     for front in layers:
         if _before(front, layer) and _dims(front):
@@ -121,7 +141,7 @@ def _least_hidden(
 
 
 def _at_lenslets(camera, layer: Layer, cells, over_patch, outside: float, footprints) -> np.ndarray:
-    """Filter the cells of a layer over a bundle's patch, where each lenslet looks; (t, s)."""
+    """Filter the cells of a layer over the patch that each lenslet sees, shape (t, s)."""
     sizes, places = [], []
     for axis in (0, 1):
         edges, footprint = layer.cell_edges_mm(axis), footprints[layer, axis]
@@ -136,7 +156,13 @@ def _at_lenslets(camera, layer: Layer, cells, over_patch, outside: float, footpr
 def _nearest(
     camera: PlenopticCamera, layer: Layer, glow: np.ndarray, footprints: Footprints
 ) -> list[slice]:
-    """Find nine lenslets that look at the brightest patch of a layer, in the central view."""
+    """Find nine lenslets that see the brightest patch of a layer, in the central view.
+
+    Returns
+    -------
+    list of slice
+        Their rows and columns.
+    """
     sizes, near = [], []
     for axis in (0, 1):
         edges = layer.cell_edges_mm(axis)
@@ -153,7 +179,10 @@ def _nearest(
 
 
 def _brightest(camera: PlenopticCamera, layer: Layer, glow: np.ndarray, near: list[slice]) -> float:
-    """Integrate some pixels of the central view; the brightest of them, at its dimmest."""
+    """Radiance of the brightest of some pixels of the central view, at its smallest.
+
+    The smallest is taken over the positions that misplaced lenslets can give to the bundles.
+    """
     dimmest = min(_cos2(camera, near[axis], axis) for axis in (0, 1))
     brightest = []
     for moved in _moves(camera):
@@ -166,9 +195,9 @@ def _brightest(camera: PlenopticCamera, layer: Layer, glow: np.ndarray, near: li
 
 
 def _moves(camera: PlenopticCamera) -> list[tuple[float, float]]:
-    """Ways in which bundles may lie between those of an array that stands as it is read.
+    """Possible displacements of the bundles by misplaced lenslets, along y and x.
 
-    Along y and x, in parts of the way by which misplaced lenslets can move them.
+    They are given as fractions of the largest displacement, from -1 to 1; zeros for an ideal array.
     """
     parts = (-1.0, -0.5, 0.0, 0.5, 1.0)
     y, x = (parts if aside > 0 else (0.0,) for aside in misplaced_mm(camera))
@@ -176,10 +205,13 @@ def _moves(camera: PlenopticCamera) -> list[tuple[float, float]]:
 
 
 def _cos2(camera: PlenopticCamera, lenslets: slice, axis: int) -> float:
-    """cos^2 of a ray tilted along both axes as the lenslets' rays are along one."""
+    """Lower bound on cos^2 of the rays' tilt, for some lenslets.
+
+    The tilt along both axes is taken to be the largest along the given one.
+    """
     place = np.abs(centred(camera.lenslets[axis])[lenslets]).max()
     height = place * camera.lenslet_pitch_mm + camera.view_step_mm / 2
-    if max(misplaced_mm(camera)) > 0:  # another view is central, of a lenslet beside this one
+    if max(misplaced_mm(camera)) > 0:  # the central view may be that of a neighbouring lenslet
         height += camera.view_step_mm / 2 + camera.lenslet_pitch_mm
     return 1 / (1 + 2 * (height / camera.image_distance_mm) ** 2)
 
@@ -193,7 +225,13 @@ def _integrate_pixels(
     depth_mm: float,
     focal_mm: float,
 ) -> np.ndarray:
-    """Integrate some pixels of the central view, looking at a layer at a depth."""
+    """Integrate some pixels of the central view over a layer, placed at a depth.
+
+    Returns
+    -------
+    ndarray of float64, shape (rows, columns)
+        Radiance of the pixels.
+    """
     bands = []
     for axis in (0, 1):
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
@@ -209,10 +247,10 @@ def _integrate_pixels(
 
 
 def _most_moved_mm(camera: PlenopticCamera, footprint: Footprint, axis: int) -> float:
-    """How far from a nominal bundle the nearest one of a misplaced array can lie on a layer.
+    """Largest distance on a layer from an ideal bundle to the nearest one of a misplaced array.
 
-    No farther than lenslets move it, and than half of the way to the bundles of the next lenslet
-    and the next pixel.
+    It is at most the displacement by the lenslets, and at most half the distance to the next
+    lenslet's bundle plus half the width of a pixel's.
     """
     moved = abs(footprint.shift_per_lenslet_shift) * misplaced_mm(camera)[axis]
     centres = footprint.centres_mm[camera.views // 2]
@@ -226,7 +264,7 @@ def _seen(
     layer: Layer,
     near: list[slice],
 ) -> float:
-    """Share of a layer's light that reaches some pixels through what stands before it."""
+    """Lower bound on the fraction of a layer's light that reaches some pixels through others."""
     share = 1.0
     for front in layers:
         if not (_before(front, layer) and _dims(front)):
@@ -239,7 +277,7 @@ def _seen(
 
 
 def _met(camera: PlenopticCamera, front: Layer, near: slice, axis: int) -> slice:
-    """Cells of a layer, along one axis, that some pixels of the central view can look at."""
+    """Cells of a layer, along one axis, that some pixels of the central view can see."""
     edges, (low, high) = front.cell_edges_mm(axis), _looked_at_mm(camera, front, near, axis)
     first = np.searchsorted(edges, low, side="left") - 1
     last = np.searchsorted(edges, high, side="right")
@@ -249,9 +287,9 @@ def _met(camera: PlenopticCamera, front: Layer, near: slice, axis: int) -> slice
 def _looked_at_mm(
     camera: PlenopticCamera, layer: Layer, near: slice, axis: int
 ) -> tuple[float, float]:
-    """Between which places of a layer, along one axis, some pixels of the central view look."""
+    """Range of a layer in mm, along one axis, that some pixels of the central view can see."""
     places = []
-    # Between its faces a ray is straight, and so is the border of a bundle of them.
+    # Rays are straight between the faces of a layer, so the ends of the range are at a face.
     for depth_mm, focal_mm in focus_spread(camera, layer):
         footprint = trace_footprint(camera, depth_mm, axis, focal_mm)
         centres = footprint.centres_mm[camera.views // 2, near]

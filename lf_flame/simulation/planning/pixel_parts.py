@@ -1,7 +1,8 @@
-"""Parts into which pixels are cut, so that lenslet diffraction need not take their light as even.
+"""Number of parts into which pixels are divided for diffraction by the lenslets.
 
-Light that varies inside a pixel leaves it by the side where it is. How much that matters depends on
-the texture: so it is tried, in small windows of the array where the textures have most to show.
+Diffraction spreads light over the borders of a pixel. If the light varies within the pixel, more
+leaves it on the brighter side, so that the pixel must be divided. How finely depends on the
+texture; it is measured in small windows of the lenslet array where textures vary most.
 """
 
 import math
@@ -16,43 +17,49 @@ from lf_flame.optics.ray_bundle import trace_footprint
 from lf_flame.simulation.slabs import Plane
 
 TRIED = (1, 2, 4, 8, 16, 32)
-"""Parts of a pixel along each axis that are tried."""
+"""Numbers of parts of a pixel along each axis that are tried."""
 
 WINDOW = 8
-"""Lenslets of a window along each axis."""
+"""Number of lenslets of a window along each axis."""
 
 GRID = 3
-"""Windows along each axis that are spread over the array, beside those where textures change."""
+"""Number of windows along each axis that are spread evenly over the array, in addition to those at
+the strongest changes of the textures."""
 
 Image = Callable[[list[Plane], PlenopticCamera, int], np.ndarray]
-"""Makes an image, diffracted by the lenslets, of some planes before a camera in parts of pixels."""
+"""Function that renders planes in front of a camera, with diffraction by the lenslets and pixels
+divided into a number of parts along each axis."""
 
 
 def count_pixel_parts(
     planes: list[Plane], camera: PlenopticCamera, allowance: float, image: Image
 ) -> int:
-    """Find the fewest parts of a pixel with which an image is as good as it has to be.
+    """Find the smallest number of parts of a pixel with which an image is accurate enough.
 
-    The error falls as one over the parts, at least: so the change by twice as many is at least half
-    of the error of the fewer, and no less than that of the more.
+    The error falls at least as one over the number of parts. The change from one number to twice
+    that number is therefore at least half the error of the first, and at least the error of the
+    second.
 
     Parameters
     ----------
     planes : list of Plane
+        Planes to render.
     camera : PlenopticCamera
     allowance : float
-        Error that is acceptable, root-mean-square over all windows, relative to their brightest
+        Largest acceptable error: root mean square over all windows, relative to their brightest
         pixel.
     image : callable
+        Function that renders planes, as `Image` describes.
 
     Returns
     -------
     int
+        Number of parts of a pixel along each axis.
 
     Raises
     ------
     InputError
-        If it takes more parts than any that are tried.
+        If the largest number of parts in `TRIED` is not enough.
     """
     windows = list(_windows(planes, camera))
     coarser: list[np.ndarray] = []
@@ -73,9 +80,10 @@ def count_pixel_parts(
 def _windows(
     planes: list[Plane], camera: PlenopticCamera
 ) -> Iterator[tuple[list[Plane], PlenopticCamera]]:
-    """Yield small cameras in the middle of the array, each with the planes as a window sees them.
+    """Yield small cameras, each with planes displaced so that it sees what a window sees.
 
-    A window elsewhere sees what one in the middle sees of planes that stand aside.
+    A window away from the middle of the array sees the same as one in the middle with displaced
+    planes.
     """
     size = min(WINDOW, camera.lenslets[0]), min(WINDOW, camera.lenslets[1])
     if all(n <= 2 * WINDOW for n in camera.lenslets):
@@ -89,7 +97,7 @@ def _windows(
 def _corners(
     planes: list[Plane], camera: PlenopticCamera, size: tuple[int, int]
 ) -> set[tuple[int, int]]:
-    """First lenslets of the windows: all over the array, and where planes are rough or bright."""
+    """First lenslet of each window: on an even grid, and where planes change most or are bright."""
     last = [n - m for n, m in zip(camera.lenslets, size, strict=True)]
     along = [np.round(np.linspace(0, end, GRID)).astype(int).tolist() for end in last]
     corners = {(row, column) for row in along[0] for column in along[1]}
@@ -111,7 +119,7 @@ def _corners(
 def _aside(
     plane: Plane, camera: PlenopticCamera, window: PlenopticCamera, corner: tuple[int, int]
 ) -> Plane:
-    """Move a plane so that the middle of the array sees of it what a window elsewhere saw."""
+    """Displace a plane so that the middle of the array sees it as a window elsewhere does."""
     centre = list(plane.layer.centre_mm)
     for axis in (0, 1):
         there = trace_footprint(camera, plane.depth_mm, axis).centres_mm[0, corner[axis]]

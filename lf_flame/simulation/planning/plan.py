@@ -1,6 +1,6 @@
-"""The effect plan: which physical effects a scene calls for, and how the image will be made.
+"""Effect plan: which optical effects are simulated for a scene, and how its image is rendered.
 
-`lf_flame.simulation.planning.decisions` makes it.
+`lf_flame.simulation.planning.decisions` makes plans.
 """
 
 import math
@@ -15,24 +15,28 @@ from lf_flame.simulation.planning.effects import MATTER, NOT_SEPARABLE, RAYS
 
 @dataclass(frozen=True)
 class PlannedEffect:
-    """One line of a plan.
+    """Decision on one effect: one line of a plan.
 
     Attributes
     ----------
     name : str
+        Name of the effect, one of `lf_flame.simulation.planning.effects.EFFECTS`.
     bound : float
-        Upper bound on the relative change of the image if it is left out: of the light that
-        reaches the sensor, or for a stage of the sensor, of what that stage does by itself.
-        (Behind a converter that rounds, a smaller change can become a whole step.)
+        Upper bound on the change of the image if the effect is left out, relative to the brightest
+        pixel. For optical effects it is the change of the light that reaches the sensor; for a
+        stage of the sensor (noise, quantisation, saturation) the change by that stage alone. The
+        converter of a sensor can turn a smaller change of light into one whole step.
     kept : bool
+        Whether the effect is simulated.
     forced : bool
-        Whether the user decided, not the bound.
+        Whether the user made the decision, not the bound.
     criterion : str
+        Reason for the bound, with its numbers.
     seconds : float
-        Estimate of the time that it adds, or would add, on one core.
+        Estimated time in seconds on one core that the effect adds, or would add.
     stated : bool
-        Whether the camera states what the effect follows from. Where it does not, the bound of 0
-        says nothing about how large the effect is.
+        Whether the camera states the cause of the effect. If not, the bound is 0 because the cause
+        is unknown, not because the effect is small.
     """
 
     name: str
@@ -51,24 +55,27 @@ class EffectPlan:
     Attributes
     ----------
     tolerance : float
+        Largest acceptable error of the image, relative to its brightest pixel.
     effects : tuple of PlannedEffect
-        All known effects, in the order in which light meets them.
+        Decisions on all known effects, in the order in which light meets them.
     slabs : tuple of int
-        Planes for each layer of the scene, in its order.
+        Number of planes that represent each layer of the scene, in the scene's order; 1 for flat
+        layers.
     colours : int
-        Focal lengths over the band of light.
+        Number of focal lengths that represent the band of light; 1 without chromatic shift.
     traced : tuple of str
-        Kept effects that weigh or shift the rays of one bundle unevenly.
-    typical : mapping of str to float
-        Bounds of effects that are not stated, each at its typical value; see
-        `lf_flame.simulation.planning.assumptions.typical_bounds`. Empty unless asked for.
-    measured : mapping of str to float
-        Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless asked for.
-    seconds : mapping of str to float
-        Estimate of the time that "exact" and "rays" take for the image, on one core.
+        Kept effects that treat the rays of one pixel's bundle differently.
     integrator : str
-        The cheapest that does everything kept: "exact" or "rays". Stops and a rotated array need
-        rays; what hides or dims takes them where polygons would be too many.
+        Name of the fastest integrator that can render all kept effects: "exact" or "rays". Stops
+        and a rotated lenslet array need rays. Layers that occlude or absorb are rendered by rays
+        if the exact integrator would have to intersect too many polygons.
+    typical : mapping of str to float
+        Bounds of effects whose causes are not stated, each at a typical value; see
+        `lf_flame.simulation.planning.assumptions.typical_bounds`. Empty unless requested.
+    measured : mapping of str to float
+        Measured changes of the image, see `lf_flame.simulation.measuring`. Empty unless requested.
+    seconds : mapping of str to float
+        Estimated time in seconds on one core for the whole image, by integrator.
     """
 
     tolerance: float
@@ -83,38 +90,39 @@ class EffectPlan:
 
     @property
     def only_by_rays(self) -> tuple[str, ...]:
-        """Kept effects that the exact integrator cannot do."""
+        """Kept effects that the exact integrator cannot render."""
         return tuple(name for name in self.traced if name in RAYS)
 
     @property
     def not_separable(self) -> dict[str, str]:
-        """Effects, each with the reason, for which refocused images need a light field.
+        """Kept effects for which refocused images need a light field, each with the reason.
 
-        Empty where light only adds, along y and along x apart: refocused images are then projected
-        straight from the scene (`lf_flame.projection`).
+        If it is empty, light only adds up, and its sums along y and along x are independent:
+        refocused images can then be computed directly from the scene (`lf_flame.projection`).
         """
         acts = {name for name in self.kept if name not in (*MATTER, *RAYS)} | set(self.traced)
         return {name: why for name, why in NOT_SEPARABLE.items() if name in acts}
 
     @property
     def kept(self) -> frozenset[str]:
-        """Names of the effects that will be simulated."""
+        """Names of the effects that are simulated."""
         return frozenset(effect.name for effect in self.effects if effect.kept)
 
     @property
     def left_out_bound(self) -> float:
-        """Bound on the relative change of the image by all that the plan itself left out.
+        """Bound on the relative change of the image by all effects that the plan left out.
 
-        Effects whose causes are not stated are not counted.
+        Effects that the user forced off, and effects whose causes the camera does not state, are
+        not included.
         """
         return sum(e.bound for e in self.effects if not e.kept and not e.forced)
 
     def __getitem__(self, name: str) -> PlannedEffect:
-        """Look up one effect by name."""
+        """Decision on one effect, by name."""
         return next(effect for effect in self.effects if effect.name == name)
 
     def _repr_html_(self) -> str:
-        """Show the plan in a notebook, as `print` does."""
+        """Table of the plan for a notebook."""
         from lf_flame._common.notebook_html import paragraph, table
 
         rows = [
@@ -125,7 +133,7 @@ class EffectPlan:
         return table(("effect", "bound", "decision", "criterion"), rows) + paragraph(words)
 
     def to_json(self) -> dict:
-        """Values for a record beside an image or a data set."""
+        """JSON values of the plan, for a record beside an image or a data set."""
         lines = [
             {**asdict(e), "bound": e.bound if math.isfinite(e.bound) and e.stated else None}
             for e in self.effects
@@ -156,8 +164,8 @@ class EffectPlan:
         columns = ["effect", "bound", *measured, "decision", "criterion", "adds (s)"]
         table = tabulate(rows, headers=columns, tablefmt="simple", disable_numparse=True)
         notes = [
-            f"tolerance {self.tolerance:g}: relative to the brightest pixel; what is stated and "
-            f"left out changes the image by at most {self.left_out_bound:.2g}",
+            f"tolerance {self.tolerance:g} of the brightest pixel; the stated effects that are "
+            f"left out change the image by at most {self.left_out_bound:.2g}",
             *self._not_stated(),
             f"integrator: {self.integrator}; on one core it takes about "
             f"{self.seconds[self.integrator]:.2g} s",
@@ -170,14 +178,14 @@ class EffectPlan:
         return f"{table}\n\n" + "\n".join(notes)
 
     def _not_stated(self) -> list[str]:
-        """Say how many effects nothing is known about, and how to state them."""
+        """Say how many effects have causes that are not stated, and how to state them."""
         unknown = [effect for effect in self.effects if not effect.stated]
         if not unknown:
             return []
         return [
-            f"not stated, hence not in that number: {len(unknown)} effects, whose causes the "
-            f"camera does not give; state them in its table, or try --assume 550nm,round,12bit "
-            f"or --assume typical"
+            f"not stated, and not included in that number: {len(unknown)} effects whose causes the "
+            f"camera does not give; state them in the camera's table, or try --assume "
+            f"550nm,round,12bit or --assume typical"
         ]
 
     @staticmethod
@@ -185,7 +193,7 @@ class EffectPlan:
         return f"{effect.bound:.2g}" if effect.stated else "not stated"
 
     def _criterion(self, effect: PlannedEffect) -> str:
-        """Words on an effect, with what one that is not stated would typically be."""
+        """Reason for an effect's bound; if not stated, also its size at a typical value."""
         if effect.name not in self.typical:
             return effect.criterion
         typical = self.typical[effect.name]
@@ -194,9 +202,9 @@ class EffectPlan:
     def _way_to_images(self) -> list[str]:
         """Say whether refocused images need the light field, and why."""
         if not self.not_separable:
-            return ["refocused images: straight from the scene, as light only adds"]
+            return ["refocused images: directly from the scene, because light only adds up"]
         reasons = [f"  {name} {why}" for name, why in self.not_separable.items()]
-        return ["refocused images: through the light field, as", *reasons]
+        return ["refocused images: through the light field, because", *reasons]
 
 
 def _short(number: float | None) -> str:

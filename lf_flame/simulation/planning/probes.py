@@ -1,11 +1,11 @@
-"""How many slabs and colours a layer's image takes, measured on some of its pixels.
+"""Error of a number of slabs or colours, measured on some pixels of a layer's image.
 
-The bounds by the farthest move (`lf_flame.simulation.planning.effects`) hold for every texture, and
-are many times too wide for most: thickness and colour spread light to both sides, and what comes
-from one side makes up for what goes to the other. Where they do not allow one plane for a thick
-layer, or one focal length for a band of colours, some pixels are integrated exactly, by few parts
-and by four times as many, until both agree. What is measured holds where light only adds and
-reaches a pixel through its own lenslet; elsewhere the bounds alone decide.
+The first-order bounds of `lf_flame.simulation.planning.effects` hold for all textures, but for most
+they are many times too large: thickness and colour spread light to both sides, and most of the
+changes cancel. If the bounds do not allow a single plane for a thick layer, or a single focal
+length for a band of light, some pixels are integrated exactly, with a number of parts (slabs or
+colours) and with four times as many; the difference gives the error. This is valid if light only
+adds up and reaches each pixel through its own lenslet; otherwise only the bounds are used.
 """
 
 import math
@@ -22,49 +22,53 @@ from lf_flame.simulation.planning.scene_bounds import SceneBounds
 from lf_flame.simulation.stops import neighbours, round_stops
 
 PROBES = 64
-"""Number of rows and of columns at whose crossings pixels are measured."""
+"""Largest number of rows, and of columns, at whose crossings pixels are measured."""
 
 NEAR_AXIS = 0.1
-"""Weight of lines on the axis, beside that of the farthest, when lines are chosen."""
+"""Weight of lines on the optical axis when lines are chosen; the farthest lines have 1 more."""
 
 SAFETY = 2.0
 """Factor on the largest error of a measured pixel, for the pixels that are not measured."""
 
 REFINED = 4
-"""Number of parts that stand for each part whose error is measured. Errors fall at least as one
-over their number, so that the finer image has at most a third of the difference left."""
+"""Ratio of the numbers of parts of the two images that are compared. Errors fall at least as one
+over the number of parts, so the error of the finer image is at most a third of the difference."""
 
 
 CHUNK = 16
-"""Number of parts that are integrated at a time."""
+"""Number of parts that are integrated at once, to limit memory."""
 
 
 class Probes:
-    """Pixels of a layer's image, at crossings of rows and columns where the texture changes most.
+    """Pixels of a layer's image at crossings of rows and columns where its texture changes most.
 
     Parameters
     ----------
     bounds : SceneBounds
+        Bounds of the scene in front of its camera.
     layer : Layer
     band : bool
-        Whether the parts are colours; else they are slabs of the layer's thickness.
+        Whether parts are colours of the band of light; otherwise they are slabs of the layer.
     """
 
     def __init__(self, bounds: SceneBounds, layer: Layer, band: bool):
         self._texture = layer.texture
-        # A stop may cut bundles down to a part of a pixel: the narrowest, a point, blurs nothing.
+        # A stop can reduce a bundle to a part of a pixel; in the limit, a point, it blurs nothing.
         self._blurs = sorted({bounds.defocus, bounds.defocus and not round_stops(bounds.camera)})
         self._lines = [ProbedLines.choose(bounds.camera, layer, axis, band) for axis in (0, 1)]
         self._images: dict[int, list[np.ndarray]] = {}
 
     def error(self, parts: int) -> float:
-        """Largest error of a pixel by so many parts, in the unit of the texture."""
+        """Error of the image with this number of parts, in the unit of the texture.
+
+        It is the largest error of a measured pixel, times `SAFETY`.
+        """
         few, many = self._image(parts), self._image(REFINED * parts)
         largest = (np.abs(a - b).max(initial=0.0) for a, b in zip(few, many, strict=True))
         return SAFETY * float(max(largest))
 
     def _image(self, parts: int) -> list[np.ndarray]:
-        """Mean over the middles of equal parts, for each blur by the pixel's own width."""
+        """Images of the pixels from the middles of equal parts, one image for each kind of blur."""
         if parts not in self._images:
             middles = (np.arange(parts) + 0.5) / parts
             chunks = np.array_split(middles, math.ceil(parts / CHUNK))
@@ -75,9 +79,10 @@ class Probes:
         return self._images[parts]
 
     def _integrate(self, places: np.ndarray, blur: bool) -> np.ndarray:
-        """Add up the pixels as if all light stood at each of some places of the spread."""
+        """Sum of the images of the pixels for light from each of some places of the spread."""
         (top, down), (left, right) = (lines.bands(places, blur) for lines in self._lines)
-        # Over the cells of each row's band, then over those of each column's: [place, cell, row].
+        # Sum over the cells of each row's band, then over those of each column's; the axes are
+        # place, cell, row.
         rows = sum(down[..., k, None] * self._texture[top + k] for k in range(down.shape[2]))
         rows, each = np.ascontiguousarray(rows.swapaxes(1, 2)), np.arange(len(places))[:, None]
         pixels = sum(right[..., k, None] * rows[each, left + k] for k in range(right.shape[2]))
@@ -85,16 +90,16 @@ class Probes:
 
 
 class ProbedLines(NamedTuple):
-    """Rows or columns of pixels, and their bundles on a layer at the ends of a spread.
+    """Rows or columns of pixels, and their bundles on a layer at both ends of a spread.
 
     Attributes
     ----------
     edges_mm : ndarray of float64, shape (cells + 1,)
         Edges of the layer's cells.
     centres_mm : ndarray of float64, shape (2, lines)
-        Where the bundles' central rays meet the layer, at both ends.
+        Intersection of the bundles' central rays with the layer, at both ends of the spread.
     lenslet_mm, pixel_mm : ndarray of float64, shape (2,)
-        Signed images of the lenslet and of the pixel.
+        Signed widths of the images of lenslet and pixel on the layer, at both ends.
     shift : float
         Relative change of the focal length over the spread; 0 for a spread of depth.
     """
@@ -109,7 +114,14 @@ class ProbedLines(NamedTuple):
     def choose(cls, camera: PlenopticCamera, layer: Layer, axis: int, band: bool) -> "ProbedLines":
         """Choose lines along an axis that see a layer.
 
-        band: whether the spread is one of colours; else it is the layer's thickness.
+        Parameters
+        ----------
+        camera : PlenopticCamera
+        layer : Layer
+        axis : int
+            0 for rows, 1 for columns.
+        band : bool
+            Whether the spread is the band of light; otherwise it is the layer's thickness.
         """
         chosen, ends = _choose(camera, layer, axis), []
         shift = camera.chromatic_shift if band else 0.0
@@ -126,16 +138,23 @@ class ProbedLines(NamedTuple):
         )
 
     def bands(self, places: np.ndarray, blur: bool) -> tuple[np.ndarray, np.ndarray]:
-        """First cell of each line's band, and the weights of its cells.
+        """Weights of the cells that each line sees.
 
-        places: in depth or in focal length, from 0 to 1.
+        Parameters
+        ----------
+        places : ndarray, shape (places,)
+            Places in the spread of depth or focal length, from 0 to 1.
+        blur : bool
+            Whether the width of a pixel's bundle is included.
 
         Returns
         -------
         start : ndarray of int64, shape (places, lines)
+            Index of the first cell.
         weights : ndarray of float64, shape (places, lines, cells of a band)
+            Weights of this cell and of the following ones.
         """
-        # A ray's place is linear in depth, and in the power of the lens.
+        # The position of a ray on a layer is linear in depth and in the power of the lens.
         places = places * (1 + self.shift / 2) / (1 + self.shift * (places - 0.5))
         between = np.stack([1 - places, places], axis=1)
         centres = (between @ self.centres_mm)[..., None]
@@ -154,11 +173,15 @@ class ProbedLines(NamedTuple):
 
 
 def find_probes(bounds: SceneBounds, layers: Iterable[Layer], effect: str) -> list[Probes]:
-    """Lay probes over layers; none where what they show would not hold.
+    """Probes of layers; an empty list if measurements would not be valid.
 
-    Light has to add only, and to reach each pixel through its own lenslet.
+    They are valid if light only adds up, and reaches each pixel through its own lenslet.
 
-    effect: "thickness" or "chromatic".
+    Parameters
+    ----------
+    bounds : SceneBounds
+    layers : iterable of Layer
+    effect : {"thickness", "chromatic"}
     """
     camera = bounds.camera
     matter = any(layer.opaque or layer.optical_thickness.any() for layer in bounds.layers)
@@ -168,26 +191,30 @@ def find_probes(bounds: SceneBounds, layers: Iterable[Layer], effect: str) -> li
 
 
 def measured_change(bounds: SceneBounds, layer: Layer, effect: str) -> float:
-    """Largest change of a pixel if a layer's light stood at its middle depth or mean colour.
+    """Measure the change of the image if all light of a layer had its middle depth or colour.
 
-    effect: "thickness" or "chromatic".
+    Parameters
+    ----------
+    bounds : SceneBounds
+    layer : Layer
+    effect : {"thickness", "chromatic"}
 
     Returns
     -------
     float
-        In the unit of the textures; infinite where it cannot be measured.
+        Largest change of a pixel in the unit of the textures; infinite if it cannot be measured.
     """
     probes = find_probes(bounds, [layer], effect)
     return probes[0].error(1) if probes else math.inf
 
 
 def _choose(camera: PlenopticCamera, layer: Layer, axis: int) -> np.ndarray:
-    """Choose lines that see a layer and may change most: one in each part of the image, and more.
+    """Choose lines that see a layer: the one that may change most in each part, and of all.
 
     Returns
     -------
     ndarray of int64, shape (lines,)
-        Numbers of (view, lenslet), in this order.
+        Indices of the lines, counted over views and then over lenslets.
     """
     low, high = layer.extent_mm(layer.texture, axis)
     lit: np.ndarray | np.bool_ = np.False_
@@ -201,7 +228,7 @@ def _choose(camera: PlenopticCamera, layer: Layer, axis: int) -> np.ndarray:
     edges = layer.cell_edges_mm(axis)
     nearest = np.rint((centres[lines] - edges[0]) / (edges[1] - edges[0])).astype(int)
     roughness = _roughness(layer.texture, axis)[nearest.clip(0, edges.size - 1)]
-    # Light moves in proportion to its distance from the axis, at the focal plane least of all.
+    # The displacement of light is proportional to its distance from the optical axis.
     change = roughness * (NEAR_AXIS + np.abs(centres[lines]) / max(np.abs(centres).max(), 1e-300))
     parts = np.array_split(np.arange(lines.size), min(PROBES // 2, lines.size) or 1)
     spread = [part[change[part].argmax()] for part in parts if part.size]
@@ -209,7 +236,7 @@ def _choose(camera: PlenopticCamera, layer: Layer, axis: int) -> np.ndarray:
 
 
 def _roughness(texture: np.ndarray, axis: int) -> np.ndarray:
-    """Largest change of light at each boundary of cells along an axis, or beside it."""
+    """Largest change of light at each boundary of cells along an axis, or in cells next to it."""
     cells = np.pad(np.moveaxis(texture, axis, 0), 1)
     beside = np.abs(np.diff(cells, axis=1)).max(axis=1)
     return np.maximum(

@@ -1,4 +1,4 @@
-"""Number of rays per pixel that meets a tolerance, measured on some lines of the image."""
+"""Number of rays per pixel that meets a tolerance, measured on a few lines of the image."""
 
 import math
 
@@ -14,13 +14,13 @@ from lf_flame.simulation.rays import trace
 from lf_flame.simulation.slabs import Plane
 
 RAY_COUNTS = (2, 3, 5, 8, 12, 18, 27, 41, 62, 93, 140, 210, 315)
-"""Rays per pixel and axis that are tried for a tolerance."""
+"""Numbers of rays per pixel and axis that are tried."""
 
 RAYS_SHARE = 0.5
-"""Share of the tolerance for the finite number of rays."""
+"""Fraction of the tolerance for the error of a finite number of rays."""
 
 PROBE_LINES = 24
-"""Lines of the image on which the number of rays for a tolerance is found."""
+"""Number of lines of the image on which the number of rays is found."""
 
 
 def count_rays(
@@ -30,20 +30,42 @@ def count_rays(
     plan: EffectPlan,
     layout: str,
 ) -> int:
-    """Fewest rays that meet the tolerance, found on some lines of the image.
+    """Find the smallest number of rays that meets the tolerance, on some lines of the image.
 
-    Where planes with edges dim each other, the error falls as ``rays**-0.8`` or a little faster,
-    elsewhere as one over the number of rays at least. So the change from one number to 2.25 times
-    as many, two steps of RAY_COUNTS, is about the error of the greater. Two images may agree by
-    chance; three, with rays as dense as the cells, do not, as long as tiles become finer along
-    pixel and lenslet from the first to the last.
+    The error falls as ``rays**-0.8`` or a little faster if planes with edges attenuate each other,
+    and otherwise at least as one over the number of rays. The change from one number to 2.25 times
+    as many, two steps of `RAY_COUNTS`, is therefore about the error of the larger number. Two
+    images can agree by chance. Three are therefore compared, of which the first has at least one
+    ray per cell of a bundle.
+
+    Parameters
+    ----------
+    planes : list of Plane
+        Planes to trace.
+    passes : list of OpticalPass
+        Passes of light, one for each colour.
+    camera : PlenopticCamera
+    plan : EffectPlan
+        Plan with the tolerance of the image.
+    layout : str
+        Layout of the image, see `lf_flame.simulation.layouts`.
+
+    Returns
+    -------
+    int
+        Number of rays per pixel and axis.
+
+    Raises
+    ------
+    InputError
+        If the largest number of `RAY_COUNTS` does not meet the tolerance.
     """
     lines = blank_image(camera, layout).shape[2]
     probe = slice(lines // PROBE_LINES // 2, None, max(1, lines // PROBE_LINES))
     allowance = RAYS_SHARE * plan.tolerance
     coarser: list[np.ndarray] = []
     counts = RAY_COUNTS[_first_ray_count(planes, passes[0]) :]
-    for rays in progress.steps(counts, "looking for a number of rays that will do", len(counts)):
+    for rays in progress.steps(counts, "finding the number of rays", len(counts)):
         fine = blank_image(camera, layout)[:, :, probe].copy()
         for optics in passes:
             trace(planes, optics, layout, rays, fine, probe)
@@ -59,7 +81,7 @@ def count_rays(
 
 
 def _first_ray_count(planes: list[Plane], optics: OpticalPass) -> int:
-    """Find the first of RAY_COUNTS whose rays are as dense as a bundle's cells, or 41 of them."""
+    """Index of the first of `RAY_COUNTS` with one ray per cell along a bundle, or with 41 rays."""
     dense = 1.0
     for plane in planes:
         for axis in (0, 1):

@@ -1,7 +1,7 @@
-"""What several effects' criteria need to know of a scene before a camera, without rendering it.
+"""Bounds on the light of a scene in front of a camera, which the estimates of effects share.
 
-Bounds on how bright pixels are, on how much light changes from place to place on a layer, and on
-how much a pixel changes when its bundle moves.
+They bound the brightness of pixels, the change of light from place to place on a layer, and the
+change of a pixel if its bundle of rays moves over a layer. Nothing is rendered.
 """
 
 import math
@@ -21,14 +21,14 @@ from lf_flame.simulation.stops import crosstalk, round_stops, share_crossing
 
 @dataclass(frozen=True)
 class LightSteps:
-    """How a layer's light can change from place to place along one axis.
+    """Largest changes of light from place to place on a layer, along one axis.
 
     Attributes
     ----------
     whole : float
-        Largest change of radiance anywhere.
+        Largest change of radiance between any two places.
     next : float
-        Largest change between neighbouring cells; outside the layer there is nothing.
+        Largest change of radiance between neighbouring cells; outside the layer it is 0.
     cell_mm : float
         Width of a cell.
     """
@@ -40,27 +40,29 @@ class LightSteps:
 
 @dataclass(frozen=True, eq=False)
 class SceneBounds:
-    """Numbers about a scene before a camera that several criteria need; see `bound_scene`.
+    """Bounds on the light of a scene in front of a camera; `bound_scene` computes them.
 
     Attributes
     ----------
     camera : PlenopticCamera
+    camera : PlenopticCamera
+        Camera in front of the scene.
     layers : tuple of Layer
-        Nearest to the main lens first.
+        Layers of the scene, nearest to the main lens first.
     footprints : mapping of (Layer, int) to Footprint
-        Bundles of all pixels on each layer along axis 0 (y) and 1 (x).
+        Intersection of all pixels' bundles of rays with each layer, along axis 0 (y) and 1 (x).
     radiance : float
-        Upper bound on any pixel: the brightest cells of all layers, one behind the other.
+        Upper bound on the radiance of a pixel: the sum of the brightest cells of all layers.
     brightest_raw : float
-        Upper bound on a pixel with the light that comes through neighbouring lenslets.
+        Upper bound on the radiance of a pixel, with light through neighbouring lenslets.
     peak : float
-        Lower bound on the brightest pixel.
+        Lower bound on the radiance of the brightest pixel.
     behind : mapping of Layer to float
-        Radiance that a layer can hide or dim: of the layers whose light has to cross it.
+        Upper bound on the radiance that a layer can occlude or attenuate, from layers behind it.
     steps : mapping of (Layer, int) to LightSteps
-        Largest changes of what a layer adds to or takes from the light, borders included.
+        Largest changes of the light that a layer adds or stops, along each axis.
     defocus : bool
-        Whether a pixel's own width, which smooths what other effects change, is simulated.
+        Whether the blur of defocus is simulated; it smooths the changes by other effects.
     """
 
     camera: PlenopticCamera
@@ -74,14 +76,14 @@ class SceneBounds:
     defocus: bool = True
 
     def relative(self, change: float) -> float:
-        """Express a change of radiance relative to the brightest pixel."""
+        """Ratio of a change of radiance to the brightest pixel; infinite if that may be dark."""
         if change == 0:
             return 0.0
         return change / self.peak if self.peak > 0 else math.inf
 
 
 def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
-    """Find the bounds of a scene before a camera.
+    """Bound the light of a scene in front of a camera.
 
     Parameters
     ----------
@@ -95,8 +97,8 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
     Raises
     ------
     InputError
-        If a layer stands behind the main lens, or the wavelength spreads light over too many
-        pixels.
+        If a layer is on the wrong side of the main lens, or diffraction spreads light over too
+        many pixels.
     """
     layers = scene.front_to_back
     footprints = {
@@ -125,7 +127,7 @@ def bound_scene(scene: Scene, camera: PlenopticCamera) -> SceneBounds:
 
 
 def _light_behind(camera, layers, layer: Layer, footprints) -> float:
-    """Radiance of the layers whose light has to cross the matter of one, if it has any."""
+    """Upper bound on the radiance from other layers that must cross the matter of a layer."""
     found, front = 0.0, layer.depth_mm - layer.thickness_mm / 2
     if not _has_matter(layer):
         return 0.0
@@ -139,12 +141,12 @@ def _light_behind(camera, layers, layer: Layer, footprints) -> float:
 
 
 def _has_matter(layer: Layer) -> bool:
-    """Whether it can hide or dim what is behind it."""
+    """Whether a layer can occlude or attenuate light from behind."""
     return layer.opaque or bool(layer.optical_thickness.any())
 
 
 def _crosses(camera, front: Layer, other: Layer, footprints, axis: int) -> bool:
-    """Whether the bundle of some pixel meets the matter of one layer and the light of another."""
+    """Whether the rays of some pixel meet the matter of one layer and the light of another."""
     meets = True
     matter = front.optical_thickness + front.opacity
     for layer, cells in ((front, matter), (other, other.texture)):
@@ -156,7 +158,7 @@ def _crosses(camera, front: Layer, other: Layer, footprints, axis: int) -> bool:
 
 
 def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
-    """Largest changes of what a layer adds, and of what it takes from the light behind it."""
+    """Largest changes of the light that a layer adds, and of the light behind that it stops."""
     whole, nearest = layer.texture.max(), _largest_step(layer.texture, axis)
     if _has_matter(layer):
         stopped = layer.opacity + -np.expm1(-layer.optical_thickness)
@@ -167,14 +169,14 @@ def _light_steps(layer: Layer, axis: int, behind: float) -> LightSteps:
 
 
 def _largest_step(cells: np.ndarray, axis: int) -> float:
-    """Largest difference of neighbouring cells along an axis; outside there is nothing."""
+    """Largest difference between neighbouring cells along an axis; outside they are 0."""
     border = [(0, 0), (0, 0)]
     border[axis] = (1, 1)
     return float(np.abs(np.diff(np.pad(cells, border), axis=axis)).max())
 
 
 def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
-    """Bound on the share of a thick layer's light that stands behind matter inside it."""
+    """Bound on the fraction of a thick layer's light that is behind matter within its depth."""
     inside = 0.0
     for other in bounds.layers:
         apart = abs(other.depth_mm - layer.depth_mm)
@@ -184,7 +186,7 @@ def stopped_inside(bounds: SceneBounds, layer: Layer) -> float:
 
 
 def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
-    """Bound on the radiance of others that matter of a thick layer dims only where it is thick."""
+    """Bound on the radiance of other layers within a thick layer that its matter attenuates."""
     if not layer.optical_thickness.any():
         return 0.0
     inside = 0.0
@@ -196,30 +198,35 @@ def dimmed_inside(bounds: SceneBounds, layer: Layer) -> float:
 
 
 def box_mm(bounds: SceneBounds, layer: Layer, axis: int) -> float:
-    """Take the wider of the two boxes that a pixel's trapezoid is made of, in mm."""
+    """Width of a pixel's bundle on a layer in mm: the larger of two boxes.
+
+    The weight of a place on the layer is a trapezoid, the convolution of a box, which is the image
+    of the lenslet, with another, which is the image of the pixel.
+    """
     footprint = bounds.footprints[layer, axis]
     pixel = abs(footprint.pixel_width_mm) if bounds.defocus else 0.0
     return max(abs(footprint.lenslet_width_mm), pixel)
 
 
 def change_rate(steps: LightSteps, box: float) -> float:
-    """Bound on the change of a pixel for each mm by which its bundle moves on a layer.
+    """Bound on the change of a pixel, per mm by which its bundle moves on a layer.
 
-    A box of width a that moves by d over cells of width c crosses, per boundary, a share d/a
-    of itself, and there are at most a/c + 1 boundaries: the change is at most
-    ``d * min(whole / a, next * (1/c + 1/a))``. Any wider kernel averages such boxes.
+    If a box of width a moves by d over cells of width c, a fraction d/a of it crosses each boundary
+    between cells, and there are at most ``a/c + 1`` boundaries. The change is therefore at most
+    ``d * min(whole / a, next * (1/c + 1/a))``. Wider weights are averages of such boxes.
 
     Parameters
     ----------
     steps : LightSteps
+        Largest changes of light on the layer.
     box : float
-        Width a in mm, above 0.
+        Width a of the bundle in mm, above 0.
     """
     return min(steps.whole / box, steps.next * (1 / steps.cell_mm + 1 / box))
 
 
 def displaced(bounds: SceneBounds, layer: Layer, axis: int, shift_mm: float, box: float) -> float:
-    """Bound on the change of a pixel when its bundle, a box in mm, moves on a layer."""
+    """Bound on the change of a pixel if its bundle, a box of this width in mm, moves on a layer."""
     steps = bounds.steps[layer, axis]
     if box <= 0:
         return steps.whole if shift_mm > 0 else 0.0
@@ -229,18 +236,19 @@ def displaced(bounds: SceneBounds, layer: Layer, axis: int, shift_mm: float, box
 def smeared(
     bounds: SceneBounds, layer: Layer, axis: int, depth_mm: float = 0.0, focal_mm: float = 0.0
 ) -> float:
-    """Bound on the change of a pixel if light spread over depth or colour stood at its middle.
+    """Bound on the change of a pixel if all light came from the middle of a spread.
 
-    The mean of what the spread moves, as an upper sum: each eighth of it as if it all stood at
-    the end that is farther from the middle.
+    The spread is one of depth (a thick layer) or of focal length (chromatic shift). It is divided
+    into eight parts; for each, the farthest move of the bundle within it is taken.
 
     Parameters
     ----------
     bounds : SceneBounds
     layer : Layer
     axis : int
+        0 for y, 1 for x.
     depth_mm, focal_mm : float, optional
-        The whole spread of depths and of focal lengths.
+        Total spread of depths or of focal lengths, in mm.
     """
     box, total, here = box_mm(bounds, layer, axis), 0.0, bounds.footprints[layer, axis]
     for part in (-0.5, -0.375, -0.25, -0.125, 0.125, 0.25, 0.375, 0.5):
@@ -252,10 +260,11 @@ def smeared(
 
 
 def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float:
-    """Bound on the relative change when lenslets move by up to `shifts_mm` over the sensor.
+    """Bound on the relative change if lenslets move over the sensor by up to `shifts_mm` (y, x).
 
-    A pixel sees another place of a layer, through its own lenslet, which moved, and in the share
-    of it that another lenslet's micro-image covers now, a place that is farther by a pitch.
+    Through its own lenslet, which moved, a pixel sees another place of a layer. A part of the pixel
+    may then be covered by the micro-image of a neighbouring lenslet; there it sees a place that is
+    one more pitch away.
     """
     camera, change, pitch_mm = bounds.camera, 0.0, true_pitch_mm(bounds.camera)
     for layer in bounds.layers:
@@ -263,7 +272,7 @@ def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float
             footprint, box = bounds.footprints[layer, axis], box_mm(bounds, layer, axis)
             aside = min(shifts_mm[axis], pitch_mm)
             gain = abs(footprint.shift_per_lenslet_shift)
-            stretch = shifts_mm[axis] / camera.lenslets[axis]  # of the lenslet itself
+            stretch = shifts_mm[axis] / camera.lenslets[axis]  # change of the lenslet's own width
             shift = gain * aside + stretch * abs(footprint.lenslet_width_mm) / pitch_mm
             moved = displaced(bounds, layer, axis, shift, box)
             exchanged = _share_exchanged(camera, shifts_mm[axis])
@@ -276,7 +285,7 @@ def lenslets_moved(bounds: SceneBounds, shifts_mm: tuple[float, float]) -> float
 
 
 def _share_exchanged(camera: PlenopticCamera, shift_mm: float) -> float:
-    """Share of an outermost pixel that another micro-image covers when all move by a shift."""
+    """Fraction of an outermost pixel that a neighbouring micro-image covers after a shift."""
     ratio = 1 + camera.lenslet_focal_mm / camera.image_distance_mm
     gap_mm = (camera.micro_image_pitch_mm - camera.views * camera.pixel_mm) / 2
     return min(1.0, max(0.0, shift_mm * ratio - gap_mm) / camera.pixel_mm)

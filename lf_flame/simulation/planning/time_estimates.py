@@ -1,4 +1,4 @@
-"""Estimates of the time that integrators and effects take, from measured rates."""
+"""Estimates of the time to render an image, by integrator and effect, from measured rates."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -28,32 +28,39 @@ NANOSECONDS = {
     "main_lens_blur": 35.0,
     "noise": 18.0,
 }
-"""Time on one core, as measured for the tables of costs: for a pixel of the image (pixel); for a
-pixel that sees a plane, the plane and each of its cells along the pixel's bundle (exact), each ray
-along an axis where planes only add (ray), each ray where they dim others (dimmed), where stops cut
-it (stop), or where light of every lenslet adds up, without and with a stop (lenslets); for two
-polygons and a plane (polygon); and for a pixel (others)."""
+"""Time in nanoseconds on one core, as measured for the tables of costs.
+
+- ``pixel``: per pixel of the image;
+- ``exact``: per pixel that sees a plane, for the plane and for each cell along an axis of its
+  bundle;
+- ``ray``: per pixel that sees a plane and per ray along an axis, if light only adds up;
+- ``dimmed``, ``stop``, ``lenslets``, ``lenslets_stop``: per pixel that sees a plane and per ray, if
+  planes attenuate others, if stops cut off rays, and if the light of all lenslets adds up in a
+  pixel, without and with a stop;
+- ``polygon``: per pair of polygons and plane;
+- others: per pixel."""
 
 TYPICAL_RAYS, RAYS_EXPONENT = 18, 0.35
-"""Rays per pixel and axis that most scenes take at a tolerance of 1e-3, and how their number falls
-with a larger one."""
+"""Typical number of rays per pixel and axis at a tolerance of 1e-3, and the exponent with which it
+falls for larger tolerances."""
 
 FEWEST_RAYS, RAYS_TO_CELLS, MOST_CELLS = 5, 2.25, 41
-"""Fewest rays per pixel and axis at any tolerance: three images are compared, the first with as
-many rays as a bundle has cells."""
+"""Smallest number of rays per pixel and axis at any tolerance; its ratio to the number of cells
+along an axis of a bundle, because the search for the number compares three images and the first has
+one ray per cell; and the largest number of cells that counts."""
 
 SEARCH_LINES = 40
-"""Lines of the image whose rays take as long as the search for the number of rays."""
+"""Time of the search for the number of rays, as the number of lines traced in the same time."""
 
 RAYS_TIMES_TOLERANCE = 0.1
-"""Where planes dim others, rays per pixel and axis times the tolerance that they meet, about."""
+"""Number of rays per pixel and axis times tolerance, if planes attenuate others."""
 
 EVERY_LENSLET = ("f_number_mismatch", "lenslet_rotation")
-"""Effects by which light of every lenslet adds up in a pixel."""
+"""Effects with which a pixel can receive light through every lenslet."""
 
 
 def lit_pixels(layer: Layer, optics: OpticalPass) -> tuple[int, float]:
-    """Count the pixels that see a layer, and the cells along their bundles at most."""
+    """Count the pixels that see a layer, and the cells along an axis of the widest bundle."""
     pixels, cells = 1, 0.0
     for axis in (0, 1):
         footprint, edges = optics.footprint(layer.depth_mm, axis), layer.cell_edges_mm(axis)
@@ -73,9 +80,25 @@ def compare_integrators(
     slabs: Sequence[int],
     traced: Collection[str],
 ) -> dict[str, float]:
-    """Estimate the seconds of each integrator for one colour, on one core.
+    """Estimate the time of each integrator for one colour, in seconds on one core.
 
-    "blank" is the time of the image itself, once for all colours.
+    Parameters
+    ----------
+    scene : Scene
+    camera : PlenopticCamera
+    tolerance : float
+        Tolerance of the image, which determines the number of rays.
+    kept : collection of str
+        Effects that are simulated.
+    slabs : sequence of int
+        Number of planes for each layer of the scene.
+    traced : collection of str
+        Effects that treat the rays of one bundle differently.
+
+    Returns
+    -------
+    dict of str to float
+        Times of "exact" and "rays", and of "blank": the empty image, once for all colours.
     """
     optics = OpticalPass(camera, defocus="defocus" in kept)
     seen = [lit_pixels(layer, optics) for layer in scene.layers]
@@ -96,7 +119,7 @@ def compare_integrators(
 
 
 def _nanoseconds_of_rays(traced: Collection[str], rays: float) -> float:
-    """Time of all rays of a pixel through one plane."""
+    """Time in nanoseconds of all rays of one pixel through one plane."""
     stops = any(name in RAYS and name != "lenslet_rotation" for name in traced)
     if any(name in EVERY_LENSLET for name in traced):
         return rays**2 * NANOSECONDS["lenslets_stop" if stops else "lenslets"]
@@ -107,25 +130,33 @@ def _nanoseconds_of_rays(traced: Collection[str], rays: float) -> float:
 
 def estimate_seconds(
     bounds: SceneBounds,
-    kept: Collection[str],
     slabs: Sequence[int],
     colours: int,
-    costs: Mapping[str, float],
-    others: Mapping[str, float],
-    integrator: str,
+    cost: float,
+    without: Mapping[str, float],
 ) -> dict[str, float]:
-    """Roughly how long each effect takes, or would take, on one core.
+    """Estimate the time that each effect adds, or would add, in seconds on one core.
 
-    costs: of `compare_integrators`; others: the seconds without each effect that weighs rays.
+    Parameters
+    ----------
+    bounds : SceneBounds
+    slabs : sequence of int
+        Number of planes for each layer of the scene.
+    colours : int
+        Number of focal lengths.
+    cost : float
+        Time of the chosen integrator for one colour, see `compare_integrators`.
+    without : mapping of str to float
+        The same without each of the effects that treat the rays of one bundle differently.
     """
     camera = bounds.camera
     pixels = camera.views**2 * math.prod(camera.lenslets)
-    base = costs[integrator] * colours
+    base = cost * colours
     seconds = dict.fromkeys(EFFECTS, 0.0)
     seconds["cos4"] = pixels * NANOSECONDS["cos4"] * 1e-9
     seconds["thickness"] = base * (1 - len(slabs) / sum(slabs))
     seconds["chromatic"] = base * (1 - 1 / colours)
-    seconds |= {name: base - without * colours for name, without in others.items()}
+    seconds |= {name: base - other * colours for name, other in without.items()}
     if camera.wavelength_nm is not None:
         for stop in ("lenslet", "main_lens"):
             seconds[f"{stop}_diffraction"] = pixels * NANOSECONDS[f"{stop}_blur"] * 1e-9

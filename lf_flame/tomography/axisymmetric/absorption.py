@@ -57,15 +57,14 @@ class AbsorbingSection(LinearOperator):
                 f"{absorption.max()} per mm."
             )
         super().__init__(dtype=np.dtype(float), dims=grid.shape, dimsd=grid.view_shape)
-        count = len(grid.slab_depths_mm)
-        check_memory(
-            count * int(np.prod(grid.view_shape)) * 4,
-            f"Transmissions of {count} slabs, as every view sees them,",
-        )
+        self._grid = grid
         self._heights = grid.cells_by_height
         self._slabs = [_Slab(grid, depth) for depth in grid.slab_depths_mm]
-        v, u, t, s = grid.view_shape
-        through = np.ones((v * t, u * s))
+        through = np.ones(self._slabs[0].raw_shape)
+        count = len(self._slabs)
+        check_memory(
+            count * through.size * 4, f"Transmissions of {count} slabs, as every view sees them,"
+        )
         for slab in reversed(self._slabs):  # nearest to the main lens first
             slab.seen = through.astype(np.float32)
             tau = self._spread(absorption, slab)
@@ -83,17 +82,23 @@ class AbsorbingSection(LinearOperator):
             slab.seen * slab.seen_from(slab.own * self._spread(section, slab))
             for slab in self._slabs
         )
-        v, u, t, s = self.dimsd
-        return np.reshape(raw, (v, t, u, s)).transpose(0, 2, 1, 3).ravel()
+        t, s = self.dimsd[2:]
+        views = np.reshape(raw, (-1, t, np.shape(raw)[1] // s, s)).transpose(0, 2, 1, 3)
+        return self._grid.pick(views).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        v, u, t, s = self.dimsd
-        raw = y.reshape(self.dimsd).transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        raw = self._raw(y)
         section = np.zeros(self.dims)
         for slab in self._slabs:
             cells = slab.own * slab.back(slab.seen * raw)
             section += (self._heights.T @ cells) @ slab.radii
         return section.ravel()
+
+    def _raw(self, y: np.ndarray) -> np.ndarray:
+        """Place fitted views in the layout (v, t) by (u, s), with 0 elsewhere."""
+        views = self._grid.place(y.reshape(self.dimsd))
+        v, u, t, s = views.shape
+        return views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
 
     def mean_transmission(self) -> np.ndarray:
         """Fraction of each node's light that leaves towards the camera, averaged over its rays.
@@ -105,11 +110,9 @@ class AbsorbingSection(LinearOperator):
         """
         ones = np.ones(self.dimsd)
         through = self.rmatvec(ones.ravel()).reshape(self.dims)
-        thin = np.zeros(self.dims)
-        v, u, t, s = self.dimsd
-        flat = np.ones((v * t, u * s))
+        thin, counted = np.zeros(self.dims), self._raw(ones)
         for slab in self._slabs:
-            thin += (self._heights.T @ slab.back(flat)) @ slab.radii
+            thin += (self._heights.T @ slab.back(counted)) @ slab.radii
         return np.divide(through, thin, out=np.ones(self.dims), where=thin > 0)
 
 
@@ -125,6 +128,7 @@ class _Slab:
         self._down_back = sparse.csr_array(self._down.T)
         self._across_back = sparse.csr_array(self._across.T)
         self.radii = grid.cells_by_radius(depth)
+        self.raw_shape = self._down.shape[0], self._across.shape[0]
 
     def seen_from(self, cells: np.ndarray) -> np.ndarray:
         """Image of the cells in all views, ``down cells across'``."""

@@ -8,9 +8,9 @@ import scipy  # its parts load when they are used
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography.counted_views import counted_views
+from lf_flame.tomography.counted_views import inner_views
 
 EDGE_SHARE = 0.01
 """Light of a column, relative to the brightest, at which a flame is taken to end."""
@@ -43,7 +43,7 @@ class FlameAxis:
     across_mm : float
         Distance from the optical axis, in mm at the axis' depth.
     depth_mm : float
-        Depth from the focal plane.
+        Depth in mm, from the zero of the camera.
     radius_mm : float
         Radius that contains all light, with a margin.
     lean_deg : float
@@ -75,9 +75,7 @@ class FlameAxis:
     depth_lean_error_deg: float = 0.0
 
 
-def find_axis(
-    light_field: LightField, camera: PlenopticCamera, depth_mm: float | None = None
-) -> FlameAxis:
+def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = None) -> FlameAxis:
     """Find the upright axis of an axisymmetric flame from its centre in each view.
 
     The centre in a view is where its columns match their mirror image best: the peak of the
@@ -89,7 +87,7 @@ def find_axis(
     ----------
     light_field : LightField
         Grey light field of `camera`, with black at 0.
-    camera : PlenopticCamera
+    camera : Lens
     depth_mm : float, optional
         Depth of the axis, for a light field of fewer than 3 view columns, which cannot show it.
 
@@ -116,8 +114,8 @@ def find_axis(
     >>> abs(find_axis(LightField(views), camera).across_mm) < 0.01
     True
     """
-    light_field, camera, _ = counted_views(light_field, camera)
-    views = light_field.views
+    light_field, camera = inner_views(camera.levelled(light_field), camera)
+    views = light_field.filled
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         raise InputError(
             f"The axis is found in grey light fields of 3 or more view columns, got {views.shape}; "
@@ -192,7 +190,7 @@ class _Bands:
         rest = self.middles - middle - slopes[:, None] * self.at
         return float(np.sqrt(np.sum(rest**2) / len(rest) / (len(self.at) - 2)))
 
-    def straightness(self, camera: PlenopticCamera, slope: float, side: float) -> dict[str, float]:
+    def straightness(self, camera: Lens, slope: float, side: float) -> dict[str, float]:
         """Fields of `FlameAxis` on the errors of the axis and its straightness."""
         error = self.error / np.sqrt(len(self.at))
         line, covariance = _fit_line(self.heights, self.middles.mean(axis=1), error)

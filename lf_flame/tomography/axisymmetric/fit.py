@@ -239,9 +239,7 @@ class AxisymmetricFit:
         noise += sd * self.gram.draw_penalty(options.strength, options.order, rng)
         return self._solve(self._linear + noise, options, start)[0]
 
-    def solve_for(
-        self, back: np.ndarray, options: SolveOptions, start: np.ndarray
-    ) -> np.ndarray:
+    def solve_for(self, back: np.ndarray, options: SolveOptions, start: np.ndarray) -> np.ndarray:
         """Fit another backprojected light field, (heights, radii); starts from known emission."""
         return self._solve(back.ravel() * self.gram.unit, options, start)
 

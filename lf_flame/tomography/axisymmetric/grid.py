@@ -8,14 +8,14 @@ small matrices for each slab, and its Gram matrix is a short sum of Kronecker pr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from lf_flame.errors import InputError
-from lf_flame.optics.camera import PlenopticCamera
+from lf_flame.optics.lens import Lens
 from lf_flame.scenes.scene import Layer
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import layer_bands
@@ -43,12 +43,12 @@ class AxisymmetricGrid:
 
     Parameters
     ----------
-    camera : PlenopticCamera
+    camera : Lens
         Camera, as for `FrustumGrid`.
     axis_mm : float
         Position of the axis across, from the optical axis, in mm.
     depth_mm : float
-        Depth of the axis from the focal plane, in mm.
+        Depth of the axis in mm, from the zero of the camera.
     radius_mm : float
         Radius that contains all emission, in mm.
     block : int, optional
@@ -61,6 +61,8 @@ class AxisymmetricGrid:
         sharply at its burner, and a smooth section could not. Default: no burner.
     depth_ratio : float, optional
         Extent of the flame in depth relative to that across, 0.1 to 10. Default: 1, axisymmetric.
+    counted : array_like of bool, shape (views, views), optional
+        Views that are fitted, as for `FrustumGrid`. Default: all that the aperture leaves whole.
 
     Raises
     ------
@@ -79,7 +81,7 @@ class AxisymmetricGrid:
     True
     """
 
-    camera: PlenopticCamera
+    camera: Lens
     axis_mm: float
     depth_mm: float
     radius_mm: float
@@ -87,10 +89,9 @@ class AxisymmetricGrid:
     which: str = "all"
     burner_mm: float | None = None
     depth_ratio: float = 1.0
+    counted: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
-        if self.camera.aperture_diameter_mm is not None:
-            raise InputError(_round_aperture(self.camera))
         if self.which not in WHICH_VIEWS:
             raise InputError(f"which must be one of {WHICH_VIEWS}, got {self.which!r}.")
         if not np.isfinite([self.axis_mm, self.depth_mm, self.radius_mm]).all():
@@ -100,13 +101,14 @@ class AxisymmetricGrid:
             )
         if not 0.1 <= self.depth_ratio <= 10:
             raise InputError(f"depth_ratio must be 0.1 to 10, got {self.depth_ratio}.")
+        object.__setattr__(self, "counted", self._middle.counted)
         half_width = self.step_mm * self._middle.shape[2] / 2
         if abs(self.axis_mm) >= half_width:
             raise InputError(
                 f"The axis must stand within the field, {half_width:.3g} mm to either side, got "
                 f"{self.axis_mm} mm."
             )
-        widest = min(2 * half_width, (self.camera.focus_distance_mm + self.depth_mm) / 2)
+        widest = min(2 * half_width, self.camera.distance_mm(self.depth_mm) / 2)
         if not 4 * self.step_mm <= self.radius_mm <= widest:
             raise InputError(
                 f"radius_mm must be at least four pixels, {4 * self.step_mm:.3g} mm, and at most "
@@ -127,7 +129,7 @@ class AxisymmetricGrid:
 
     @cached_property
     def _middle(self) -> FrustumGrid:
-        return FrustumGrid(self.camera, [self.depth_mm], self.block)
+        return FrustumGrid(self.camera, [self.depth_mm], self.block, self.counted)
 
     @cached_property
     def step_mm(self) -> float:
@@ -145,7 +147,7 @@ class AxisymmetricGrid:
         # The most oblique ray: from the edge of the aperture to the edge of the field or flame.
         aperture = self.camera.views * self.camera.view_step_mm
         farthest = max(self._highest_mm, abs(self.axis_mm) + self.radius_mm)
-        slope = (aperture / 2 + farthest) / (self.camera.focus_distance_mm + self.depth_mm)
+        slope = (aperture / 2 + farthest) / self.camera.distance_mm(self.depth_mm)
         reach = self.depth_ratio * self.radius_mm
         count = max(1, int(np.ceil(reach * slope / (PARALLAX * self.step_mm))))
         edges = np.linspace(reach, -reach, count + 1)
@@ -198,14 +200,33 @@ class AxisymmetricGrid:
 
     @property
     def view_shape(self) -> tuple[int, int, int, int]:
-        """Number of views and pixels that are used, (v, u, t, s)."""
-        count = self.camera.views if self.which == "all" else 1
-        return (count, count, *self._middle.pixels)
+        """Shape of the views that are used: (v, u, t, s), or one after the other, (n, 1, t, s)."""
+        if self.which == "all":
+            return self._middle.data_shape
+        return (1, 1, *self._middle.pixels)
+
+    @property
+    def view_count(self) -> int:
+        """Number of views that are used."""
+        return self._middle.view_count if self.which == "all" else 1
 
     def pick(self, views: np.ndarray) -> np.ndarray:
-        """Select the views that are used."""
+        """Select the views that are used, in the shape `view_shape`."""
+        if self.which == "all":
+            return self._middle.pick(views)
+        if views.shape[:2] == (1, 1):
+            return views
         middle = self.camera.views // 2
-        return views if self.which == "all" else views[middle : middle + 1, middle : middle + 1]
+        return views[middle : middle + 1, middle : middle + 1]
+
+    def place(self, picked: np.ndarray, missing: float = 0.0) -> np.ndarray:
+        """Place picked views, or one number for each, among all rows and columns of views."""
+        return self._middle.place(picked, missing) if self.which == "all" else picked
+
+    def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Rows of views that use the same columns, and these: indices, together each view once."""
+        one = np.zeros(1, int)
+        return self._middle.view_groups() if self.which == "all" else [(one, one)]
 
     @cached_property
     def by_height(self) -> list[sparse.csr_array]:
@@ -303,25 +324,3 @@ def _linear_weights(places: np.ndarray, nodes: int) -> sparse.csr_array:
         entries.append((share[inside] / places.shape[1], cell[inside], node[inside]))
     values, rows, columns = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     return sparse.coo_array((values, (rows, columns)), shape=(len(places), nodes)).tocsr()
-
-
-def _round_aperture(camera: PlenopticCamera) -> str:
-    """Say why a round aperture is refused, and which views are complete."""
-    diameter, views = camera.aperture_diameter_mm, camera.views
-    found = (
-        f"An axisymmetric flame needs views whose part of the lens is a whole square, and a round "
-        f"aperture of {diameter:g} mm (aperture_diameter_mm) cuts or darkens the outer ones: "
-    )
-    # The largest central square of views inside the circle.
-    inner = int(diameter / (np.sqrt(2) * camera.view_step_mm) + 1e-9)
-    inner = min(inner, views)
-    inner -= (views - inner) % 2
-    if inner < 2:
-        return f"{found}it leaves fewer than 2 x 2 views whole."
-    first = (views - inner) // 2
-    inside = f"{first}:{first + inner}"
-    return (
-        f"{found}keep the inner {inner} x {inner} of {views} x {views} views, "
-        f"light_field.views[{inside}, {inside}], and state a camera of views = {inner}, "
-        f"pixel_pitch_mm = {camera.pixel_mm:.6g} and no aperture_diameter_mm."
-    )

@@ -37,14 +37,16 @@ class AxisymmetricOperator(LinearOperator):
         self._across = np.concatenate(list(grid.by_radius), axis=1)
 
     def _matvec(self, x: np.ndarray) -> np.ndarray:
-        section = x.reshape(self.dims)
-        v, u, t, s = self.dimsd
+        section, (t, s) = x.reshape(self.dims), self.dimsd[2:]
         lines = np.concatenate([one @ section for one in self.grid.by_height], axis=1)
-        return (lines @ self._across.T).reshape(v, t, u, s).transpose(0, 2, 1, 3).ravel()
+        raw = lines @ self._across.T
+        views = raw.reshape(len(raw) // t, t, raw.shape[1] // s, s).transpose(0, 2, 1, 3)
+        return self.grid.pick(views).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        v, u, t, s = self.dimsd
-        raw = y.reshape(self.dimsd).transpose(0, 2, 1, 3).reshape(v * t, u * s)
+        views = self.grid.place(y.reshape(self.dimsd))
+        v, u, t, s = views.shape
+        raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
         heights, radii = self.dims
         slabs = len(self.grid.by_radius)
         lines = (self._down @ (raw @ self._across)).reshape(slabs, heights, slabs, radii)
@@ -62,26 +64,36 @@ def gram_bands(grid: AxisymmetricGrid) -> np.ndarray:
         Lower diagonals, as `scipy.linalg.cholesky_banded` takes them.
     """
     heights, radii = grid.shape
-    slabs = len(grid.by_radius)
+    slabs, (t, s) = len(grid.by_radius), grid.view_shape[2:]
     stacked = sparse.hstack(grid.by_height, format="csr")
-    down = (stacked.T @ stacked).toarray().reshape(slabs, heights, slabs, heights)
-    across = np.concatenate(list(grid.by_radius), axis=1)
-    across = (across.T @ across).reshape(slabs, radii, slabs, radii)
-    across = across.transpose(0, 2, 1, 3).reshape(slabs**2, radii**2)
-    down = down.transpose(1, 3, 0, 2)  # height, height, slab, slab
-    reach = _reach(down)
+    beside = np.concatenate(list(grid.by_radius), axis=1)
+    products = []
+    for rows, columns in grid.view_groups():
+        down, across = stacked[_lines(rows, t)], beside[_lines(columns, s)]
+        products.append((down.T @ down, across.T @ across))
+    reach = max(_reach(down, heights) for down, _ in products)
     bands = np.zeros(((reach + 1) * radii, heights * radii))
-    for step in range(reach + 1):
-        start = np.arange(heights - step)
-        blocks = down[start + step, start].reshape(-1, slabs**2) @ across
-        _add_blocks(bands, blocks.reshape(-1, radii, radii), step)
+    for down, across in products:
+        down = down.toarray().reshape(slabs, heights, slabs, heights)
+        down = down.transpose(1, 3, 0, 2)  # height, height, slab, slab
+        across = across.reshape(slabs, radii, slabs, radii).transpose(0, 2, 1, 3)
+        across = across.reshape(slabs**2, radii**2)
+        for step in range(reach + 1):
+            start = np.arange(heights - step)
+            blocks = down[start + step, start].reshape(-1, slabs**2) @ across
+            _add_blocks(bands, blocks.reshape(-1, radii, radii), step)
     return bands
 
 
-def _reach(down: np.ndarray) -> int:
+def _lines(views: np.ndarray, pixels: int) -> np.ndarray:
+    """Rows of a matrix (views * pixels, ...) that are of some views."""
+    return (views[:, None] * pixels + np.arange(pixels)).ravel()
+
+
+def _reach(down: sparse.csr_array, heights: int) -> int:
     """Find the largest distance in rows between two heights that one pixel sees."""
-    seen = np.argwhere(np.abs(down).max(axis=(2, 3)) > 0)
-    return int(np.abs(seen[:, 0] - seen[:, 1]).max())
+    seen = down.tocoo()
+    return int(np.abs(seen.row % heights - seen.col % heights)[seen.data != 0].max())
 
 
 def _add_blocks(bands: np.ndarray, blocks: np.ndarray, step: int) -> None:

@@ -5,7 +5,7 @@ For one view with parallel rays this is Abel's integral equation (Hansen and Law
 the fit is regularised and without negative light.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from lf_flame.tomography.axisymmetric.roundness import (
     name_unseen,
 )
 from lf_flame.tomography.axisymmetric.section_fit import SectionFit
-from lf_flame.tomography.counted_views import counted_views
+from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
 from lf_flame.tomography.plane_fit import average_blocks
@@ -45,7 +45,8 @@ class AxisymmetricFlame:
     strength : float
         Strength of the regularisation that was used.
     chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each used view, in units of the noise's variance.
+        Mean squared residual of each view, in units of the noise's variance; NaN of views that
+        are not fitted.
     warnings : tuple of str
         Sentences on disagreements of data and model.
     unseen : tuple of str
@@ -153,27 +154,31 @@ class Looked(NamedTuple):
     Attributes
     ----------
     views : ndarray of float32, shape (v, u, t, s)
-        Views in the grid's pixels.
+        Fitted views in the grid's pixels, as `AxisymmetricGrid.pick` gives them.
     grid : AxisymmetricGrid
-        Grid of the camera that has these views.
+        Grid of the views that count.
     axis : FlameAxis
-    left_out : tuple of str
-        A sentence that says so if views were left out.
+    said : tuple of str
+        Sentences on views and pixels that are left out.
     """
 
     views: np.ndarray
     grid: AxisymmetricGrid
     axis: FlameAxis
-    left_out: tuple[str, ...]
+    said: tuple[str, ...]
 
 
 def look_at(light_field: LightField, grid: AxisymmetricGrid) -> Looked:
     """Select the views that a fit uses, averaged over the grid's blocks, and find the axis."""
-    light_field, camera, left_out = counted_views(light_field, grid.camera)
-    grid = replace(grid, camera=camera) if left_out else grid
-    views = _pixels(light_field, grid)
+    said: tuple[str, ...] = ()
+    even = grid.camera.levelled(light_field)
+    if grid.which == "all":
+        grid, said = fitted_views(even, grid)
+    views = _pixels(even, grid)
+    if light_field.unknown:
+        said = (*said, f"{light_field.unknown}.")
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
-    return Looked(views, grid, find_axis(light_field, camera, depth), left_out)
+    return Looked(views, grid, find_axis(light_field, grid.camera, depth), said)
 
 
 def explain_views(
@@ -199,27 +204,27 @@ def explain_views(
     bootstrap : int
     rng : numpy.random.Generator
     """
-    section, views = fit.solve(strength), fit.views
+    grid, section, views = looked.grid, fit.solve(strength), fit.views
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
-    chi_squared = power / noise_variance(fit.noise)
+    chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
     draws = fit.draw(section, bootstrap, rng)
     depth_ratio = fit.depth_ratio(section)
-    departures = check_roundness(looked.axis) + check_stated(looked.axis, looked.grid, views)
+    departures = check_roundness(looked.axis) + check_stated(looked.axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
-    misfit = check_misfit(residual, float(views.max()))
+    misfit = check_misfit(grid, residual, float(views.max()))
     # What the misfit already says is not said again.
     checked = None if misfit else residual
     said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
     return AxisymmetricFlame(
-        grid=looked.grid,
+        grid=grid,
         emission=section.cells[0].astype(np.float32),
         draws=draws,
         noise=fit.noise,
         strength=section.options.strength,
         chi_squared=chi_squared,
-        warnings=(*looked.left_out, *departures, *misfit, *said),
+        warnings=(*looked.said, *departures, *misfit, *said),
         unseen=name_unseen(looked.axis, depth_ratio),
     )
 
@@ -227,7 +232,7 @@ def explain_views(
 def _pixels(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
     """Average the used views over blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
-        alone = replace(grid.camera, views=1, pixel_pitch_mm=None)
+        alone = grid.camera.with_views(1)
         return average_blocks(light_field, alone, grid.block)
     return grid.pick(average_blocks(light_field, grid.camera, grid.block))
 

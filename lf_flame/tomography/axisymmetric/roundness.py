@@ -100,7 +100,8 @@ def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> 
             f"{axis.across_mm:.3f} mm (standard error {axis.across_error_mm:.1g}): near the axis "
             f"emission is wrong; leave it out to have it found."
         )
-    half_angle = grid.camera.aperture_mm / 2 / (grid.camera.focus_distance_mm + grid.depth_mm)
+    pupil = grid.camera.views * grid.camera.view_step_mm
+    half_angle = pupil / 2 / grid.camera.distance_mm(grid.depth_mm)
     off = grid.depth_mm - axis.depth_mm
     # A wrong depth displaces the axis in the outermost views by the parallax.
     if abs(off) > max(least / half_angle, ERRORS * axis.depth_error_mm):
@@ -122,6 +123,7 @@ def check_stated(axis: FlameAxis, grid: AxisymmetricGrid, views: np.ndarray) -> 
 def _has_light_outside(grid: AxisymmetricGrid, views: np.ndarray) -> bool:
     """Whether there is more light than noise where no flame within a grid's radius can be."""
     lit = AxisymmetricOperator(grid).matvec(np.ones(np.prod(grid.shape))).reshape(views.shape)
+    lit, views = grid.place(lit), grid.place(views)
     dark = lit.max(axis=(0, 2)) <= 0  # view column, column
     rows = views.sum(axis=0, dtype=np.float64).transpose(1, 0, 2)[:, dark].sum(axis=1)
     # Noise differs between neighbouring rows, the flame hardly does.
@@ -130,7 +132,7 @@ def _has_light_outside(grid: AxisymmetricGrid, views: np.ndarray) -> bool:
     return bool(light > ERRORS * error and light > MOST_OUTSIDE * total)
 
 
-def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
+def check_misfit(grid: AxisymmetricGrid, residual: np.ndarray, peak: float) -> tuple[str, ...]:
     """Sentence if views differ from the best axisymmetric flame by more than noise.
 
     Noise differs from view to view, or in a single view from pixel to pixel; the residual of a
@@ -138,13 +140,17 @@ def check_misfit(residual: np.ndarray, peak: float) -> tuple[str, ...]:
 
     Parameters
     ----------
-    residual : ndarray, shape (v, u, t, s)
+    grid : AxisymmetricGrid
+    residual : ndarray, in the shape of the grid's views
     peak : float
         Brightest pixel of the views.
     """
-    if residual.shape[1] > 1:
-        smooth = ndimage.uniform_filter(residual, (0, 0, SMOOTHED, SMOOTHED), np.float64)
-        one, other = smooth[:, :-1], smooth[:, 1:]
+    views = grid.place(residual)
+    if views.shape[1] > 1:
+        smooth = ndimage.uniform_filter(views, (0, 0, SMOOTHED, SMOOTHED), np.float64)
+        counted = np.ones(views.shape[:2], bool) if grid.counted is None else grid.counted
+        both = counted[:, :-1] & counted[:, 1:]
+        one, other = smooth[:, :-1][both], smooth[:, 1:][both]
         independent = one.size / SMOOTHED**2
     else:
         one, other = residual[..., :-1, :], residual[..., 1:, :]

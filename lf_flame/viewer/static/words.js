@@ -14,7 +14,7 @@ export function command(metadata, state) {
   const words = ["lf-flame refocus", asPath(metadata.source)];
   const all = state.overlay === "focus"; // made from all views, whatever the aperture
   for (const [name, value] of Object.entries({ ...metadata.reading, ...(all ? {} : metadata.making) })) {
-    words.push(`--${name}=${shellQuoted(String(value))}`);
+    words.push(`--${name.replace("_", "-")}=${shellQuoted(String(value))}`);
   }
   words.push(all ? `--map ${metadata.slopes.join(" ")}` : `--slope ${short(state.slope)}`);
   if (!all && !isWhole(state)) {
@@ -30,13 +30,16 @@ export function command(metadata, state) {
 
 /** Lines of Python; JSON's strings are Python's. */
 export function python(metadata, state) {
-  const options = Object.entries(metadata.reading).map(([name, x]) => `${name}=${JSON.stringify(x)}`);
+  const named = (name) => (name === "focused" ? "calibration" : name);
+  const options = Object.entries(metadata.reading).map(([name, x]) => `${named(name)}=${JSON.stringify(x)}`);
   const called = [JSON.stringify(metadata.source), ...options].join(", ");
-  const raw = "white" in metadata.reading || "pitch" in metadata.reading;
+  const focused = "focused" in metadata.reading;
+  const raw = !focused && ("white" in metadata.reading || "pitch" in metadata.reading);
+  const reader = focused ? "read_focused" : raw ? "read_raw" : "read_light_field";
   const lines = [
-    `from lf_flame.formats import ${raw ? "read_raw" : "read_light_field"}`,
+    `from lf_flame.formats import ${reader}`,
     "from lf_flame.refocus import refocus",
-    raw ? `light_field, _ = read_raw(${called})` : `light_field = read_light_field(${called})`,
+    `light_field${raw ? ", _" : ""} = ${reader}(${called})`,
   ];
   const all = state.overlay === "focus";
   let weights = "";

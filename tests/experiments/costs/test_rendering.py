@@ -1,6 +1,5 @@
 import json
 import math
-import re
 from dataclasses import replace
 
 import numba
@@ -10,18 +9,25 @@ import pytest
 from matplotlib.image import imread
 
 from experiments import timing
-from experiments.costs import rendering_report
+from experiments.costs import rendering, rendering_report
 from experiments.costs.integration_methods import METHODS
 from experiments.costs.rendering import measure_costs
-from experiments.costs.rendering_scenes import CONFIGS, Study, effect_trials, study_scenes
-from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, plan_effects
-from lf_flame.simulation.planning.effects import EFFECTS
+from experiments.costs.rendering_scenes import CONFIGS, Study, study_scenes
+from experiments.effects.absolute import effect_trials
+from lf_flame import PAPER_CAMERA, InputError, Layer, Scene
 from lf_flame.simulation.rendering import render
 
 pytestmark = [pytest.mark.jit, pytest.mark.slow]
 
 CAMERA = replace(PAPER_CAMERA, views=3, lenslets=(12, 14))
-TRIALS = effect_trials(replace(CAMERA, views=6), 3.0)
+TRIALS = {
+    name: trial
+    for name, trial in effect_trials(replace(CAMERA, views=6)).items()
+    if name in ("defocus", "cos4", "shot_noise")
+}
+"""Some effects, which all are like; `tests/experiments/effects` has a trial of each."""
+
+FEW_RAYS = {name: replace(method, settings=method.settings[:6]) for name, method in METHODS.items()}
 
 
 def small_studies():
@@ -46,11 +52,11 @@ def measured(tmp_path_factory, coarse_data):
 
     patch = pytest.MonkeyPatch()
     patch.setattr(timing, "SHORT_S", 0.0)
-    patch.setattr(timing, "REPETITIONS", 1)
+    patch.setattr(timing, "ROUNDS", 1)
+    patch.setattr(rendering, "METHODS", FEW_RAYS)
     threads = numba.get_num_threads()
-    found = measure_costs(progress, 8.0, small_studies(), TRIALS, coarse_data)
-    rendering_report.write_report(out, *found)
-    record = found[-1]
+    record = measure_costs(progress, 1e9, small_studies(), TRIALS, coarse_data[:1])
+    rendering_report.write_reports(out, record)
     patch.undo()
     assert numba.get_num_threads() == threads
     return out, record, seen
@@ -68,6 +74,7 @@ def test_all_files_are_there(measured):
         "effects.csv",
         "costs.md",
         "light_field.md",
+        "light_field.json",
         "costs.json",
         "costs.png",
         "effects.png",
@@ -75,34 +82,22 @@ def test_all_files_are_there(measured):
     assert {path.name for path in out.iterdir()} == written
     for name in ("costs.png", "effects.png"):
         pixels = imread(out / name)[..., :3]
-        assert min(pixels.shape[:2]) > 500
+        assert min(pixels.shape[:2]) > 300
         assert 0.005 < np.mean(pixels < 0.9) < 0.5  # neither empty nor covered
     text = (out / "costs.json").read_text()
-    assert json.loads(text, parse_constant=pytest.fail)["accuracy"] == record["accuracy"]
+    stored = json.loads(text, parse_constant=pytest.fail)
+    assert stored["accuracy"] == record["accuracy"]
     assert len(pd.read_csv(out / "accuracy.csv")) == len(record["accuracy"])
     report = (out / "costs.md").read_text()
-    for words in (record["command"], record["machine"], "numba", "finite-width rays", "shot_noise"):
+    for words in (stored["command"], stored["machine"], "numba", "finite-width rays", "shot_noise"):
         assert words in report
-    for kind in ("exact", "ray", "dimmed", "polygon", "cos4"):  # of the plan's times
-        assert re.search(rf"\| {kind} +\|", report)
     assert "nan" not in report
 
 
 def test_progress_passes_every_step(measured):
     (first, *steps) = measured[2]
     assert first == (0, len(steps))
-    assert len(steps) == 2 * len(METHODS) + len(EFFECTS) + 4
-
-
-def test_a_sample_is_the_same_both_ways_and_takes_less_straight_from_the_scene(measured):
-    out, record, _ = measured
-    assert [row["data"] for row in record["samples"]] == ["shapes", "flames"]
-    for row in record["samples"]:
-        assert row["not_separable"] == {}
-        assert 0 < row["largest_difference"] < 1e-6
-        assert row["ratio"] == row["seconds_through_light_field"] / row["seconds_straight"]
-        assert row["seconds_drawing"] > 0
-        assert f"| {row['data']} " in (out / "costs.md").read_text()
+    assert len(steps) == 2 * len(METHODS) + len(TRIALS) + 1
 
 
 @pytest.mark.parametrize("scene", ["open", "hidden"])
@@ -112,7 +107,7 @@ def test_errors_fall_with_the_rays(measured, scene, method):
     assert len(points) >= 4
     assert points["rays_per_pixel"].is_monotonic_increasing
     errors = points["error"].to_numpy()
-    assert errors[-1] < 0.2 * errors[0]
+    assert errors[-1] < 0.25 * errors[0]
     assert (points["seconds"] > 0).all()
     if method == "random":
         assert rendering_report.measured_exponent(points) == pytest.approx(0.5, abs=0.05)
@@ -126,11 +121,9 @@ def test_the_exact_integrator_is_at_rounding(measured):
         assert error < 3e-8
 
 
-def test_every_effect_has_a_scene_that_needs_it(measured):
+def test_effects_change_the_image_by_no_more_than_their_bound(measured):
     lines = pd.read_csv(measured[0] / "effects.csv")
-    assert list(lines["effect"]) == list(EFFECTS)
-    for name, trial in TRIALS.items():
-        assert plan_effects(trial.scene, trial.camera)[name].kept, name
+    assert list(lines["effect"]) == list(TRIALS)
     assert (lines["error_rms"] > 0).all()
     noise = lines["effect"].str.endswith("noise")
     change = lines["error_max"].where(~noise, lines["error_rms"])
@@ -146,7 +139,6 @@ def test_the_study_keeps_the_optics_and_frames_all_light():
     for study in studies:
         assert study.camera.pixel_mm == pytest.approx(0.112 * (1 + 0.4 / 277.84) / 15, rel=1e-4)
         assert study.camera.aperture_mm == pytest.approx(77.8, abs=0.1)
-        assert study.hides == (study.name == "hidden")
         views = render(study.scene, study.camera, effects={"occlusion": False}).views
         assert views.max() > 0.5
         assert max(np.abs(views[:, :, i]).max() for i in (0, -1)) < 1e-6

@@ -32,8 +32,7 @@ def test_the_library_stands_beside_its_reference(name):
 
 @pytest.mark.slow
 def test_the_report_has_a_row_for_each_effect_and_camera(tmp_path):
-    table, made = measure_effects(cameras={"small": SMALL}, rays=2**6)
-    path = report.write_report(tmp_path, table, made)
+    path = report.write(tmp_path, measure_effects(cameras={"small": SMALL}, rays=2**6))
     text = path.read_text()
     assert all(f"| {name} " in text for name in EFFECTS)
     record = json.loads((tmp_path / "absolute.json").read_text())

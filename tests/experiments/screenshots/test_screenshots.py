@@ -52,7 +52,7 @@ def test_the_viewer_is_timed_by_both_renderers(tmp_path):
     start = (
         "from experiments.benchmarks import viewer; viewer.SHAPES = ((3, 3, 8, 9),); viewer.main()"
     )
-    run("-c", start, "--out", str(tmp_path), "--repetitions", "1")
+    run("-c", start, "--out", str(tmp_path), "--small")
     table = pd.read_csv(tmp_path / "viewer.csv")
     assert list(table["drawn by"]) == ["javascript", "webgl", "the program"]
     assert (table["first picture"] <= table["all views"]).all()

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -59,10 +60,11 @@ def test_scores_of_a_map_with_known_errors():
 @pytest.mark.slow
 def test_the_record_has_a_row_for_each_map_and_scene(tmp_path):
     kinds = {"textured": KINDS["textured"]}
-    table, record, sample = measure(kinds=kinds, seeds=(1,), camera=SMALL)
+    record, sample = measure(kinds=kinds, seeds=(1,), camera=SMALL)
+    table = pd.DataFrame(record["rows"])
     assert len(table) == 3 * len(WAYS)
     assert set(table["map"]) == set(WAYS)
-    path = report.write_report(tmp_path, table, record, sample)
+    path = report.write(tmp_path, record, sample)
     assert all(f"| {name} " in path.read_text() for name in WAYS)
     made = json.loads((tmp_path / "slope_maps.json").read_text())
     assert made["seeds"] == [1]

@@ -4,7 +4,7 @@ import pandas as pd
 from click.testing import CliRunner
 
 from experiments.__main__ import commands
-from experiments.tomography.report import text
+from experiments.tomography.report import EMISSION, body
 from experiments.tomography.tasks import Row
 
 
@@ -13,11 +13,7 @@ def test_a_row_shows_what_was_found_beside_what_is_wanted():
         Row("flames", "1 %", "reconstruct", "worst plane's error", 0.00961, 0.015, 0.734),
         Row("flames", "1 %", "focal stack as emission", "worst plane's error", 1.8, None, 0.04),
     ]
-    record = {
-        "command": "make flames", "date": "today", "git_revision": "abc", "machine": "two cores",
-        "wall_s": 90.0,
-    }  # fmt: skip
-    lines = [line.split("|") for line in text(pd.DataFrame(rows), record).splitlines()]
+    lines = [line.split("|") for line in body(EMISSION, pd.DataFrame(rows))[-1].splitlines()]
     shown = [[cell.strip() for cell in line[1:-1]] for line in lines if len(line) > 2]
     assert [
         "flames",

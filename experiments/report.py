@@ -1,0 +1,109 @@
+"""Reports of the experiments: a text with tables, pictures, and the record of how it came about."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+from tabulate import tabulate
+
+from lf_flame._common import figures, provenance
+from lf_flame._common.atomic_files import together, write_json, write_text
+
+Format = str | Callable[[Any], str]
+"""Format specification of a column's values, or a function that writes one."""
+
+
+def write_report(
+    out: Path,
+    name: str,
+    title: str,
+    record: dict,
+    body: Sequence[str],
+    *,
+    tables: Mapping[str, pd.DataFrame] | None = None,
+    pictures: Mapping[str, Figure] | None = None,
+    dpi: int = 150,
+) -> Path:
+    """Write all files of a report; the record is the last of them.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``NAME.md``, ``NAME.json``, and the tables and pictures.
+    name, title : str
+    record : dict
+        What was measured, with ``wall_s`` where the time is known. Command, date, revision,
+        versions and machine are added; infinity and NaN become null.
+    body : sequence of str
+        Paragraphs and tables in Markdown.
+    tables, pictures : dict, optional
+        Tables (CSV) and pictures (PNG) by name, without ending.
+    dpi : int, optional
+        Resolution of the pictures.
+
+    Returns
+    -------
+    Path
+        ``NAME.md``.
+    """
+    record = record | provenance.environment()
+    with together(out, last=f"{name}.json") as aside:
+        write_text(aside / f"{name}.md", "\n\n".join([f"# {title}", origin(record), *body]) + "\n")
+        for table_name, table in (tables or {}).items():
+            write_text(aside / f"{table_name}.csv", table.to_csv(index=False))
+        for picture_name, picture in (pictures or {}).items():
+            figures.save(picture, aside / f"{picture_name}.png", dpi=dpi)
+        write_json(aside / f"{name}.json", record)
+    return out / f"{name}.md"
+
+
+def origin(record: dict) -> str:
+    """Say by which command, when, on which revision and machine a result was made."""
+    versions = ", ".join(f"{name} {version}" for name, version in record["versions"].items())
+    seconds = f"; {record['wall_s']:.0f} s" if "wall_s" in record else ""
+    return (
+        f"`{record['command']}`, {record['date']}, revision {record['git_revision']}, "
+        f"{record['machine']}; {versions}{seconds}."
+    )
+
+
+def markdown(
+    table: pd.DataFrame | Sequence[dict],
+    columns: Mapping[str, tuple[str, Format]] | None = None,
+    *,
+    missing: str = "",
+) -> str:
+    """Write columns of a table as Markdown: numbers on the right, words on the left.
+
+    Parameters
+    ----------
+    table : DataFrame or sequence of dict
+    columns : dict of str to (str, format), optional
+        Heading and format of each column to show, by its name. Default: all, as they are.
+    missing : str, optional
+        Word in place of None and NaN; functions are given these, too.
+    """
+    table = pd.DataFrame(table)
+    columns = columns or {name: (name, "") for name in table}
+    sides = [
+        "right" if form or pd.api.types.is_numeric_dtype(table[name]) else "left"
+        for name, (_, form) in columns.items()
+    ]
+    written = [
+        [_written(value, form, missing) for value in table[name]]
+        for name, (_, form) in columns.items()
+    ]
+    headings = [heading for heading, _ in columns.values()]
+    rows = list(zip(*written, strict=True))
+    return tabulate(rows, headings, "pipe", colalign=sides, disable_numparse=True)
+
+
+def _written(value: Any, form: Format, missing: str) -> str:
+    if callable(form):
+        return form(value)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return missing
+    return format(value, form)

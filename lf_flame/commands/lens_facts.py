@@ -1,0 +1,71 @@
+"""Millimetres of a camera, for `lf-flame info --camera`."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lf_flame.calibration.camera_law import CameraLaw
+
+if TYPE_CHECKING:
+    from lf_flame.optics.lens import Lens
+
+APART = 1.0
+"""Largest slope at which detail of one pixel is seen by neighbouring views without gaps."""
+
+PERIOD = 10
+"""Period of coarse detail, in periods of the finest: two pixels."""
+
+
+def lens_facts(lens: "Lens", shape: tuple[int, ...] = ()) -> tuple[dict[str, str], list[str]]:
+    """Facts in mm on what a camera sees, by name, and notes on a light field that is not its own.
+
+    Parameters
+    ----------
+    lens : Lens
+    shape : (int, int, int, int), optional
+        Number of views and of pixels of the light field. Default: unknown.
+
+    Raises
+    ------
+    InputError
+        If the light field has another number of views.
+    """
+    from lf_flame.tomography.resolution import depth_blur, finest_period
+
+    notes = []
+    if shape:
+        lens.check_views(shape)
+        if tuple(shape[2:4]) != tuple(lens.lenslets):
+            notes.append(
+                f"The camera file is for views of {lens.lenslets[0]} x {lens.lenslets[1]} pixels, "
+                f"got {shape[2]} x {shape[3]}: mm hold if the pixels are the same, cut out."
+            )
+    facts = {
+        "focal plane": f"at {lens.focal_plane_mm:.4g} mm, "
+        f"{lens.focus_distance_mm:.4g} mm from where the views meet",
+        "pixel there": f"{lens.lenslet_in_focus_mm:.4g} mm",
+        "in focus": f"{_span(lens, 1 / max(lens.views - 1, 1))} (the views agree within a pixel)",
+        "refocusable": f"{_span(lens, APART)} (slopes from -{APART:g} to {APART:g})",
+    }
+    if lens.views > 1:
+        finest = finest_period(lens)
+        fine, coarse = (depth_blur(lens, times * finest) for times in (1, PERIOD))
+        facts["depth"] = (
+            f"detail of {finest:.2g} mm is told apart over {fine:.2g} mm of depth, of "
+            f"{PERIOD * finest:.2g} mm over {coarse:.2g} mm"
+        )
+    return facts, notes
+
+
+def _span(lens: "Lens", slope: float) -> str:
+    """Depths between two slopes, in mm; those beyond a calibration are unknown."""
+    ends = [float(lens.slope_to_real_depth(end)) for end in (-slope, slope)]
+    beyond = ["the lens", "infinity"]
+    if isinstance(lens, CameraLaw):
+        beyond = [f"beyond the targets ({end:g} mm)" for end in lens.depth_range_mm]
+        ends = ends if lens.slope_mm < 0 else ends[::-1]
+    near, far = (
+        f"{end:.4g} mm" if np.isfinite(end) else words
+        for end, words in zip(ends, beyond, strict=True)
+    )
+    return f"{near} to {far}"

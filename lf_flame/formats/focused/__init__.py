@@ -1,0 +1,1 @@
+"""Raw pictures of cameras with focused lenslets: calibration, virtual depth, views."""

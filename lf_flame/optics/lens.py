@@ -1,0 +1,88 @@
+"""What refocusing and reconstruction in mm need of a camera, measured or computed."""
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lf_flame._common.arrays import Number
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+
+
+class Lens:
+    """Number of views, and slope and scale by depth, of a camera.
+
+    `PlenopticCamera` computes them from lenses and distances, with depths from its focal plane.
+    `lf_flame.calibration.CameraLaw` holds them as measured, with depths from the user's zero.
+
+    Attributes
+    ----------
+    views : int
+        Number of views along each axis.
+    lenslets : (int, int)
+        Number of rows and columns of a view.
+    aperture_diameter_mm : float or None
+        Diameter of a round pupil; None if every view's part of the pupil is a whole square.
+    focus_distance_mm : float
+        Distance from the point in which the views meet to the focal plane.
+    focal_plane_mm : float
+        Depth of the focal plane, where the slope is 0.
+    lenslet_in_focus_mm : float
+        Size of a lenslet's image in the focal plane.
+    view_step_mm : float
+        Distance between the centres of neighbouring views in the pupil.
+
+    Examples
+    --------
+    >>> from lf_flame import PAPER_CAMERA
+    >>> round(PAPER_CAMERA.lenslet_in_focus_mm, 4), PAPER_CAMERA.distance_mm(20.0)
+    (0.1314, 346.0)
+    """
+
+    views: int
+    lenslets: tuple[int, int]
+    aperture_diameter_mm: float | None
+
+    if TYPE_CHECKING:  # at run time, a dataclass would take a property for a field's default
+        __dataclass_fields__: ClassVar[dict[str, Any]]
+
+        @property
+        def focus_distance_mm(self) -> float: ...  # noqa: D102
+        @property
+        def focal_plane_mm(self) -> float: ...  # noqa: D102
+        @property
+        def lenslet_in_focus_mm(self) -> float: ...  # noqa: D102
+        @property
+        def view_step_mm(self) -> float: ...  # noqa: D102
+        def depth_to_slope(self, depth_mm: Number) -> Number: ...  # noqa: D102
+        def slope_to_depth(self, slope: Number) -> Number: ...  # noqa: D102
+        def slope_to_real_depth(self, slope: Number) -> Number: ...  # noqa: D102
+        def field_mm(self, depth_mm: float) -> tuple[float, float]: ...  # noqa: D102
+        def check_depths(self, depths_mm) -> None: ...  # noqa: D102
+        def with_views(self, count: int) -> "Lens": ...  # noqa: D102
+
+    def distance_mm(self, depth_mm: float) -> float:
+        """Distance in mm from the point in which the views meet to a depth."""
+        return self.focus_distance_mm + depth_mm - self.focal_plane_mm
+
+    def levelled(self, light_field: LightField) -> LightField:
+        """Bring all views to one brightness, where the lens says how they differ: here not."""
+        return light_field
+
+    def check_views(self, views: tuple[int, ...]) -> None:
+        """Refuse a light field with another number of views: its slopes mean other depths.
+
+        Parameters
+        ----------
+        views : (int, int)
+            Number of rows and columns of views; further entries are ignored.
+
+        Raises
+        ------
+        InputError
+            If they are not `self.views` each.
+        """
+        if tuple(views[:2]) != (self.views, self.views):
+            raise InputError(
+                f"The camera has {self.views} x {self.views} views, but the light field has "
+                f"{views[0]} x {views[1]}: one step between views would be another angle, and each "
+                f"depth wrong; give the camera or the calibration of these views."
+            )

@@ -1,0 +1,355 @@
+"""Cameras with focused lenslets: calibration files, virtual depth, views."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import camera_toml
+from click.testing import CliRunner
+from focused_pictures import Camera, Waves
+
+from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
+from lf_flame.commands.cli import commands
+from lf_flame.formats import (
+    FocusedLenslets,
+    FocusedPlan,
+    LensletGrid,
+    estimate_grid,
+    find_virtual_depth,
+    read_focused,
+    read_raytrix,
+)
+from lf_flame.formats.images import read_image, write_image
+from lf_flame.refocus import find_sharpest_slope
+
+BLURRED = (0.0, 2.0, 4.0)
+"""Radii in pixels by which the three kinds blur a micro-image."""
+
+
+@pytest.fixture
+def lenslets_of(tmp_path):
+    def read(camera):
+        path = tmp_path / "calibration.xml"
+        path.write_text(camera.xml())
+        return read_raytrix(path, camera.shape)
+
+    return read
+
+
+@pytest.mark.parametrize("columns", [False, True])
+def test_the_lenslets_of_a_calibration_are_where_it_says_and_of_its_kinds(lenslets_of, columns):
+    camera = Camera(columns=columns)
+    lenslets = lenslets_of(camera)
+    array = lenslets.array(camera.shape)
+    middle = (np.array(camera.shape) - 1) / 2
+    at = np.moveaxis(array.centres - middle, 2, 0)
+    centres, kinds = camera.nearest(*at)
+    assert np.abs(at - centres)[:, array.whole].max() < 1e-6
+    for depth, sharp in ((2.0, [0]), (2.9, [0, 1]), (3.9, [1, 2]), (20.0, [2])):
+        found = lenslets.in_focus(array, np.full(array.whole.shape, depth))
+        assert (found == np.isin(kinds, sharp))[array.whole].all()
+    assert array.whole.sum() > 200
+    assert lenslets.radius == pytest.approx(camera.pitch / 2 - 1)
+
+
+@pytest.mark.parametrize(
+    ("depth", "camera"),
+    [
+        (2.3, Camera()),
+        (3.1, Camera(blur=BLURRED)),
+        (4.4, Camera(blur=BLURRED[::-1], columns=True)),
+        (7.5, Camera(lens=3000.0, rotation=-0.02)),
+        (-4.0, Camera(hexagonal=False)),
+    ],
+)
+def test_the_virtual_depth_of_a_plane_is_found(depth, camera):
+    lenslets = FocusedLenslets(
+        LensletGrid(
+            (camera.shape[1] - 1) / 2 + camera.offset[0],
+            (camera.shape[0] - 1) / 2 - camera.offset[1],
+            camera.pitch,
+            -camera.rotation - (np.pi / 6 if camera.columns else 0),
+            "hexagonal" if camera.hexagonal else "rectangular",
+        )
+    )
+    rng = np.random.default_rng(1)
+    raw = camera.record(depth, Waves((5 * abs(depth), 16 * abs(depth))))
+    found = find_virtual_depth(raw + rng.normal(0, 0.005, raw.shape), lenslets)
+    known = found.depth[np.isfinite(found.depth)]
+    truth = camera.apparent(depth)
+    assert found.share > 0.9
+    assert np.median(known) == pytest.approx(truth, rel=0.005)
+    assert np.mean(np.abs(known / truth - 1) < 0.01) > 0.5
+    assert np.mean(np.abs(known / truth - 1) < 0.03) > 0.95
+
+
+def test_where_there_is_no_texture_the_virtual_depth_is_unknown(lenslets_of):
+    camera = Camera()
+    lenslets = lenslets_of(camera)
+    rng = np.random.default_rng(1)
+    raw = camera.record(3.1, Waves())
+    left = np.arange(raw.shape[1]) < raw.shape[1] / 2
+    raw = np.where(left, camera.white() / 2, raw) + rng.normal(0, 0.005, raw.shape)
+    found = find_virtual_depth(raw, lenslets)
+    x = found.array.centres[..., 1] - raw.shape[1] / 2
+    known = np.isfinite(found.depth)
+    assert known[found.array.whole & (x > camera.pitch)].mean() > 0.9
+    assert known[found.array.whole & (x < -camera.pitch)].mean() < 0.02
+    assert (found.confidence[~known] == 0).all()
+
+
+def scale_and_shift(image, light, y, x):
+    """Scale about the middle, and shift, by which a picture differs from the truth; correlation."""
+    step = 1e-3
+    turns = [
+        (light(y * (1 + step), x * (1 + step)) - light(y * (1 - step), x * (1 - step))) / 2 / step,
+        (light(y + step, x) - light(y - step, x)) / 2 / step,
+        (light(y, x + step) - light(y, x - step)) / 2 / step,
+        np.ones_like(y),
+        light(y, x),
+    ]
+    design = np.stack([one.ravel() for one in turns], axis=1)
+    change, *_ = np.linalg.lstsq(design, image.ravel())
+    correlation = np.corrcoef(image.ravel(), light(y, x).ravel())[0, 1]
+    return change[:3] / change[4], correlation
+
+
+@pytest.mark.parametrize(
+    ("depth", "stated", "blur"),
+    [
+        (2.4, None, (0, 0, 0)),
+        (3.3, None, BLURRED[::-1]),
+        (5.0, None, (3.0, 1.5, 0)),
+        (4.4, 1, (0, 0, 0)),
+    ],
+)
+def test_views_show_the_picture_in_its_place_and_scale(lenslets_of, depth, stated, blur):
+    """A place of a view is one of the raw picture, or by the slope and the view beside it."""
+    camera = Camera(blur=blur)
+    truth = camera.apparent(depth)
+    texture = Waves((7 * depth, 20 * depth))
+    raw = camera.record(depth, texture)
+    plan = FocusedPlan(
+        lenslets_of(camera),
+        shape=raw.shape,
+        virtual_depth=truth if stated else None,
+        white=camera.white(),
+    )
+    views = plan.decode(raw).views
+    assert views.shape[:2] == (5, 5)
+    assert plan.reference == (truth if stated else 3.0)
+    slope = (plan.reference - truth) * plan.spacing / plan.step
+    assert plan.slope_at(truth) == pytest.approx(slope)
+    assert plan.depth_at(slope) == pytest.approx(truth)
+    middle = (np.array(camera.shape) - 1) / 2
+    t, s = np.indices(views.shape[2:])
+    for v, u in ((2, 2), (0, 2), (4, 1)):
+        # An image moves by the slope from view to view, so that a pixel shows what is behind it.
+        y = plan.first[0] + plan.step * (t - slope * (v - 2)) - middle[0]
+        x = plan.first[1] + plan.step * (s - slope * (u - 2)) - middle[1]
+        k = camera.scale(depth)
+        (scale, *shift), correlation = scale_and_shift(
+            views[v, u], lambda y, x, k=k: texture.at(k * y, k * x), y, x
+        )
+        assert correlation > 0.98
+        assert abs(scale) < 0.005
+        assert np.abs(shift).max() < 0.1 * plan.step
+
+
+@pytest.mark.parametrize("depth", [2.4, 4.0])
+def test_slopes_of_views_follow_from_the_virtual_depth(lenslets_of, depth):
+    camera = Camera()
+    raw = camera.record(depth, Waves((7 * depth, 20 * depth)))
+    plan = FocusedPlan(lenslets_of(camera), shape=raw.shape)
+    light_field = plan.decode(raw)
+    found = find_sharpest_slope(light_field, np.linspace(-2, 2, 41)).slope
+    assert plan.depth_at(found) == pytest.approx(camera.apparent(depth), rel=0.01)
+
+
+def test_a_step_in_depth_keeps_both_sides(lenslets_of):
+    camera = Camera(shape=(320, 520))
+    raw = camera.record(lambda y, x: np.where(x < 0, 2.4, 3.6), Waves((18, 50)))
+    found = find_virtual_depth(raw, lenslets_of(camera))
+    x = found.array.centres[..., 1] - 260
+    for depth, side in ((2.4, x < -2 * camera.pitch), (3.6, x > 2 * camera.pitch)):
+        assert np.nanmedian(found.depth[side]) == pytest.approx(camera.apparent(depth), rel=0.01)
+
+
+def test_the_simulators_lenslets_are_focused_at_infinity():
+    """Its lenslets stand at their focal length from the sensor, and the main lens's picture may be
+    at any distance from them: at the virtual depth v they blur it by a patch, pitch / v. The
+    closed form of the slope is that of `PlenopticCamera`.
+    """
+    views, slope = 21, -0.2
+    camera = PlenopticCamera(
+        main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112, views=views, lenslets=(24, 26),
+    )  # fmt: skip
+    texture = np.random.default_rng(2).uniform(size=(24, 26))
+    depth = camera.slope_to_depth(slope)
+    scene = Scene(layers=[Layer(texture, depth_mm=depth, size_mm=(4.0, 4.4))])
+    raw = render(scene, camera).to_raw()
+    lenslets = FocusedLenslets(LensletGrid(10, 10, views))
+    found = find_virtual_depth(raw, lenslets)
+    assert np.nanmedian(found.depth) == pytest.approx(-slope * views, rel=0.01)
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    """Call of the program on files of a camera in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    camera = Camera(blur=BLURRED[::-1])
+    raw = camera.record(4.4, Waves((30, 90)))
+    write_image("raw.png", np.rint(40000 * raw).astype(np.uint16))
+    Path("camera.xml").write_text(camera.xml())
+    return lambda *words: CliRunner().invoke(commands, words)
+
+
+def test_commands_take_pictures_of_focused_lenslets(call):
+    result = call("refocus", "raw.png", "--focused", "camera.xml", "--search", "--out", "out")
+    assert result.exit_code == 0, result.output
+    camera = Camera()
+    radius, patch = camera.pitch / 2 - 1, 0.6 * camera.pitch / 3
+    spacing = 2 * (radius - patch) / np.sqrt(2) / 4  # of 5 views over a square within the rim
+    slope = (3 - camera.apparent(4.4)) * spacing / 3
+    record = json.loads(Path("out/refocus.json").read_text())
+    assert record["search"]["slope"] == pytest.approx(slope, rel=0.02)
+    options = "--focused", "camera.xml", "--views", "1"
+    result = call("convert", "raw.png", "sharp.tif", *options, "--virtual-depth", "4.3")
+    assert result.exit_code == 0, result.output
+    assert read_image("sharp.tif").std() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--virtual-depth", "4"], "--virtual-depth does not apply to raw.png without --focused"),
+        (["--focused", "camera.xml", "--pitch", "9"], "--pitch does not apply to --focused"),
+        (["--focused", "camera.xml", "--order", "row,col"], "--order does not apply to the raw"),
+        (["--focused", "camera.xml", "--virtual-depth", "nan"], "must be from 1.5 to 11.65"),
+        (["--focused", "raw.png", "--white", "camera.xml"], "camera.xml cannot be read"),
+        (["--focused", "."], "cannot be read"),
+        (["--focused", "camera.xml", "--dark", "raw.png"], "No virtual depth was found"),
+    ],
+)
+def test_options_that_do_not_fit_focused_lenslets_are_refused(call, words, message):
+    result = call("convert", "raw.png", "out.npy", *words)
+    assert isinstance(result.exception, InputError)
+    assert message in str(result.exception)
+    assert not Path("out.npy").exists()
+
+
+def test_a_camera_of_other_lenslets_gives_no_depths(call):
+    Path("camera.toml").write_text(camera_toml(5, (20, 20)))
+    result = call(
+        "refocus", "raw.png", "--focused", "camera.xml", "--camera", "camera.toml", "--search"
+    )
+    assert "whose slopes mean other depths than those of --focused" in str(result.exception)
+
+
+def test_a_white_image_takes_the_place_of_a_calibration(tmp_path):
+    camera = Camera(offset=(1.3, 2.2))
+    raw, white = camera.record(3.1, Waves()), camera.white()
+    for name, image in (("raw", raw), ("white", white)):
+        write_image(tmp_path / f"{name}.png", np.rint(40000 * image).astype(np.uint16))
+    (tmp_path / "camera.xml").write_text(camera.xml())
+    by_white = read_focused(tmp_path / "raw.png", tmp_path / "white.png", views=3)
+    by_xml = read_focused(
+        tmp_path / "raw.png", tmp_path / "camera.xml", white=tmp_path / "white.png", views=3
+    )
+    assert by_white.views.shape == by_xml.views.shape
+    inner = np.s_[:, :, 3:-3, 3:-3]
+    np.testing.assert_allclose(by_white.views[inner], by_xml.views[inner], atol=0.03)
+
+
+def test_each_colour_of_a_mosaic_gives_its_own_views(lenslets_of):
+    camera = Camera()
+    levels = np.array([0.5, 1.0, 0.7])
+    raw = camera.record(3.1, Waves((25, 60)))
+    mosaic = raw.copy()
+    for place, colour in enumerate("grbg"):
+        mosaic[place // 2 :: 2, place % 2 :: 2] *= levels["rgb".index(colour)]
+    lenslets = lenslets_of(camera)
+    grey, coloured = (
+        FocusedPlan(lenslets, shape=raw.shape, virtual_depth=3.1, bayer=bayer, views=3).decode(
+            image
+        )
+        for image, bayer in ((raw, None), (mosaic, "grbg"))
+    )
+    ratio = coloured.views / grey.views[..., None]
+    np.testing.assert_allclose(ratio.mean(axis=(0, 1, 2, 3)), levels, rtol=0.01)
+    assert ratio.std(axis=(0, 1, 2, 3)).max() < 0.05
+
+
+GOOD = Camera().xml()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "cannot be read as XML: no element found"),
+        ("<RayCalibData>", "cannot be read as XML: no element found"),
+        ("<scene/>", "no calibration of a Raytrix camera"),
+        ("<RayCalibData/>", "must state rotation as a number, got nothing"),
+        (GOOD.replace("0.012<", "much<"), "must state rotation as a number, got 'much'"),
+        (GOOD.replace(">23.3<", ">nan<"), "must state diameter as a number, got 'nan'"),
+        (GOOD.replace(">23.3<", ">-1<"), "pitch must be at least 1 pixel, got -1"),
+        (GOOD.replace(">23.3<", ">3<"), "at least 8 pixels wide, got 3"),
+        (GOOD.replace(">23.3<", ">900<"), "Fewer than 3 x 3 micro-images of 900 pixels"),
+        (GOOD.replace("<rotation", "<rotation>1</rotation><rotation"), "states rotation twice"),
+        (GOOD.replace('id="2"', 'id="7"'), r"none or three kinds of lenslets .* got 2"),
+        (GOOD.replace("<max>4<", "<max>1<"), "must rise from above 0, got 2.8 to 1"),
+        (GOOD.replace(">1.0<", ">12<"), "border must be from 0 to a quarter"),
+        (
+            '<!DOCTYPE RayCalibData [<!ENTITY a "1">]>'
+            + GOOD.partition("?>")[2].replace("1", "&a;"),
+            "declares a document type or entities",
+        ),
+        ("<RayCalibData>" + "<a>" * 9, "no calibration of a Raytrix camera"),
+        (GOOD + " " * 70000, "bytes, and 65,536 are the most"),
+        (GOOD.replace('"1.0"?', '"1.0" encoding="UTF-7"?'), "cannot be read as XML"),
+    ],
+)
+def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
+    path = tmp_path / "calibration.xml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_raytrix(path, (320, 350)).array((320, 350))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"diameter": 23.7}, {"diameter": 22.0}, {"x": 11.0}, {"y": 5.0}, {"rotation": 0.04}],
+)
+def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
+    camera = Camera()
+    raw = camera.record(3.1, Waves())
+    write_image(tmp_path / "raw.png", np.rint(40000 * raw).astype(np.uint16))
+    (tmp_path / "camera.xml").write_text(camera.xml(**changes))
+    with pytest.raises(InputError, match=r"micro-images lie .* pixels beside theirs or more"):
+        read_focused(tmp_path / "raw.png", tmp_path / "camera.xml")
+
+
+def test_plans_that_cannot_be_made_are_refused(lenslets_of):
+    camera = Camera()
+    lenslets, white = lenslets_of(camera), camera.white()
+    for options, message in (
+        ({"virtual_depth": 1.0}, "must be from 1.5 to 11.65, half the pixels under a lenslet"),
+        ({"virtual_depth": float("nan")}, "must be from 1.5 to 11.65"),
+        ({"views": 0}, "from 1 to 64 for focused lenslets, got 0"),
+        ({"views": 2.5}, "from 1 to 64 for focused lenslets, got 2.5"),
+        ({"shape": (90, 90)}, "too small for views"),
+        ({"white": white[:-1]}, "must have the raw image's shape"),
+        ({"white": 0 * white}, "bright in the middle of its micro-images"),
+        ({"bayer": "rgby"}, "bayer must be one of"),
+    ):
+        with pytest.raises(InputError, match=message):
+            FocusedPlan(lenslets, **{"shape": camera.shape, **options})
+    with pytest.raises(InputError, match="No virtual depth was found"):
+        FocusedPlan(lenslets, shape=camera.shape).decode(white)
+    with pytest.raises(InputError, match="must have the plan's shape"):
+        FocusedPlan(lenslets, shape=camera.shape).decode(white[1:])
+    with pytest.raises(InputError, match="A single view has no slopes"):
+        FocusedPlan(lenslets, shape=camera.shape, views=1).depth_at(0.1)
+    assert estimate_grid(white).pitch == pytest.approx(camera.pitch, rel=1e-3)

@@ -1,0 +1,33 @@
+"""The programs as a user runs them, in this process: a new one takes seconds to load Keras."""
+
+import io
+import sys
+import warnings
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def run_here(*words, cwd=ROOT, program="lf_flame"):
+    """Run a program as ``python -m PROGRAM WORDS`` does: its exit status, output and errors."""
+    from experiments import __main__
+    from lf_flame.commands import cli
+    from lf_flame.commands.program import run
+
+    commands = {"lf_flame": cli.commands, "experiments": __main__.commands}[program]
+    out, errors = io.StringIO(), io.StringIO()
+    with (
+        chdir(cwd), redirect_stdout(out), redirect_stderr(errors),
+        warnings.catch_warnings(action="default"),
+        patch.object(sys, "argv", [program, *map(str, words)]),
+        patch.object(sys, "unraisablehook", sys.unraisablehook), pytest.raises(SystemExit) as ended,
+    ):  # fmt: skip
+        run(commands, program)
+    return SimpleNamespace(
+        returncode=ended.value.code, stdout=out.getvalue(), stderr=errors.getvalue()
+    )

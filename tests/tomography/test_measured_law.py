@@ -1,0 +1,79 @@
+"""Emission by a law that was measured with targets: as by the camera itself, and as it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checkerboards import Bench
+from own_rays import Lens, Sheet, cells, record
+
+from lf_flame import PAPER_CAMERA, InputError, LightField
+from lf_flame.calibration import fit_targets, measure_target
+from lf_flame.tomography import FrustumGrid, depth_blur, reconstruct
+
+LENS = Lens(lenslets=(40, 48))
+CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
+ZERO = 330.0
+"""Distance from the lens to the user's zero, 4 mm behind the focal plane."""
+
+
+@pytest.fixture(scope="module")
+def law():
+    """Law from three checkerboards before the lens of the tests' own rays."""
+    bench = Bench(LENS.focal, LENS.focus, LENS.pitch, LENS.step, LENS.views, LENS.lenslets)
+    depths = [-12.0, -4.0, 4.0]
+    boards = [measure_target(bench.picture(ZERO + z, 0.95, fine=3)) for z in depths]
+    return fit_targets(depths, boards, square_mm=0.95).law
+
+
+@pytest.fixture(scope="module")
+def flame():
+    """Two sheets, their views with noise, and their emission in the cells of each depth."""
+    sheets = [Sheet(3.0, (0.1, -1.0), (0.9, 0.45)), Sheet(-4.0, (0.0, 1.0), (0.8, 0.4))]
+    views = record(LENS, sheets)
+    noise = np.random.default_rng(0).standard_normal(views.shape)
+    truth = np.array([cells(LENS, one) for one in sheets])
+    return LightField(views + 0.005 * views.max() * noise), truth
+
+
+def distance(one, other):
+    return np.linalg.norm(one - other) / np.linalg.norm(other)
+
+
+def test_emission_by_the_law_is_that_by_the_camera(law, flame):
+    light_field, truth = flame
+    own = FrustumGrid(CAMERA, [3.0, -4.0])
+    measured = FrustumGrid(law, [LENS.focus + z - ZERO for z in (3.0, -4.0)])
+    by_camera, by_law = (reconstruct(light_field, grid) for grid in (own, measured))
+    assert distance(by_law.emission, by_camera.emission) < 0.01
+    assert distance(by_law.emission, truth) < 0.01
+    assert by_law.warnings == ()
+    for plane, depth in enumerate((3.0, -4.0)):
+        size = LENS.cell * (1 + depth / LENS.focus)
+        assert measured.cell_mm(measured.depths_mm[plane]) == pytest.approx(size, rel=5e-4)
+    assert depth_blur(law, 1.0) == pytest.approx(LENS.focus / (7 * LENS.step), rel=0.01)
+
+
+def test_views_in_the_pupil_are_chosen_by_its_stated_diameter(law, flame):
+    """A round pupil of five steps has whole squares for 13 of the views: 2.5 is its radius."""
+    round_law = replace(law, aperture_diameter_mm=5 * LENS.step)
+    far = np.hypot(*np.abs(np.mgrid[-3:4, -3:4])) + 0  # centres, in steps
+    grid = FrustumGrid(round_law, [-1.0, -8.0])
+    y, x = np.abs(np.mgrid[-3:4, -3:4]) + 0.5
+    assert grid.view_count == np.count_nonzero(np.hypot(y, x) <= 2.5) < np.count_nonzero(far < 3)
+    assert distance(reconstruct(flame[0], grid).emission, flame[1]) < 0.02
+
+
+def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
+    fall = 1 - 0.03 * np.hypot(*np.mgrid[-3:4, -3:4])
+    darker = LightField(flame[0].views * fall[..., None, None])
+    depths = [-1.0, -8.0]
+    known = replace(law, fall_off=tuple(map(tuple, fall.tolist())))
+    found = reconstruct(darker, FrustumGrid(known, depths))
+    assert distance(found.emission, flame[1]) < 0.01
+    assert distance(reconstruct(darker, FrustumGrid(law, depths)).emission, flame[1]) > 0.05
+
+
+def test_depths_without_targets_are_refused(law):
+    with pytest.raises(InputError, match="from -16 to 8 mm, where targets stood, got 9 mm"):
+        FrustumGrid(law, [9.0, 0.0])
