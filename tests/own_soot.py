@@ -1,8 +1,8 @@
 """Light fields of a round sooty flame by rays that are written out here, with absorption.
 
-Nothing of the package's optics, grids or radiation is used. Planck's law and the thin lens are as in
-any textbook; a ray is followed from the camera through the flame in even steps, each of which adds
-``(1 - exp(-tau)) B`` of its light through all that is nearer.
+Nothing of the package's optics, grids or radiation is used. Planck's law and the thin lens are as
+in any textbook; a ray is followed from the camera through the flame in even steps, each of which
+adds ``(1 - exp(-tau)) B`` of its light through all that is nearer.
 """
 
 from dataclasses import dataclass

@@ -110,19 +110,23 @@ def _calibration(
     file: Path | None, wavelengths: tuple[float, float] | None, calibration: float | None
 ) -> "ColourCalibration":
     """Calibration from a file, or of two single wavelengths."""
+    import numpy as np
+
     from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
     from lf_flame.tomography.pyrometry import LEAST_K, MOST_K, two_wavelengths
 
-    if (file is None) == (wavelengths is None):
-        raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
-    if file is not None:
+    if wavelengths is None or file is not None:
+        if file is None or wavelengths is not None:
+            raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
         if calibration is not None:
             raise InputError("--calibration does not apply with --colours, which holds the gains.")
         return read_colours(file)
     ratio = 1.0 if calibration is None else calibration
     if not 0 < ratio < float("inf"):
         raise InputError(f"--calibration must be a finite number above 0, got {ratio}.")
-    return ColourCalibration(two_wavelengths(wavelengths), [ratio, 1], [0, 0], (LEAST_K, MOST_K))
+    gains = np.array([ratio, 1.0])
+    colours = two_wavelengths(wavelengths)
+    return ColourCalibration(colours, gains, np.zeros(2), (LEAST_K, MOST_K))
 
 
 def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[Path]:

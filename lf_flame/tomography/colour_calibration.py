@@ -166,8 +166,8 @@ def calibrate_colours(
     >>> np.round(fit.calibration.gains * 1e5, 3).tolist()
     [2.0, 3.0]
     """
-    kelvin, signals, exposures = _checked(kelvin, signals, responses, exposures, emissivity)
-    expected = emissivity * exposures[:, None] * responses.black_body(kelvin).T
+    temperatures, signals, scale = _checked(kelvin, signals, responses, exposures, emissivity)
+    expected = emissivity * scale[:, None] * responses.black_body(temperatures).T
     logs = np.log(signals / expected)
     mean = logs.mean(axis=0)
     rest = logs - mean
@@ -181,15 +181,16 @@ def calibrate_colours(
             f"nothing is saturated, and exposures and responses are those of this camera."
         )
     # With few pictures the scatter is uncertain: Student's t, as one standard deviation.
-    few = stats.t.ppf(stats.norm.cdf(1), len(kelvin) - 1)
-    errors = few * scatter / np.sqrt(len(kelvin))
+    few = stats.t.ppf(stats.norm.cdf(1), len(temperatures) - 1)
+    errors = few * scatter / np.sqrt(len(temperatures))
     calibration = ColourCalibration(
-        responses, np.exp(mean), errors, (float(kelvin.min()), float(kelvin.max()))
+        responses, np.exp(mean), errors, (float(temperatures.min()), float(temperatures.max()))
     )
-    return ColourFit(calibration, np.expm1(rest), _trends(kelvin, rest, responses.names))
+    return ColourFit(calibration, np.expm1(rest), _trends(temperatures, rest, responses.names))
 
 
 def _checked(kelvin, signals, responses, exposures, emissivity):
+    """Check the arguments of `calibrate_colours`; temperatures, signals and exposures as arrays."""
     kelvin, signals = np.asarray(kelvin, float), np.asarray(signals, float)
     count, colours = kelvin.size, len(responses.names)
     if kelvin.ndim != 1 or count < 2 or np.ptp(kelvin) == 0:
@@ -261,10 +262,10 @@ def read_colours(path: str | Path) -> ColourCalibration:
         lengths = {len(row) for row in table.responses}
         if lengths != {len(table.wavelengths_nm)}:
             raise InputError("responses must hold a number for each of wavelengths_nm.")
-        responses = SpectralResponses(table.names, table.wavelengths_nm, table.responses)
-        return ColourCalibration(
-            responses, table.gains, table.relative_errors, table.temperature_range_K
-        )
+        lengths_nm, curves = np.array(table.wavelengths_nm), np.array(table.responses)
+        responses = SpectralResponses(table.names, lengths_nm, curves)
+        gains, errors = np.array(table.gains), np.array(table.relative_errors)
+        return ColourCalibration(responses, gains, errors, table.temperature_range_K)
     except InputError as error:
         raise InputError(f"{path}: {TABLE}: {error}") from None
 

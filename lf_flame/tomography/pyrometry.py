@@ -174,7 +174,7 @@ def soot_temperature(
     responses: SpectralResponses,
     *,
     sigmas: Sequence[ArrayLike] | None = None,
-    gains: Sequence[float] | None = None,
+    gains: ArrayLike | None = None,
     soot_exponent: float = 1.0,
 ) -> Temperatures:
     """Find the temperature of soot from its emissions in two or more colours of a camera.
@@ -269,7 +269,7 @@ class _LogCurves:
             )
 
     def lever(self, inverse: np.ndarray) -> np.ndarray:
-        """Derivative of the logarithm of the ratio of the outer colours by 1 / T, in K."""
+        """Derive the logarithm of the ratio of the outer colours by 1 / T, in K."""
         first, second = (self._curves[one](inverse, 1) for one in self._outer)
         return first - second
 
@@ -322,11 +322,11 @@ def _checked_emissions(
     return np.stack(light), None if errors is None else np.stack(errors)
 
 
-def _checked_gains(gains: Sequence[float] | None, colours: int) -> np.ndarray:
+def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
     given = np.ones(colours) if gains is None else np.asarray(gains, float)
     if given.shape != (colours,) or not np.all((given > 0) & (given < np.inf)):
         raise InputError(
-            f"gains must be {colours} finite numbers above 0, one for each colour, got {gains}."
+            f"gains must be {colours} finite numbers above 0, one for each colour, got {given.tolist()}."
         )
     return given
 
@@ -345,4 +345,4 @@ def two_wavelengths(wavelengths_nm: tuple[float, float]) -> SpectralResponses:
             f"wavelengths_nm must differ by a thousandth at least, got {wavelengths_nm}: the ratio "
             f"of a colour to itself has no temperature."
         )
-    return SpectralResponses.single(lengths)
+    return SpectralResponses.single(lengths.tolist())

@@ -269,7 +269,7 @@ def _thickness(
     """Optical thickness of each cell in each colour, float64, shape (colours, ...)."""
     light = np.stack([one.emission for one in found]).astype(float)
     kelvin = soot_temperature(
-        light, calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
+        list(light), calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
     ).kelvin
     bright = light.sum(axis=0)
     known = np.isfinite(kelvin) & (bright > 0)

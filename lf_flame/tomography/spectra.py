@@ -45,7 +45,7 @@ class SpectralResponses:
 
     Parameters
     ----------
-    names : sequence of str
+    names : tuple of str
         Name of each colour, in the order of the camera's channels.
     wavelengths_nm : array_like, shape (n,)
         Wavelengths in nm, increasing, from 100 to 100,000.
@@ -71,7 +71,7 @@ class SpectralResponses:
     True
     """
 
-    names: Sequence[str]
+    names: tuple[str, ...]
     wavelengths_nm: np.ndarray
     values: np.ndarray
 
@@ -119,7 +119,7 @@ class SpectralResponses:
         order = np.argsort(given)
         values = (order[None, :] == np.arange(given.size)[:, None]).astype(float)
         named = [f"{length:g} nm" for length in given] if names is None else names
-        return cls(named, given[order], values)
+        return cls(tuple(named), given[order], values)
 
     @property
     def single_wavelengths(self) -> bool:
@@ -216,7 +216,8 @@ def read_responses(path: str | Path) -> SpectralResponses:
     --------
     >>> from pathlib import Path
     >>> from lf_flame.tomography import read_responses
-    >>> _ = Path("camera.csv").write_text("wavelength_nm,green,red\\n500,1,0\\n550,1,1\\n600,0,1\\n")
+    >>> rows = "wavelength_nm,green,red", "500,1,0", "550,1,1", "600,0,1"
+    >>> _ = Path("camera.csv").write_text(chr(10).join(rows))
     >>> read_responses("camera.csv").names
     ('green', 'red')
     """
@@ -243,7 +244,7 @@ def read_responses(path: str | Path) -> SpectralResponses:
     except ValueError as error:
         raise InputError(f"{path} must hold numbers below its heading: {error}.") from None
     try:
-        return SpectralResponses(names, numbers[:, 0], numbers[:, 1:].T)
+        return SpectralResponses(tuple(names), numbers[:, 0], numbers[:, 1:].T)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

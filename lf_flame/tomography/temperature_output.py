@@ -89,19 +89,16 @@ def temperature_notes(
 
 
 def _gain_error(found: Temperatures, calibration: ColourCalibration) -> float:
-    """Standard deviation of the median temperature due to the errors of the gains, in K."""
+    """Find the standard deviation in K of the median temperature due to the errors of the gains."""
     kelvin = float(np.nanmedian(found.kelvin))
     light = calibration.gains * calibration.responses.soot(kelvin)
     if not calibration.relative_errors.any():
         return 0.0
-    return float(
-        soot_temperature(
-            light,
-            calibration.responses,
-            sigmas=np.minimum(calibration.relative_errors, 0.3) * light,
-            gains=calibration.gains,
-        ).sigma
+    errors = np.minimum(calibration.relative_errors, 0.3) * light
+    alike = soot_temperature(
+        list(light), calibration.responses, sigmas=list(errors), gains=calibration.gains
     )
+    return 0.0 if alike.sigma is None else float(alike.sigma)
 
 
 def write_temperature(

@@ -1,7 +1,7 @@
 """Temperature and absorption of an axisymmetric sooty flame, from one colour light field."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class _AbsorbingFit:
         self, absorption: np.ndarray | None, last: _Round, bootstrap: int
     ) -> AxisymmetricFlame:
         """Emission with error bars and warnings."""
-        fit, leaves = self._fit, 1.0
+        fit, leaves = self._fit, np.ones(self._looked.grid.shape)
         if absorption is not None:
             excess, leaves = self._excess(absorption, last.emission)
             views = (self._looked.views - excess).astype(np.float32)
@@ -148,10 +148,10 @@ def reconstruct_axisymmetric_soot(
     def first(c: int) -> Emission:
         return fits[c].first()
 
-    def again(c: int, absorption: np.ndarray, last: Emission) -> Emission:
+    def again(c: int, absorption: np.ndarray, last: Any) -> Emission:
         return fits[c].again(absorption, last)
 
-    def finish(c: int, absorption: np.ndarray | None, last: Emission) -> AxisymmetricFlame:
+    def finish(c: int, absorption: np.ndarray | None, last: Any) -> AxisymmetricFlame:
         return fits[c].finish(absorption, last, bootstrap)
 
     def total(absorption: np.ndarray) -> float:
