@@ -326,7 +326,8 @@ def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
     given = np.ones(colours) if gains is None else np.asarray(gains, float)
     if given.shape != (colours,) or not np.all((given > 0) & (given < np.inf)):
         raise InputError(
-            f"gains must be {colours} finite numbers above 0, one for each colour, got {given.tolist()}."
+            f"gains must be {colours} finite numbers above 0, one for each colour, got "
+            f"{given.tolist()}."
         )
     return given
 
