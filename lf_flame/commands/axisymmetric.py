@@ -10,6 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
+from lf_flame.commands.colour_fits import COLOURS_HELP, THIN_HELP, refuse_thin, write_soot
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -75,6 +76,8 @@ FITTING = cloup.option_group(
         help="Number of bootstrap draws (of noise and prior) for the error bars; 0: none.",
     ),
     cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
+    cloup.option("--colours", type=FILE, help=COLOURS_HELP),
+    cloup.option("--thin", is_flag=True, help=THIN_HELP),
 )
 
 
@@ -104,6 +107,8 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
       lf-flame abel flame.npz --camera camera.toml
       lf-flame abel raw.png --white white.png --camera camera.toml --burner -12.5 --radius 10
       lf-flame abel photograph.png --camera one_view.toml --axis-depth 0
+      lf-flame abel raw.tif --bayer rggb --white white.tif --camera camera.toml \\
+          --colours colours.toml
     """  # noqa: D301 - click reads the backspace
     import numpy as np
 
@@ -114,7 +119,10 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
+    from lf_flame.tomography.axisymmetric.soot import reconstruct_axisymmetric_soot
+    from lf_flame.tomography.colour_calibration import read_colours
     from lf_flame.tomography.data_checks import check_range
+    from lf_flame.tomography.soot import split_colours
 
     # Reading and compiling are slow, so everything that can be refused at once comes first.
     check_fit_options(options["noise"], options["strength"], options["bootstrap"])
@@ -126,9 +134,13 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         )
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
+    colours, thin = options.pop("colours"), options.pop("thin")
+    refuse_thin(colours, thin)
+    calibration = read_colours(colours) if colours else None
     light_field = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
-    axis = _look_for_axis(source, light_field, lens, axis_depth)
+    grey = light_field if calibration is None else light_field.grey()
+    axis = _look_for_axis(source, grey, lens, axis_depth)
     grid = AxisymmetricGrid(
         lens,
         axis.across_mm if axis_mm is None else axis_mm,
@@ -139,6 +151,20 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         burner,
     )
     notes = notes_on_coding(source)
+    if calibration is not None:
+        soot = reconstruct_axisymmetric_soot(
+            light_field, grid, calibration, absorbing=not thin, seed=seed, **options
+        )
+        write_soot(
+            soot,
+            split_colours(light_field, calibration),
+            calibration.responses.names,
+            out or Path("abel") / source.stem,
+            RECORD,
+            lambda found, _, folder: write_flame(found, axis, folder),
+            {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes},
+        )
+        return
     with output_folder(out or Path("abel") / source.stem, RECORD) as folder:
         rng = np.random.default_rng(seed)
         found = reconstruct_axisymmetric(light_field, grid, rng=rng, **options)

@@ -10,6 +10,7 @@ from lf_flame import __version__
 from lf_flame.commands import (
     axisymmetric,
     calibration,
+    colours,
     datasets,
     flicker,
     info,
@@ -19,6 +20,7 @@ from lf_flame.commands import (
     program,
     simulation,
     systems,
+    temperature,
     tomography,
     verify,
     viewer,
@@ -52,6 +54,7 @@ SECTIONS = [
             light_fields.refocus_regions,
             light_fields.convert,
             calibration.calibrate,
+            colours.calibrate_colours,
         ],
     ),
     cloup.Section(
@@ -61,7 +64,7 @@ SECTIONS = [
             tomography.reconstruct,
             axisymmetric.abel,
             profiles.profiles,
-            tomography.temperature,
+            temperature.temperature,
             flicker.flicker,
         ],
     ),

@@ -53,6 +53,37 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class PlacedFile(click.ParamType):
+    """A file and a number that belongs to it, as ``board.npz@-20``.
+
+    Parameters
+    ----------
+    what : str
+        Meaning of file and number, for messages.
+    example : str
+    """
+
+    name = "file@number"
+
+    def __init__(self, what: str, example: str):
+        self._what, self._example = what, example
+
+    def convert(self, value, param, ctx):
+        """Split the path from the number, at the last @."""
+        if isinstance(value, tuple):
+            return value
+        path, at, text = value.rpartition("@")
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not at or not path or not math.isfinite(number):
+            self.fail(f"{value!r} must be {self._what}, as {self._example}.", param, ctx)
+        if "\0" in path or not Path(path).exists():
+            self.fail(f"{value!r}: there is no {path!r}.", param, ctx)
+        return Path(path), number
+
+
 SEED = click.IntRange(min=0)
 FILE = UsablePath(exists=True, dir_okay=False, path_type=Path)
 FOLDER = UsablePath(file_okay=False, path_type=Path)

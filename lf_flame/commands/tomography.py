@@ -1,4 +1,4 @@
-"""The commands that find emission by depth: resolution, reconstruct and temperature.
+"""The commands that find emission by depth: resolution and reconstruct.
 
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
@@ -9,7 +9,8 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, SEED, FiniteRange
+from lf_flame.commands.colour_fits import COLOURS_HELP, THIN_HELP, refuse_thin, write_soot
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -145,6 +146,8 @@ FITTING = cloup.option_group(
     cloup.option(
         "--seed", type=SEED, default=0, show_default=True, help="Seed of the bootstrap draws."
     ),
+    cloup.option("--colours", type=FILE, help=COLOURS_HELP),
+    cloup.option("--thin", is_flag=True, help=THIN_HELP),
 )
 
 
@@ -155,7 +158,18 @@ FITTING = cloup.option_group(
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default reconstructed/SOURCE.")
 def reconstruct(
-    source, depths, planes, block, camera, out, optical_thickness, l_curve, seed, **options
+    source,
+    depths,
+    planes,
+    block,
+    camera,
+    out,
+    optical_thickness,
+    l_curve,
+    seed,
+    colours,
+    thin,
+    **options,
 ) -> None:
     """Find the emission at each depth that explains a light field of a flame.
 
@@ -180,9 +194,11 @@ def reconstruct(
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid, Roughness
     from lf_flame.tomography import reconstruct as find_emission
+    from lf_flame.tomography.colour_calibration import read_colours
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
     from lf_flame.tomography.reconstruction import planes_between
+    from lf_flame.tomography.soot import reconstruct_soot, split_colours
 
     if bool(depths) == bool(planes):
         raise InputError(
@@ -195,13 +211,32 @@ def reconstruct(
         )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
+    refuse_thin(colours, thin)
+    if colours and optical_thickness is not None:
+        raise InputError("--optical-thickness does not apply with --colours, which finds it.")
+    calibration = read_colours(colours) if colours else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
     notes = notes_on_coding(source)
-    with output_folder(out or Path("reconstructed") / source.stem, RECORD) as folder:
+    out = out or Path("reconstructed") / source.stem
+    if l_curve:
+        options["penalty"] = Roughness(whole_curve=True)
+    if calibration is not None:
+        soot = reconstruct_soot(
+            light_field, grid, calibration, absorbing=not thin, seed=seed, **options
+        )
+        write_soot(
+            soot,
+            split_colours(light_field, calibration),
+            calibration.responses.names,
+            out,
+            RECORD,
+            write_reconstruction,
+            {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes},
+        )
+        return
+    with output_folder(out, RECORD) as folder:
         options["optical_thickness"] = thickness
-        if l_curve:
-            options["penalty"] = Roughness(whole_curve=True)
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
@@ -215,82 +250,3 @@ def reconstruct(
         f"noise {found.noise:.3g} a pixel; emission.tif, depth.csv, slices.png, depth.png, "
         f"trust.png and {RECORD} are in {printable(folder.folder)}"
     )
-
-
-@cloup.command()
-@click.argument("first", type=RUN)
-@click.argument("second", type=RUN)
-@click.option(
-    "--wavelengths",
-    nargs=2,
-    type=float,
-    required=True,
-    metavar="FIRST SECOND",
-    help="Wavelengths of the two folders' light, in nm, each taken as monochromatic.",
-)
-@click.option(
-    "--soot-exponent",
-    default=1.0,
-    show_default=True,
-    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5.",
-)
-@click.option(
-    "--calibration",
-    default=1.0,
-    show_default=True,
-    help="Ratio of the camera's two signals, first to second, at equal radiance in both colours.",
-)
-@click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FIRST.")
-def temperature(first, second, wavelengths, soot_exponent, calibration, out) -> None:
-    """Find the temperature of soot from its emission in two colours.
-
-    FIRST and SECOND are folders of `lf-flame reconstruct`, of one camera and the same planes, or of
-    `lf-flame abel`, of one axis and radius, with error bars. They must come from images that are
-    linear in light, behind narrow filters: with a colour camera (Bayer), temperatures are wrong by
-    tens to hundreds of kelvin. Where an emission is not above three of its standard deviations,
-    there is no temperature (NaN). It is the temperature of the soot, where flames are thin and
-    light only adds; see the error of the ratio beside it, as a temperature hides much.
-
-    \b
-      lf-flame reconstruct green.npy --camera camera.toml --depth-mm 0 --out green
-      lf-flame reconstruct red.npy --camera camera.toml --depth-mm 0 --out red
-      lf-flame temperature green red --wavelengths 550 650
-    """  # noqa: D301 - click reads the backspace
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.tomography.axisymmetric.section_folder import is_section, read_sections
-    from lf_flame.tomography.emission_folder import read_emissions
-    from lf_flame.tomography.pyrometry import two_colour_temperature
-    from lf_flame.tomography.temperature_output import (
-        RECORD,
-        temperature_notes,
-        write_temperature,
-    )
-
-    read = read_sections if is_section(first) or is_section(second) else read_emissions
-    emissions, sigmas, depths = read(first, second)
-    found = two_colour_temperature(
-        *emissions,
-        wavelengths_nm=wavelengths,
-        sigmas=sigmas,
-        soot_exponent=soot_exponent,
-        calibration=calibration,
-    )
-    with output_folder(out or Path("temperature") / first.name, RECORD) as folder:
-        notes = temperature_notes(found, (first, second))
-        write_temperature(found, depths, folder)
-        folder.facts |= {
-            "first": recorded_path(first, folder.folder),
-            "second": recorded_path(second, folder.folder),
-            "wavelengths_nm": wavelengths,
-            "soot_exponent": soot_exponent,
-            "calibration": calibration,
-            "notes": notes,
-        }
-    known = int((found.kelvin > 0).sum())  # NaN is not
-    click.echo(
-        f"{known} of {found.kelvin.size} cells have a temperature; temperature.tif, "
-        f"temperature_sigma.tif, temperature.png and {RECORD} are in {printable(folder.folder)}"
-    )
-    for note in notes:
-        click.echo(f"Note: {note}")

@@ -21,6 +21,7 @@ RECORDS = (
     "temperature.json",
     "flicker.json",
     "calibration.json",
+    "calibrate-colours.json",
 )
 """Names of records of folders of pictures; a folder may hold those of several commands."""
 

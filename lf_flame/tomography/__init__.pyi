@@ -1,4 +1,5 @@
 from .absorption import AbsorbingOperator as AbsorbingOperator
+from .axisymmetric.absorption import AbsorbingSection as AbsorbingSection
 from .axisymmetric.axis import FlameAxis as FlameAxis
 from .axisymmetric.axis import find_axis as find_axis
 from .axisymmetric.grid import AxisymmetricGrid as AxisymmetricGrid
@@ -6,6 +7,11 @@ from .axisymmetric.operator import AxisymmetricOperator as AxisymmetricOperator
 from .axisymmetric.output import write_flame as write_flame
 from .axisymmetric.reconstruction import AxisymmetricFlame as AxisymmetricFlame
 from .axisymmetric.reconstruction import reconstruct_axisymmetric as reconstruct_axisymmetric
+from .axisymmetric.soot import reconstruct_axisymmetric_soot as reconstruct_axisymmetric_soot
+from .colour_calibration import ColourCalibration as ColourCalibration
+from .colour_calibration import ColourFit as ColourFit
+from .colour_calibration import calibrate_colours as calibrate_colours
+from .colour_calibration import read_colours as read_colours
 from .emission_folder import EmissionFolder as EmissionFolder
 from .frequency_gram import FrequencyGram as FrequencyGram
 from .frustum_grid import FrustumGrid as FrustumGrid
@@ -14,9 +20,15 @@ from .penalties import Roughness as Roughness
 from .penalties import TotalVariation as TotalVariation
 from .projection_operator import ProjectionOperator as ProjectionOperator
 from .pyrometry import Temperatures as Temperatures
+from .pyrometry import soot_temperature as soot_temperature
 from .pyrometry import two_colour_temperature as two_colour_temperature
 from .reconstruction import Reconstruction as Reconstruction
 from .reconstruction import reconstruct as reconstruct
 from .resolution import depth_blur as depth_blur
 from .resolution import depth_modes as depth_modes
 from .resolution import depth_singular_values as depth_singular_values
+from .soot import Soot as Soot
+from .soot import reconstruct_soot as reconstruct_soot
+from .source_signals import measure_source as measure_source
+from .spectra import SpectralResponses as SpectralResponses
+from .spectra import read_responses as read_responses

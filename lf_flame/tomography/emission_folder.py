@@ -142,16 +142,16 @@ class EmissionFolder:
         return stack[0]
 
 
-Pair = tuple[np.ndarray, np.ndarray]
+Colours = tuple[np.ndarray, ...]
 
 
-def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
-    """Read two folders of one camera with the same depth planes.
+def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[float]]:
+    """Read folders of one camera with the same depth planes, one for each colour.
 
     Returns
     -------
-    emissions, sigmas : (ndarray, ndarray), each of shape (planes, rows, columns)
-        Emission and standard deviation of both folders.
+    emissions, sigmas : tuple of ndarray, each of shape (planes, rows, columns)
+        Emission and standard deviation of each folder.
     depths_mm : list of float
         Depths of the planes.
 
@@ -160,25 +160,18 @@ def read_emissions(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
     InputError
         If a folder is not one of `lf-flame reconstruct` or has no error bars, or the planes differ.
     """
-    one, other = folders = EmissionFolder(first), EmissionFolder(second)
-    if (one.depths_mm, one.cell_mm) != (other.depths_mm, other.cell_mm):
-        raise InputError(
-            f"{first} and {second} must hold the same planes of one camera: their depths are "
-            f"{one.depths_mm} and {other.depths_mm} mm."
-        )
+    folders = [EmissionFolder(path) for path in paths]
+    first, emissions = folders[0], [folder.emission() for folder in folders]
+    for folder, emission in zip(folders[1:], emissions[1:], strict=True):
+        same = f"{first.folder} and {folder.folder} must hold the same planes of one camera: their"
+        if (folder.depths_mm, folder.cell_mm) != (first.depths_mm, first.cell_mm):
+            raise InputError(f"{same} depths are {first.depths_mm} and {folder.depths_mm} mm.")
+        if emission.shape != emissions[0].shape:
+            raise InputError(f"{same} shapes are {emissions[0].shape} and {emission.shape}.")
     for folder in folders:
         if not folder.holds(SIGMA):
             raise InputError(
                 f"{folder.folder} has no {SIGMA}; call lf-flame reconstruct with --bootstrap 20."
             )
-    emissions = one.emission(), other.emission()
-    if emissions[0].shape != emissions[1].shape:
-        raise InputError(
-            f"{first} and {second} must hold the same planes of one camera: their shapes are "
-            f"{emissions[0].shape} and {emissions[1].shape}."
-        )
-    sigmas = (
-        one.read_like(SIGMA, emissions[0])[0],
-        other.read_like(SIGMA, emissions[1])[0],
-    )
-    return emissions, sigmas, one.depths_mm
+    sigmas = tuple(folder.read_like(SIGMA, emissions[0])[0] for folder in folders)
+    return tuple(emissions), sigmas, first.depths_mm

@@ -1,48 +1,58 @@
-"""Temperature of soot from its emission in two colours.
+"""Temperature of soot from its emission in two or more colours.
 
 For optically thin soot, a volume's emission is its absorption coefficient times the radiance of a
 black body (Planck; Modest, Radiative Heat Transfer, chapters on the equation of transfer and on
-particulate media). The coefficient falls as a power of the wavelength; its other factors cancel in
-the ratio of two colours:
+particulate media). The coefficient falls as a power of the wavelength; its other factors are the
+same in all colours, so ratios of colours give the temperature. For single wavelengths,
 
     e1 / e2 = (l2 / l1)^(5 + a) (exp(c2 / (l2 T)) - 1) / (exp(c2 / (l1 T)) - 1)
+
+and for broad colours both sides are integrals over their spectral responses
+(`lf_flame.tomography.spectra`).
 
 The result is the temperature of the soot, not of the gas. A temperature hides errors of emission:
 at 1,800 K an error of 17 % is 137 K between 550 and 650 nm, and only 25 K for one calibrated
 colour. Never show a temperature without the error of its emission. Emissions must be linear in
-light, and of single wavelengths.
+light.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from lf_flame.errors import InputError
-
-SECOND_RADIATION_MM_K = 14.387768775
-"""Second radiation constant c2 = h c / k in mm K (CODATA 2018, exact)."""
+from lf_flame.tomography.spectra import (
+    LEAST_NM,
+    MOST_NM,
+    SpectralResponses,
+    check_exponent,
+    other_unit,
+)
 
 LEAST_K, MOST_K = 500.0, 5000.0
 """Range of temperatures in K of glowing soot; temperatures outside count as undetermined."""
 
-LEAST_NM, MOST_NM = 100.0, 1e5
-"""Range of wavelengths in nm; a value such as 0.55 would be in micrometres, and is refused."""
-
-LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
-"""Range of the exponent a of soot's absorption; measured ones are between 0.7 and 3."""
+LEAST_LEVER_K = 30.0
+"""Smallest derivative of the logarithm of a ratio of colours by 1 / T, in K, with which there is a
+temperature: at 1,800 K an error of 1 % in the ratio is then 1,080 K."""
 
 SINGLE_WAVELENGTHS = (
     "Each colour is taken for light of a single wavelength. Through broad filters, as of a colour "
-    "camera (Bayer), temperatures are off by tens to hundreds of kelvin."
+    "camera (Bayer), temperatures are off by tens to hundreds of kelvin: give their spectral "
+    "responses."
 )
 
-NEWTON_STEPS = 8
-"""Number of Newton steps from Wien's approximation; three suffice below 5,000 K and 10
-micrometres."""
+NEWTON_STEPS = 6
+"""Number of Gauss-Newton steps; they start within 1e-4 of the solution of two colours."""
 
 LEAST_SIGNAL = 3.0
-"""Smallest emission with a ratio, in standard deviations of its noise."""
+"""Smallest emission with a temperature, in standard deviations of its noise."""
+
+LEAST_ERROR = 1e-6
+"""Smallest relative error of an emission in a weight, so that no weight is infinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +66,21 @@ class Temperatures:
     sigma : ndarray of float64, or None
         Standard deviation in K due to the emissions' noise, linearly propagated.
     relative_error : ndarray of float64, or None
-        Relative standard deviation of the ratio of the emissions, which a temperature hides.
+        Relative standard deviation of the ratio of the emissions, which a temperature hides. For
+        three colours and more: of the two that are farthest apart, if they alone had this `sigma`.
+    amount : ndarray of float64, or None
+        Emission over that of soot of this temperature with an optical thickness of 1 at 600 nm.
+        With absolute gains it is the optical thickness, by mm or by plane as the emission.
+    misfit : ndarray of float64, or None
+        Chi-squared of each cell over its degrees of freedom, the number of colours less two: near 1
+        if soot of one temperature explains all colours. None for two colours or without errors.
     """
 
     kelvin: np.ndarray
     sigma: np.ndarray | None
     relative_error: np.ndarray | None
+    amount: np.ndarray | None = None
+    misfit: np.ndarray | None = None
 
 
 def emission_ratio(
@@ -88,10 +107,8 @@ def emission_ratio(
     InputError
         If a wavelength or the exponent is out of range.
     """
-    first, second = _checked_wavelengths(wavelengths_nm)
-    _check_exponent(soot_exponent)
-    inverse = 1 / np.asarray(kelvin, float)
-    return np.exp(_log_ratio(inverse, first, second, soot_exponent))
+    first, second = two_wavelengths(wavelengths_nm).soot(kelvin, soot_exponent)
+    return first / second
 
 
 def two_colour_temperature(
@@ -140,85 +157,193 @@ def two_colour_temperature(
     >>> round(float(found.kelvin), 3)
     1800.0
     """
-    short, long = _checked_wavelengths(wavelengths_nm)
-    _check_exponent(soot_exponent)
-    emissions = [np.asarray(one, float) for one in (first, second)]
-    errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
-    shapes = {one.shape for one in (*emissions, *(errors or []))}
-    if len(shapes) > 1:
-        raise InputError(f"Emissions and their errors must be of one shape, got {sorted(shapes)}.")
-    _check_exponent(soot_exponent)
+    responses = two_wavelengths(wavelengths_nm)
     if not (np.isfinite(calibration) and calibration > 0):
         raise InputError(f"calibration must be a finite number above 0, got {calibration}.")
-    least = [0.0, 0.0] if errors is None else [LEAST_SIGNAL * error for error in errors]
-    known = (emissions[0] > least[0]) & (emissions[1] > least[1])
-    with np.errstate(all="ignore"):  # 0 / 0 gives no temperature, and no warning
-        ratio = np.where(known, emissions[0] / emissions[1] / calibration, np.nan)
-        inverse = _invert(np.log(ratio), short, long, soot_exponent)
+    return soot_temperature(
+        (first, second),
+        responses,
+        sigmas=sigmas,
+        soot_exponent=soot_exponent,
+        gains=(calibration, 1.0),
+    )
+
+
+def soot_temperature(
+    emissions: Sequence[ArrayLike],
+    responses: SpectralResponses,
+    *,
+    sigmas: Sequence[ArrayLike] | None = None,
+    gains: ArrayLike | None = None,
+    soot_exponent: float = 1.0,
+) -> Temperatures:
+    """Find the temperature of soot from its emissions in two or more colours of a camera.
+
+    Weighted least squares in the logarithm of the emissions, for temperature and amount of soot.
+
+    Parameters
+    ----------
+    emissions : sequence of array_like, of one shape, one for each colour
+        Emissions, all by volume or all by depth plane.
+    responses : SpectralResponses
+        Spectral responses of these colours.
+    sigmas : sequence of array_like, optional
+        Standard deviations of the emissions. Where one is not above three of its own standard
+        deviations, the temperature is undetermined. Default: unknown; all colours count alike.
+    gains : sequence of float, optional
+        Signal of each colour over the integral of response and radiance, above 0, as
+        `calibrate_colours` finds it. Default: 1 for all.
+    soot_exponent : float, optional
+        Exponent a in the absorption coefficient's ``wavelength^-a``, from -1 to 5.
+
+    Returns
+    -------
+    Temperatures
+        Temperatures in K with their errors; NaN where undetermined.
+
+    Raises
+    ------
+    InputError
+        If shapes or numbers differ, a value cannot be used, or the colours see nearly the same
+        light.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.tomography import SpectralResponses, soot_temperature
+    >>> nm = np.arange(400, 701, 10.0)
+    >>> curves = [np.exp(-(((nm - middle) / 40) ** 2)) for middle in (460, 540, 610)]
+    >>> camera = SpectralResponses(("blue", "green", "red"), nm, curves)
+    >>> found = soot_temperature(camera.soot([1500.0, 1900.0]), camera)
+    >>> found.kelvin.round(3).tolist()
+    [1500.0, 1900.0]
+    """
+    check_exponent(soot_exponent)
+    light, errors = _checked_emissions(emissions, sigmas, len(responses.names))
+    gain = _checked_gains(gains, len(light)).reshape(-1, *[1] * (light.ndim - 1))
+    curves = _LogCurves(responses, soot_exponent)
+    least = 0.0 if errors is None else LEAST_SIGNAL * errors
+    known = np.all(light > least, axis=0)
+    with np.errstate(all="ignore"):  # cells without a temperature
+        relative = np.ones_like(light) if errors is None else errors / light
+        relative = np.where(known, np.maximum(relative, LEAST_ERROR), 1.0)
+        wanted = np.log(np.where(known, light / gain, 1.0))
+        inverse, spread = curves.invert(wanted, relative**-2.0)
         kelvin = 1 / inverse
-        kelvin = np.where((kelvin >= LEAST_K) & (kelvin <= MOST_K), kelvin, np.nan)
+        kelvin = np.where(known & (kelvin >= LEAST_K) & (kelvin <= MOST_K), kelvin, np.nan)
+        apart, amount = curves.compare(
+            wanted, np.where(np.isfinite(kelvin), inverse, 1e-3), relative
+        )
+        undetermined = np.where(np.isfinite(kelvin), 0.0, np.nan)
         if errors is None:
-            return Temperatures(kelvin, None, None)
-        relative = np.hypot(errors[0] / emissions[0], errors[1] / emissions[1])
-        relative = np.where(np.isfinite(kelvin), relative, np.nan)
-        slope = np.abs(_slope(inverse, short, long))
-        return Temperatures(kelvin, kelvin**2 * relative / slope, relative)
-
-
-def _log_ratio(inverse: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
-    """Logarithm of the ratio of emissions at 1 / T; wavelengths in mm."""
-    x1, x2 = (SECOND_RADIATION_MM_K / length * inverse for length in (first, second))
-    constant = (5 + exponent) * np.log(second / first)
-    return constant + x2 - x1 + np.log1p(-np.exp(-x2)) - np.log1p(-np.exp(-x1))
-
-
-def _slope(inverse: np.ndarray, first: float, second: float) -> np.ndarray:
-    """Derive the logarithm of the ratio with respect to 1 / T, in K."""
-    steps = []
-    for length in (first, second):
-        c = SECOND_RADIATION_MM_K / length
-        steps.append(c / -np.expm1(-c * inverse))
-    return steps[1] - steps[0]
-
-
-def _invert(log_ratio: np.ndarray, first: float, second: float, exponent: float) -> np.ndarray:
-    """Solve for 1 / T with Newton's method, starting from Wien's approximation."""
-    constant = (5 + exponent) * np.log(second / first)
-    inverse = (constant - log_ratio) / (SECOND_RADIATION_MM_K * (1 / first - 1 / second))
-    inverse = np.clip(inverse, 1 / (4 * MOST_K), 4 / LEAST_K)
-    for _ in range(NEWTON_STEPS):
-        gap = _log_ratio(inverse, first, second, exponent) - log_ratio
-        inverse = np.clip(inverse - gap / _slope(inverse, first, second), 1e-5, 1.0)
-    return inverse
-
-
-def _check_exponent(soot_exponent: float) -> None:
-    if not LEAST_EXPONENT <= soot_exponent <= MOST_EXPONENT:
-        raise InputError(
-            f"soot_exponent must be from {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}, got "
-            f"{soot_exponent}."
+            return Temperatures(kelvin, None, None, amount + undetermined)
+        sigma = kelvin**2 * spread
+        freedom = len(light) - 2
+        return Temperatures(
+            kelvin,
+            sigma,
+            spread * np.abs(curves.lever(inverse)) + undetermined,
+            amount + undetermined,
+            apart / freedom + undetermined if freedom else None,
         )
 
 
-def _checked_wavelengths(wavelengths_nm: tuple[float, float]) -> tuple[float, float]:
+class _LogCurves:
+    """Logarithm of soot's light in each colour as a function of 1 / T."""
+
+    def __init__(self, responses: SpectralResponses, exponent: float):
+        self.inverse = np.linspace(1 / (4 * MOST_K), 2 / LEAST_K, 1025)
+        logs = np.log(responses.soot(1 / self.inverse, exponent))
+        self._curves = [CubicSpline(self.inverse, one) for one in logs]
+        # The two colours whose ratio changes most with temperature.
+        ends = logs[:, -1] - logs[:, 0]
+        self._outer = int(np.argmin(ends)), int(np.argmax(ends))
+        self._ratio = logs[self._outer[0]] - logs[self._outer[1]]
+        steps = -np.diff(self._ratio) / np.diff(self.inverse)
+        if not steps.min() >= LEAST_LEVER_K:
+            names = [responses.names[one] for one in self._outer]
+            raise InputError(
+                f"The ratio of {names[0]} to {names[1]} must tell the temperature, and it hardly "
+                f"changes with it, or is the same at two temperatures: these colours see nearly "
+                f"the same light."
+            )
+
+    def lever(self, inverse: np.ndarray) -> np.ndarray:
+        """Derive the logarithm of the ratio of the outer colours by 1 / T, in K."""
+        first, second = (self._curves[one](inverse, 1) for one in self._outer)
+        return first - second
+
+    def invert(self, wanted: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find 1 / T and its standard deviation, if weights are those of inverse variances."""
+        low, high = self.inverse[0], self.inverse[-1]
+        ratio = wanted[self._outer[0]] - wanted[self._outer[1]]
+        inverse = np.interp(ratio, self._ratio[::-1], self.inverse[::-1])
+        for _ in range(NEWTON_STEPS):
+            rest = _centred(wanted - np.stack([one(inverse) for one in self._curves]), weights)
+            slopes, curvature = self._slopes(inverse, weights)
+            step = np.sum(weights * slopes * rest, axis=0) / curvature
+            inverse = np.clip(inverse + step, low, high)
+        return inverse, self._slopes(inverse, weights)[1] ** -0.5
+
+    def _slopes(self, inverse: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes of the curves less their weighted mean, and the sum of their weighted squares."""
+        slopes = np.stack([one(inverse, 1) for one in self._curves])
+        slopes = _centred(slopes, weights)
+        return slopes, np.sum(weights * slopes**2, axis=0)
+
+    def compare(
+        self, wanted: np.ndarray, inverse: np.ndarray, relative: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Chi-squared of soot at 1 / T, and its amount."""
+        weights = relative**-2.0
+        rest = wanted - np.stack([one(inverse) for one in self._curves])
+        mean = np.sum(weights * rest, axis=0) / np.sum(weights, axis=0)
+        return np.sum(weights * (rest - mean) ** 2, axis=0), np.exp(mean)
+
+
+def _centred(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Subtract the weighted mean over the colours: the amount of soot drops out."""
+    return values - np.sum(weights * values, axis=0) / np.sum(weights, axis=0)
+
+
+def _checked_emissions(
+    emissions: Sequence[ArrayLike], sigmas: Sequence[ArrayLike] | None, colours: int
+) -> tuple[np.ndarray, np.ndarray | None]:
+    light = [np.asarray(one, float) for one in emissions]
+    errors = None if sigmas is None else [np.asarray(one, float) for one in sigmas]
+    shapes = {one.shape for one in (*light, *(errors or []))}
+    if len(shapes) > 1:
+        raise InputError(f"Emissions and their errors must be of one shape, got {sorted(shapes)}.")
+    if len(light) != colours or colours < 2 or (errors is not None and len(errors) != colours):
+        raise InputError(
+            f"A temperature needs emissions in two colours or more, one for each of the "
+            f"{colours} spectral responses, got {len(light)}."
+        )
+    return np.stack(light), None if errors is None else np.stack(errors)
+
+
+def _checked_gains(gains: ArrayLike | None, colours: int) -> np.ndarray:
+    given = np.ones(colours) if gains is None else np.asarray(gains, float)
+    if given.shape != (colours,) or not np.all((given > 0) & (given < np.inf)):
+        raise InputError(
+            f"gains must be {colours} finite numbers above 0, one for each colour, got "
+            f"{given.tolist()}."
+        )
+    return given
+
+
+def two_wavelengths(wavelengths_nm: tuple[float, float]) -> SpectralResponses:
+    """Responses to two single wavelengths in nm, which must differ by a thousandth at least."""
     lengths = np.asarray(wavelengths_nm, float)
     if lengths.shape != (2,) or not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
+        unit = other_unit(lengths) if lengths.shape == (2,) else ""
         raise InputError(
             f"wavelengths_nm must be two in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
-            f"{wavelengths_nm}{_other_unit(lengths)}."
+            f"{wavelengths_nm}{unit}."
         )
     if abs(lengths[0] - lengths[1]) < 1e-3 * lengths.max():
         raise InputError(
             f"wavelengths_nm must differ by a thousandth at least, got {wavelengths_nm}: the ratio "
             f"of a colour to itself has no temperature."
         )
-    return float(lengths[0]) * 1e-6, float(lengths[1]) * 1e-6
-
-
-def _other_unit(lengths: np.ndarray) -> str:
-    """Guess the unit in which wavelengths were given."""
-    for unit, scale in (("micrometres", 1e3), ("mm", 1e6), ("m", 1e9)):
-        meant = lengths * scale
-        if lengths.shape == (2,) and np.all((meant >= LEAST_NM) & (meant <= MOST_NM)):
-            return f"; if these are {unit}, give {meant[0]:g} and {meant[1]:g}"
-    return ""
+    return SpectralResponses.single(lengths.tolist())

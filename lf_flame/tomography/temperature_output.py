@@ -13,6 +13,7 @@ from lf_flame._common.output_folders import OutputFolder
 from lf_flame.formats.coding import CODED
 from lf_flame.tomography import emission_folder
 from lf_flame.tomography.axisymmetric import section_folder
+from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.figures import temperature_figure
 from lf_flame.tomography.pyrometry import (
     LEAST_K,
@@ -20,9 +21,14 @@ from lf_flame.tomography.pyrometry import (
     MOST_K,
     SINGLE_WAVELENGTHS,
     Temperatures,
+    soot_temperature,
 )
 
 RECORD = "temperature.json"
+SIGMA_FILE = "temperature_sigma.tif"
+
+MOST_MISFIT = 4.0
+"""Largest chi-squared of the median cell without a note."""
 
 
 @dataclass(frozen=True)
@@ -38,28 +44,76 @@ class SourceRecord:
     notes: list[str] = field(default_factory=list)
 
 
-def temperature_notes(found: Temperatures, folders: Iterable[Path]) -> list[str]:
+def temperature_notes(
+    found: Temperatures, folders: Iterable[Path], calibration: ColourCalibration
+) -> list[str]:
     """List the assumptions behind the temperatures, one or two sentences each."""
-    notes = [SINGLE_WAVELENGTHS]
+    notes = []
+    if calibration.responses.single_wavelengths:
+        notes.append(SINGLE_WAVELENGTHS)
     for folder in folders:
         kind = section_folder if section_folder.is_section(folder) else emission_folder
         record = load_record(SourceRecord, folder / kind.RECORD)
         if any(CODED in note for note in record.notes):
             notes.append(f"{folder} was made of files that are not made for measuring. {CODED}")
-    if not np.isfinite(found.kelvin).any():
+    known = np.isfinite(found.kelvin)
+    if not known.any():
         notes.append(
             f"No cell has a temperature: either no emission exceeds its noise by "
-            f"{LEAST_SIGNAL:g} standard deviations in both colours, or no ratio of them is that of "
-            f"soot between {LEAST_K:g} and {MOST_K:g} K; see whether the wavelengths are in the "
-            f"order of the folders, and --calibration."
+            f"{LEAST_SIGNAL:g} standard deviations in all colours, or no ratio of them is that of "
+            f"soot between {LEAST_K:g} and {MOST_K:g} K; see whether the colours are in the "
+            f"order of the folders, and their calibration."
+        )
+        return notes
+    low, high = calibration.temperature_range_K
+    outside = int(np.sum(known & ((found.kelvin < low) | (found.kelvin > high))))
+    if outside:
+        notes.append(
+            f"{outside} of {int(known.sum())} temperatures are outside the calibration's, {low:g} "
+            f"to {high:g} K: there they rest on the spectral responses alone."
+        )
+    if found.misfit is not None and np.nanmedian(found.misfit) > MOST_MISFIT:
+        notes.append(
+            f"Soot of one temperature does not explain all colours: chi-squared is "
+            f"{np.nanmedian(found.misfit):.2g} in the median cell, and should be near 1. See the "
+            f"spectral responses, the gains, --soot-exponent, and whether a colour is saturated or "
+            f"holds light of another source, such as a blue flame."
+        )
+    error = _gain_error(found, calibration)
+    if error > 1:
+        notes.append(
+            f"The errors of the calibration's gains add a standard deviation of {error:.0f} K, the "
+            f"same in all cells, which {SIGMA_FILE} does not hold."
         )
     return notes
 
 
-def write_temperature(found: Temperatures, depths: Sequence[float], folder: OutputFolder) -> None:
-    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a figure."""
-    for name, planes in (("temperature", found.kelvin), ("temperature_sigma", found.sigma)):
-        _write_planes(folder, f"{name}.tif", np.asarray(planes, np.float32))
+def _gain_error(found: Temperatures, calibration: ColourCalibration) -> float:
+    """Find the standard deviation in K of the median temperature due to the errors of the gains."""
+    kelvin = float(np.nanmedian(found.kelvin))
+    light = calibration.gains * calibration.responses.soot(kelvin)
+    if not calibration.relative_errors.any():
+        return 0.0
+    errors = np.minimum(calibration.relative_errors, 0.3) * light
+    alike = soot_temperature(
+        list(light), calibration.responses, sigmas=list(errors), gains=calibration.gains
+    )
+    return 0.0 if alike.sigma is None else float(alike.sigma)
+
+
+def write_temperature(
+    found: Temperatures, depths: Sequence[float], folder: OutputFolder, *, absolute: bool = False
+) -> None:
+    """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a figure.
+
+    With `absolute` gains, ``optical_thickness.tif`` is the soot's at 600 nm, by plane or by mm as
+    the emission.
+    """
+    stacks = {"temperature.tif": found.kelvin, SIGMA_FILE: found.sigma}
+    if absolute:
+        stacks["optical_thickness.tif"] = found.amount
+    for name, planes in stacks.items():
+        _write_planes(folder, name, np.asarray(planes, np.float32))
     figures.save(temperature_figure(found, depths), folder.path("temperature.png"))
     folder.facts["depths_mm"] = list(depths)
 

@@ -90,7 +90,7 @@ def test_sections_that_do_not_fit_are_one_sentence(colours, tmp_path):
         "low": "must be of one shape",
         "nan": "finite float32",
         "damaged": "is not the file that abel.json was written for",
-        "empty": "must both be of lf-flame abel or both of lf-flame reconstruct",
+        "empty": "must all be of lf-flame abel or all of lf-flame reconstruct",
     }.items():
         words = ["--wavelengths", 550, 650, "--out", tmp_path / "out"]
         result = run("temperature", green, tmp_path / name, *words)

@@ -66,6 +66,7 @@ class BandedGram:
         self.unit = 1 / np.sqrt(diagonal)
         self.typical = float(np.mean(diagonal))
         self.bands = _scale(bands, self.unit)
+        self._penalties: dict[int, np.ndarray] = {}
 
     def multiply(self, scaled: np.ndarray) -> np.ndarray:
         """Multiply by the scaled matrix."""
@@ -73,11 +74,17 @@ class BandedGram:
 
     def penalty(self, strength: float, order: int) -> np.ndarray:
         """Lower diagonals of the scaled penalty, shape (band, nodes)."""
+        if order not in self._penalties:
+            self._penalties[order] = self._unit_penalty(order)
+        return strength * self._penalties[order]
+
+    def _unit_penalty(self, order: int) -> np.ndarray:
+        """Penalty of strength 1, which many strengths share."""
         rough = roughness_matrix(self.grid.shape, order)
         lower = sparse.tril(rough).tocoo()
         bands = np.zeros((int((lower.row - lower.col).max()) + 1, rough.shape[0]))
         bands[lower.row - lower.col, lower.col] = lower.data
-        return _scale(strength * self.typical * bands, self.unit)
+        return _scale(self.typical * bands, self.unit)
 
     def draw_penalty(self, strength: float, order: int, rng: np.random.Generator) -> np.ndarray:
         """Draw a random vector with the scaled penalty as covariance; float64, shape (nodes,)."""
@@ -231,6 +238,10 @@ class AxisymmetricFit:
         noise = back.ravel() * self.gram.unit
         noise += sd * self.gram.draw_penalty(options.strength, options.order, rng)
         return self._solve(self._linear + noise, options, start)[0]
+
+    def solve_for(self, back: np.ndarray, options: SolveOptions, start: np.ndarray) -> np.ndarray:
+        """Fit another backprojected light field, (heights, radii); starts from known emission."""
+        return self._solve(back.ravel() * self.gram.unit, options, start)
 
     def explain(self, back: np.ndarray) -> np.ndarray:
         """Emission of the unpenalised fit to another backprojected light field."""

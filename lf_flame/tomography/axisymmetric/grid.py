@@ -236,9 +236,13 @@ class AxisymmetricGrid:
         -------
         list of scipy.sparse.csr_array of float64, shape (views * rows, heights)
         """
+        return [self.bands(depth, 0) @ self.cells_by_height for depth in self.slab_depths_mm]
+
+    @cached_property
+    def cells_by_height(self) -> sparse.csr_array:
+        """Contribution of each node's height to a row of a slab's cells, (cells, heights)."""
         place = (self.heights_mm[0] - self._cell_heights_mm) / self.step_mm
-        weights = _linear_weights(place, len(self.heights_mm))
-        return [self._bands(depth, 0) @ weights for depth in self.slab_depths_mm]
+        return _linear_weights(place, len(self.heights_mm))
 
     @cached_property
     def by_radius(self) -> np.ndarray:
@@ -250,10 +254,11 @@ class AxisymmetricGrid:
             Lengths in mm along the line of sight.
         """
         return np.stack(
-            [self._bands(depth, 1) @ self._radius_weights(depth) for depth in self.slab_depths_mm]
+            [self.bands(depth, 1) @ self.cells_by_radius(depth) for depth in self.slab_depths_mm]
         )
 
-    def _bands(self, depth: float, axis: int) -> sparse.csr_array:
+    def bands(self, depth: float, axis: int) -> sparse.csr_array:
+        """Contribution of a slab's cells to the used views, along y (axis 0) or x (axis 1)."""
         bands = layer_bands(self.empty_slab(depth), self.camera, self.block, axis)
         if self.which == "all":
             return bands
@@ -261,7 +266,7 @@ class AxisymmetricGrid:
         first = self.camera.views // 2 * pixels
         return bands[first : first + pixels]
 
-    def _radius_weights(self, depth: float) -> np.ndarray:
+    def cells_by_radius(self, depth: float) -> np.ndarray:
         """Integrate each node's emission over a slab's thickness, averaged over its cells across.
 
         The integral along depth is exact for any slab thickness: between two nodes emission is

@@ -6,12 +6,13 @@ the fit is regularised and without negative light.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.axisymmetric.axis import find_axis
+from lf_flame.tomography.axisymmetric.axis import FlameAxis, find_axis
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
 from lf_flame.tomography.axisymmetric.roundness import (
     check_misfit,
@@ -139,30 +140,82 @@ def reconstruct_axisymmetric(
     True
     """
     check_fit_options(noise, strength, bootstrap)
+    looked = look_at(light_field, grid)
+    check_range(looked.views, noise)
     rng = np.random.default_rng(rng)
-    left_out: tuple[str, ...] = ()
+    fit = SectionFit(looked.grid, looked.views, noise, rng)
+    stated = noise is not None
+    return explain_views(looked, fit, strength, stated=stated, bootstrap=bootstrap, rng=rng)
+
+
+class Looked(NamedTuple):
+    """Views of a light field that a fit uses, and what is seen of the axis in them.
+
+    Attributes
+    ----------
+    views : ndarray of float32, shape (v, u, t, s)
+        Fitted views in the grid's pixels, as `AxisymmetricGrid.pick` gives them.
+    grid : AxisymmetricGrid
+        Grid of the views that count.
+    axis : FlameAxis
+    said : tuple of str
+        Sentences on views and pixels that are left out.
+    """
+
+    views: np.ndarray
+    grid: AxisymmetricGrid
+    axis: FlameAxis
+    said: tuple[str, ...]
+
+
+def look_at(light_field: LightField, grid: AxisymmetricGrid) -> Looked:
+    """Select the views that a fit uses, averaged over the grid's blocks, and find the axis."""
+    said: tuple[str, ...] = ()
     even = grid.camera.levelled(light_field)
     if grid.which == "all":
-        grid, left_out = fitted_views(even, grid)
-    views = _looked_at(even, grid)
-    check_range(views, noise)
+        grid, said = fitted_views(even, grid)
+    views = _pixels(even, grid)
+    if light_field.unknown:
+        said = (*said, f"{light_field.unknown}.")
     depth = grid.depth_mm if light_field.views.shape[1] < 3 else None
-    axis = find_axis(light_field, grid.camera, depth)
-    fit = SectionFit(grid, views, noise, rng)
-    section = fit.solve(strength)
+    return Looked(views, grid, find_axis(light_field, grid.camera, depth), said)
+
+
+def explain_views(
+    looked: Looked,
+    fit: SectionFit,
+    strength: float | None,
+    *,
+    stated: bool,
+    bootstrap: int,
+    rng: np.random.Generator,
+) -> AxisymmetricFlame:
+    """Solve a fit, draw its errors, and compare data and model.
+
+    Parameters
+    ----------
+    looked : Looked
+    fit : SectionFit
+        Fit to the looked-at views, or to these with a correction.
+    strength : float or None
+        Strength of the regularisation; None for that of least expected error.
+    stated : bool
+        Whether the noise was stated.
+    bootstrap : int
+    rng : numpy.random.Generator
+    """
+    grid, section, views = looked.grid, fit.solve(strength), fit.views
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
     draws = fit.draw(section, bootstrap, rng)
     depth_ratio = fit.depth_ratio(section)
-    departures = check_roundness(axis) + check_stated(axis, grid, views)
+    departures = check_roundness(looked.axis) + check_stated(looked.axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.
     departures = departures or depth_ratio.check()
     misfit = check_misfit(grid, residual, float(views.max()))
     # What the misfit already says is not said again.
     checked = None if misfit else residual
-    stated = noise is not None
-    unknown = (f"{light_field.unknown}.",) if light_field.unknown else ()
     said = check_data(views, chi_squared, fit.noise, fit.measured, stated, residual=checked)
     return AxisymmetricFlame(
         grid=grid,
@@ -171,13 +224,13 @@ def reconstruct_axisymmetric(
         noise=fit.noise,
         strength=section.options.strength,
         chi_squared=chi_squared,
-        warnings=(*left_out, *unknown, *departures, *misfit, *said),
-        unseen=name_unseen(axis, depth_ratio),
+        warnings=(*looked.said, *departures, *misfit, *said),
+        unseen=name_unseen(looked.axis, depth_ratio),
     )
 
 
-def _looked_at(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
-    """Select the views that a grid uses, averaged over its blocks."""
+def _pixels(light_field: LightField, grid: AxisymmetricGrid) -> np.ndarray:
+    """Average the used views over blocks."""
     if grid.which == "central" and light_field.views.shape[:2] == (1, 1):
         alone = grid.camera.with_views(1)
         return average_blocks(light_field, alone, grid.block)

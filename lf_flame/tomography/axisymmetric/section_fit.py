@@ -93,6 +93,16 @@ class SectionFit:
         cells = self._problem.solve(*options, search.nearest(chosen)).cells
         return Section(cells, options, self.views - self._project(cells))
 
+    def solve_for(self, views: np.ndarray, section: Section) -> np.ndarray:
+        """Fit other views with the strength of a known section, from which it starts.
+
+        Returns
+        -------
+        ndarray of float64, shape (1, heights, radii)
+        """
+        options = section.options._replace(iterations=ITERATIONS // 4)
+        return self._problem.solve_for(self._backproject(views), options, section.cells)
+
     def draw(self, section: Section, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw sections that views and penalty allow, float32, shape (count, heights, radii)."""
         options = section.options._replace(iterations=ITERATIONS // 4)

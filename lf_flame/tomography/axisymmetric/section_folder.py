@@ -1,4 +1,4 @@
-"""Reading folders of `lf-flame abel`: half sections of a flame in two colours."""
+"""Reading folders of `lf-flame abel`: half sections of a flame in two colours or more."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
 from lf_flame._common.tiff_files import read_tiff
 from lf_flame.errors import InputError
-from lf_flame.tomography.emission_folder import Pair
+from lf_flame.tomography.emission_folder import Colours
 
 RECORD = "abel.json"
 SECTION, SIGMA = "section.tif", "sigma.tif"
@@ -49,13 +49,13 @@ def is_section(folder: Path) -> bool:
     return (folder / RECORD).is_file()
 
 
-def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
-    """Read the half sections of one flame in two colours.
+def read_sections(*folders: Path) -> tuple[Colours, Colours, list[float]]:
+    """Read the half sections of one flame, one folder for each colour.
 
     Returns
     -------
-    emissions, sigmas : (ndarray, ndarray), each of float32, shape (1, heights, radii)
-        Emission and standard deviation in both colours.
+    emissions, sigmas : tuple of ndarray, each of float32, shape (1, heights, radii)
+        Emission and standard deviation in each colour.
     depths_mm : list of float
         Depth of the axis, one number.
 
@@ -65,35 +65,33 @@ def read_sections(first: Path, second: Path) -> tuple[Pair, Pair, list[float]]:
         If a folder is not one of `lf-flame abel` or has no error bars, or axis, radius or nodes
         differ.
     """
-    for folder in (first, second):
+    for folder in folders:
         if not is_section(folder):
             raise InputError(
-                f"{first} and {second} must both be of lf-flame abel or both of lf-flame "
-                f"reconstruct, and {folder} has no {RECORD}."
+                f"{' and '.join(map(str, folders))} must all be of lf-flame abel or all of "
+                f"lf-flame reconstruct, and {folder} has no {RECORD}."
             )
-    records = [load_record(SectionRecord, folder / RECORD) for folder in (first, second)]
-    if records[0].place != records[1].place:
-        told = records[0]
-        place = f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r}"
-        place += f" --radius {told.radius_mm!r}"
-        place += "" if told.burner_mm is None else f" --burner {told.burner_mm!r}"
-        raise InputError(
-            f"{first} and {second} must have the same axis, radius, burner and cells; call "
-            f"lf-flame abel for the second colour with the first one's numbers, {place}."
-        )
-    pairs = []
-    for name in (SECTION, SIGMA):
-        one, other = (
-            _read(folder, name, record)
-            for folder, record in zip((first, second), records, strict=True)
-        )
-        pairs.append((one, other))
-    shapes = {stack.shape for pair in pairs for stack in pair}
+    records = [load_record(SectionRecord, folder / RECORD) for folder in folders]
+    told = records[0]
+    for folder, record in zip(folders[1:], records[1:], strict=True):
+        if record.place != told.place:
+            place = f"--axis-mm {told.axis_mm!r} --axis-depth {told.axis_depth_mm!r}"
+            place += f" --radius {told.radius_mm!r}"
+            place += "" if told.burner_mm is None else f" --burner {told.burner_mm!r}"
+            raise InputError(
+                f"{folders[0]} and {folder} must have the same axis, radius, burner and cells; "
+                f"call lf-flame abel for the second colour with the first one's numbers, {place}."
+            )
+    pairs = list(zip(folders, records, strict=True))
+    emissions = tuple(_read(folder, SECTION, record) for folder, record in pairs)
+    sigmas = tuple(_read(folder, SIGMA, record) for folder, record in pairs)
+    shapes = {stack.shape for stack in (*emissions, *sigmas)}
     if len(shapes) > 1:
         raise InputError(
-            f"The sections of {first} and {second} must be of one shape, got {sorted(shapes)}."
+            f"The sections of {' and '.join(map(str, folders))} must be of one shape, got "
+            f"{sorted(shapes)}."
         )
-    return pairs[0], pairs[1], [records[0].axis_depth_mm]
+    return emissions, sigmas, [told.axis_depth_mm]
 
 
 def _read(folder: Path, name: str, record: SectionRecord) -> np.ndarray:

@@ -1,0 +1,63 @@
+"""Writing fits of each colour to folders, for `lf-flame reconstruct` and `lf-flame abel`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lf_flame._common.printable import printable
+from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame._common.output_folders import OutputFolder
+    from lf_flame.lightfield import LightField
+    from lf_flame.tomography.soot import Soot
+
+COLOURS_HELP = (
+    "Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours. SOURCE is in "
+    "colour then; each colour is fitted, the soot's own absorption is corrected, and FOLDER gets a "
+    "folder for each."
+)
+
+THIN_HELP = (
+    "With --colours: take the flame for optically thin, as with a calibration whose gains are not "
+    "absolute."
+)
+
+
+def refuse_thin(colours: Path | None, thin: bool) -> None:
+    """Refuse --thin without --colours."""
+    if thin and colours is None:
+        raise InputError("--thin goes with --colours, and without it no absorption is found.")
+
+
+def write_soot(
+    soot: "Soot",
+    lights: "list[LightField]",
+    names: tuple[str, ...],
+    out: Path,
+    record: str,
+    write: "Callable[[Any, LightField, OutputFolder], None]",
+    facts: dict[str, Any],
+) -> None:
+    """Write a folder for each colour, and print warnings and where they are."""
+    from lf_flame._common.output_folders import output_folder
+
+    for number, (name, found, light) in enumerate(zip(names, soot.colours, lights, strict=True)):
+        with output_folder(out / name, record) as folder:
+            write(found, light, folder)
+            folder.facts |= facts | {
+                "colour": name,
+                "greatest_optical_thickness": float(soot.total_thickness[number]),
+            }
+        for warning in found.warnings:
+            click.echo(f"Warning: {name}: {warning}", err=True)
+    for warning in soot.warnings:
+        click.echo(f"Warning: {warning}", err=True)
+    thick = ", ".join(
+        f"{name} {total:.2g}" for name, total in zip(names, soot.total_thickness, strict=True)
+    )
+    if soot.total_thickness.any():
+        click.echo(f"optical thickness of the soot, at most: {thick}")
+    click.echo(f"{', '.join(names)} are in {printable(out)}")

@@ -1,0 +1,117 @@
+"""The command that calibrates a camera's colours: calibrate-colours.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame._common.printable import printable
+from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile
+from lf_flame.commands.reading_options import READING, Reading
+from lf_flame.errors import InputError
+
+
+@cloup.command("calibrate-colours")
+@click.argument(
+    "placed",
+    nargs=-1,
+    required=True,
+    type=PlacedFile("a picture and its temperature in K", "f1.tif@1273"),
+    metavar="PICTURE@KELVIN...",
+)
+@cloup.option(
+    "--responses",
+    type=FILE,
+    required=True,
+    help="Spectral responses: a CSV file with the heading wavelength_nm and the colours' names in "
+    "the order of the channels, and a row for each wavelength, with lens and filters.",
+)
+@cloup.option(
+    "--exposure",
+    "exposures",
+    multiple=True,
+    type=FiniteRange(min=0, min_open=True),
+    help="Exposure of each picture over that of the flame's, in the order of the pictures "
+    "(default: the same).",
+)
+@cloup.option(
+    "--emissivity",
+    type=FiniteRange(min=0, min_open=True, max=1),
+    default=1.0,
+    show_default=True,
+    help="Emissivity of the source: 1 for a furnace, less for a lamp.",
+)
+@READING
+@click.option("--out", type=FOLDER, help="Folder for the files; default colours.")
+def calibrate_colours(placed, responses, exposures, emissivity, out, **options) -> None:
+    """Measure the gains of a camera's colours, by pictures of a furnace at known temperatures.
+
+    PICTURE@KELVIN is a picture of the opening of a furnace (black body) or of a lamp, read as by
+    `lf-flame refocus`, and its temperature in K. Aperture, gain and filters must be those of the
+    flame's picture. Three temperatures or more around the flame's are well; two are the least.
+    The source must be in the same place in all pictures, evenly bright, and not saturated.
+
+    \b
+      lf-flame calibrate-colours f1.tif@1273 f2.tif@1473 f3.tif@1673 --responses camera.csv \\
+          --bayer rggb --white white.tif --dark dark.tif
+      lf-flame abel flame.tif --camera camera.toml --colours colours/colours.toml \\
+          --bayer rggb --white white.tif --dark dark.tif
+      lf-flame temperature abel/flame --colours colours/colours.toml
+
+    colours.toml holds gains, their errors, and the responses. The table and colours.png show how
+    far each picture is from the fit.
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.tomography import colour_output
+    from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
+    from lf_flame.tomography.source_signals import MOST_UNEVEN, measure_source
+    from lf_flame.tomography.spectra import read_responses
+
+    kelvin = [temperature for _, temperature in placed]
+    curves = read_responses(responses)
+    if exposures and len(exposures) != len(placed):
+        raise InputError(
+            f"--exposure must be given once for each of the {len(placed)} pictures, or not at all, "
+            f"got {len(exposures)}."
+        )
+    reading = Reading(**options)
+    with output_folder(out or Path("colours"), colour_output.RECORD) as folder:
+        photographs = [_photograph(reading, source, len(curves.names)) for source, _ in placed]
+        source = measure_source(photographs)
+        fit = fit_colours(
+            kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
+        )
+        colour_output.write_colours(fit, kelvin, folder)
+        folder.facts |= {
+            "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
+            "signals": source.signals.tolist(),
+            "pixels": int(source.mask.sum()),
+            "exposures": list(exposures) or None,
+            "emissivity": emissivity,
+            "reading": reading.given(),
+        }
+    click.echo(colour_output.colours_table(fit, kelvin))
+    if source.uneven > MOST_UNEVEN:
+        click.echo(
+            f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
+            f"averaged; the gains are those of its mean.",
+            err=True,
+        )
+    for warning in fit.warnings:
+        click.echo(f"Warning: {warning}", err=True)
+    click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
+
+
+def _photograph(reading: Reading, source: Path, colours: int):
+    """Read a light field or picture, and average its views."""
+    light_field = reading.read(source)
+    if light_field.channels != colours or colours < 2:
+        raise InputError(
+            f"{source} must have a channel for each of the {colours} spectral responses, got "
+            f"{light_field.channels}."
+        )
+    return light_field.photograph

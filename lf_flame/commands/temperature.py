@@ -1,0 +1,148 @@
+"""The command that finds temperatures of soot: temperature.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import cloup
+
+from lf_flame._common.printable import printable
+from lf_flame.commands.options import FILE, FOLDER, RUN
+from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    from lf_flame.tomography import ColourCalibration
+
+
+@cloup.command()
+@click.argument("folders", nargs=-1, required=True, type=RUN, metavar="FOLDER...")
+@click.option(
+    "--colours",
+    "calibration_file",
+    type=FILE,
+    help="Calibration of the camera's colours, colours.toml of lf-flame calibrate-colours.",
+)
+@click.option(
+    "--wavelengths",
+    nargs=2,
+    type=float,
+    metavar="FIRST SECOND",
+    help="Without --colours: wavelengths of the two folders' light, in nm, each taken as "
+    "monochromatic.",
+)
+@click.option(
+    "--soot-exponent",
+    default=1.0,
+    show_default=True,
+    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5.",
+)
+@click.option(
+    "--calibration",
+    type=float,
+    help="With --wavelengths: ratio of the camera's two signals, first to second, at equal "
+    "radiance in both colours (default: 1).",
+)
+@click.option("--out", type=FOLDER, help="Folder for the files; default temperature/FOLDER.")
+def temperature(folders, calibration_file, wavelengths, soot_exponent, calibration, out) -> None:
+    """Find the temperature of soot from its emission in two colours or more.
+
+    FOLDER is one of `lf-flame reconstruct` or `lf-flame abel` with --colours, which holds a folder
+    for each colour; or give the folders of the colours, of one camera and the same planes, or of
+    one axis and radius. All need error bars, and images that are linear in light. Where an emission
+    is not above three of its standard deviations, there is no temperature (NaN). It is the
+    temperature of the soot. See the error of the ratio beside it, as a temperature hides much.
+
+    --wavelengths is for two exposures through narrow filters, of flames that are thin: with a
+    colour camera (Bayer) temperatures would be wrong by tens to hundreds of kelvin.
+
+    \b
+      lf-flame abel flame.tif --bayer rggb --white white.tif --camera camera.toml \\
+          --colours colours/colours.toml
+      lf-flame temperature abel/flame --colours colours/colours.toml
+      lf-flame temperature green red --wavelengths 550 650
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.tomography.axisymmetric.section_folder import is_section, read_sections
+    from lf_flame.tomography.emission_folder import read_emissions
+    from lf_flame.tomography.pyrometry import soot_temperature
+    from lf_flame.tomography.temperature_output import (
+        RECORD,
+        temperature_notes,
+        write_temperature,
+    )
+
+    colours = _calibration(calibration_file, wavelengths, calibration)
+    every = _colour_folders(folders, colours.responses.names)
+    read = read_sections if any(map(is_section, every)) else read_emissions
+    emissions, sigmas, depths = read(*every)
+    found = soot_temperature(
+        emissions,
+        colours.responses,
+        sigmas=sigmas,
+        gains=colours.gains,
+        soot_exponent=soot_exponent,
+    )
+    with output_folder(out or Path("temperature") / folders[0].name, RECORD) as folder:
+        notes = temperature_notes(found, every, colours)
+        write_temperature(found, depths, folder, absolute=calibration_file is not None)
+        folder.facts |= {
+            "folders": [recorded_path(one, folder.folder) for one in every],
+            "colours": list(colours.responses.names),
+            "gains": colours.gains.tolist(),
+            "wavelengths_nm": wavelengths,
+            "soot_exponent": soot_exponent,
+            "notes": notes,
+        }
+    known = int((found.kelvin > 0).sum())  # NaN is not
+    click.echo(
+        f"{known} of {found.kelvin.size} cells have a temperature; {', '.join(folder.files)} and "
+        f"{RECORD} are in {printable(folder.folder)}"
+    )
+    for note in notes:
+        click.echo(f"Note: {note}")
+
+
+def _calibration(
+    file: Path | None, wavelengths: tuple[float, float] | None, calibration: float | None
+) -> "ColourCalibration":
+    """Calibration from a file, or of two single wavelengths."""
+    import numpy as np
+
+    from lf_flame.tomography.colour_calibration import ColourCalibration, read_colours
+    from lf_flame.tomography.pyrometry import LEAST_K, MOST_K, two_wavelengths
+
+    if wavelengths is None or file is not None:
+        if file is None or wavelengths is not None:
+            raise InputError("Say what the colours are: either --colours FILE or --wavelengths.")
+        if calibration is not None:
+            raise InputError("--calibration does not apply with --colours, which holds the gains.")
+        return read_colours(file)
+    ratio = 1.0 if calibration is None else calibration
+    if not 0 < ratio < float("inf"):
+        raise InputError(f"--calibration must be a finite number above 0, got {ratio}.")
+    gains = np.array([ratio, 1.0])
+    colours = two_wavelengths(wavelengths)
+    return ColourCalibration(colours, gains, np.zeros(2), (LEAST_K, MOST_K))
+
+
+def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[Path]:
+    """Folder of each colour: as given, or by name inside the one that is given."""
+    if len(folders) == 1:
+        inside = [folders[0] / name for name in names]
+        missing = [path.name for path in inside if not path.is_dir()]
+        if missing:
+            raise InputError(
+                f"{folders[0]} holds no folder {missing[0]}: give a folder of lf-flame reconstruct "
+                f"or lf-flame abel with --colours, or one folder for each of {', '.join(names)}."
+            )
+        return inside
+    if len(folders) != len(names):
+        raise InputError(
+            f"Give a folder for each of the {len(names)} colours ({', '.join(names)}), or the one "
+            f"that holds them all, got {len(folders)}."
+        )
+    return list(folders)

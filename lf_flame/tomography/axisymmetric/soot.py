@@ -1,0 +1,161 @@
+"""Temperature and absorption of an axisymmetric sooty flame, from one colour light field."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lf_flame.lightfield import LightField
+from lf_flame.tomography.axisymmetric.absorption import AbsorbingSection
+from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
+from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
+from lf_flame.tomography.axisymmetric.reconstruction import (
+    AxisymmetricFlame,
+    Looked,
+    check_fit_options,
+    explain_views,
+    look_at,
+)
+from lf_flame.tomography.axisymmetric.section_fit import SectionFit
+from lf_flame.tomography.colour_calibration import ColourCalibration
+from lf_flame.tomography.data_checks import check_range
+from lf_flame.tomography.soot import Emission, Soot, Steps, solve_soot, split_colours
+
+
+class _Round(NamedTuple):
+    """Emission without error bars, in a round under way."""
+
+    emission: np.ndarray
+    sigma: np.ndarray | None = None
+
+
+class _AbsorbingFit:
+    """Fits of one colour to a light field, corrected for absorption.
+
+    If every ray saw a node's mean transmission, a fit in which light only adds up would explain the
+    light field by emission times that mean. Single rays differ from it; that difference is
+    subtracted from the views before a fit, as in `lf_flame.tomography.absorption.Absorption`.
+    """
+
+    def __init__(
+        self,
+        looked: Looked,
+        noise: float | None,
+        strength: float | None,
+        seed: int,
+    ):
+        self._looked, self._noise, self._strength = looked, noise, strength
+        self._rng = np.random.default_rng(seed)
+        self._operator = AxisymmetricOperator(looked.grid)
+        self._fit = SectionFit(looked.grid, looked.views, noise, self._rng)
+        self._thin = self._fit.solve(strength)
+
+    def first(self) -> _Round:
+        """Emission of a flame that does not absorb."""
+        return _Round(self._thin.cells[0])
+
+    def again(self, absorption: np.ndarray, last: _Round) -> _Round:
+        """Emission with an absorption, given the emission of the round before."""
+        excess, leaves = self._excess(absorption, last.emission)
+        start = self._thin._replace(cells=(last.emission * leaves)[np.newaxis])
+        return _Round(self._fit.solve_for(self._looked.views - excess, start)[0] / leaves)
+
+    def finish(
+        self, absorption: np.ndarray | None, last: _Round, bootstrap: int
+    ) -> AxisymmetricFlame:
+        """Emission with error bars and warnings."""
+        fit, leaves = self._fit, np.ones(self._looked.grid.shape)
+        if absorption is not None:
+            excess, leaves = self._excess(absorption, last.emission)
+            views = (self._looked.views - excess).astype(np.float32)
+            fit = SectionFit(self._looked.grid, views, self._noise, self._rng)
+        found = explain_views(
+            self._looked,
+            fit,
+            self._strength,
+            stated=self._noise is not None,
+            bootstrap=bootstrap,
+            rng=self._rng,
+        )
+        return replace(
+            found,
+            emission=(found.emission / leaves).astype(np.float32),
+            draws=(found.draws / leaves).astype(np.float32),
+        )
+
+    def _excess(
+        self, absorption: np.ndarray, emission: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Light of single rays beyond that with the mean transmission, and that transmission."""
+        absorbing = AbsorbingSection(self._looked.grid, absorption)
+        leaves = absorbing.mean_transmission()
+        leaving = self._operator.matvec((emission * leaves).ravel())
+        excess = absorbing.matvec(emission.ravel()) - leaving
+        return excess.reshape(self._looked.views.shape), leaves
+
+
+def reconstruct_axisymmetric_soot(
+    light_field: LightField,
+    grid: AxisymmetricGrid,
+    calibration: ColourCalibration,
+    *,
+    absorbing: bool = True,
+    soot_exponent: float = 1.0,
+    noise: float | None = None,
+    strength: float | None = None,
+    bootstrap: int = 0,
+    seed: int = 0,
+) -> Soot[AxisymmetricFlame]:
+    """Find emission, temperature and absorption of an axisymmetric sooty flame.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Light field of the grid's camera with a channel for each colour, linear in light, black
+        subtracted, divided by the white image with which the colours were calibrated.
+    grid : AxisymmetricGrid
+        Nodes of the half section, the same for all colours.
+    calibration : ColourCalibration
+        Gains and spectral responses of the channels.
+    absorbing : bool, optional
+        Whether the soot's own absorption is found and corrected; it needs absolute gains.
+    soot_exponent : float, optional
+        Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
+    noise, strength : float, optional
+        As for `reconstruct_axisymmetric`, for every colour.
+    bootstrap : int, optional
+        Number of bootstrap draws of each colour, for errors: 0, or 2 and more.
+    seed : int, optional
+        Seed of the draws.
+
+    Returns
+    -------
+    Soot
+
+    Raises
+    ------
+    InputError
+        If light field, grid and calibration do not match, no cell has a temperature, or the flame
+        is too thick.
+    """
+    check_fit_options(noise, strength, bootstrap)
+    fits = []
+    for c, one in enumerate(split_colours(light_field, calibration)):
+        looked = look_at(one, grid)
+        check_range(looked.views, noise)
+        fits.append(_AbsorbingFit(looked, noise, strength, seed + c))
+
+    def first(c: int) -> Emission:
+        return fits[c].first()
+
+    def again(c: int, absorption: np.ndarray, last: Any) -> Emission:
+        return fits[c].again(absorption, last)
+
+    def finish(c: int, absorption: np.ndarray | None, last: Any) -> AxisymmetricFlame:
+        return fits[c].finish(absorption, last, bootstrap)
+
+    def total(absorption: np.ndarray) -> float:
+        return float(2 * absorption.sum(axis=1).max() * grid.step_mm)
+
+    steps = Steps(first, again, finish, total)
+    return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)

@@ -1,0 +1,279 @@
+"""Calibration of a camera's colours by a furnace (black body) or lamp of known temperatures.
+
+A colour's signal is its gain times the exposure times the integral of its spectral response and the
+source's radiance. One gain per colour is fitted in the logarithm, to pictures at several
+temperatures; ratios of gains serve the temperature of soot, gains themselves its absorption.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from lf_flame._common.config import build, strict
+from lf_flame._common.input_files import read_toml
+from lf_flame.errors import InputError
+from lf_flame.tomography.spectra import SpectralResponses
+
+TABLE = "colours"
+"""Name of the table in a TOML file."""
+
+MOST_RELATIVE = 0.05
+"""Largest relative scatter of a colour's gain over the pictures; above, no gain explains them."""
+
+TREND_CONFIDENCE = 0.999
+"""Confidence above which a gain that changes with temperature is reported."""
+
+LEAST_TREND = 0.003
+"""Smallest relative change of a gain over the temperatures that is reported."""
+
+
+@strict
+@dataclass(frozen=True, kw_only=True)
+class _ColoursTable:
+    """Table of a calibration in a TOML file."""
+
+    names: tuple[str, ...]
+    gains: tuple[float, ...]
+    relative_errors: tuple[float, ...]
+    temperature_range_K: tuple[float, float]
+    wavelengths_nm: tuple[float, ...]
+    responses: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ColourCalibration:
+    """Gains of a camera's colours, with their errors.
+
+    Parameters
+    ----------
+    responses : SpectralResponses
+        Spectral responses of the colours.
+    gains : array_like, shape (colours,)
+        Signal of each colour over the integral of response and radiance, above 0.
+    relative_errors : array_like, shape (colours,)
+        Relative standard error of each gain, 0 or above.
+    temperature_range_K : (float, float)
+        Lowest and highest temperature of the calibration.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+    """
+
+    responses: SpectralResponses
+    gains: np.ndarray
+    relative_errors: np.ndarray
+    temperature_range_K: tuple[float, float]  # noqa: N815 - the unit's own letter
+
+    def __post_init__(self):
+        count = len(self.responses.names)
+        for name, least in (("gains", np.nextafter(0, 1)), ("relative_errors", 0.0)):
+            values = np.asarray(getattr(self, name), float)
+            if values.shape != (count,) or not np.all((values >= least) & (values < np.inf)):
+                raise InputError(
+                    f"{name} must be a finite number for each of the {count} colours, "
+                    f"{'above 0' if least else '0 or above'}, got {values.tolist()}."
+                )
+            object.__setattr__(self, name, values)
+        low, high = self.temperature_range_K
+        if not 0 < low <= high < math.inf:
+            raise InputError(
+                f"temperature_range_K must be two increasing temperatures, got {low:g}, {high:g}."
+            )
+
+    def to_toml(self) -> str:
+        """Give the calibration as a TOML file, which `read_colours` reads."""
+        responses = self.responses
+        rows = ",\n  ".join(_numbers(curve) for curve in responses.values)
+        names = ", ".join(f'"{_plain(name)}"' for name in responses.names)
+        return (
+            f"[{TABLE}]\n"
+            f"names = [{names}]\n"
+            f"gains = {_numbers(self.gains)}\n"
+            f"relative_errors = {_numbers(self.relative_errors)}\n"
+            f"temperature_range_K = {_numbers(self.temperature_range_K)}\n"
+            f"wavelengths_nm = {_numbers(responses.wavelengths_nm)}\n"
+            f"responses = [\n  {rows},\n]\n"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ColourFit:
+    """Fit of the gains of a camera's colours to pictures of a source.
+
+    Attributes
+    ----------
+    calibration : ColourCalibration
+    residuals : ndarray of float64, shape (pictures, colours)
+        Relative deviation of each picture from the fit.
+    warnings : tuple of str
+        Sentences on gains that change with temperature.
+    """
+
+    calibration: ColourCalibration
+    residuals: np.ndarray
+    warnings: tuple[str, ...]
+
+
+def calibrate_colours(
+    kelvin: Sequence[float],
+    signals: ArrayLike,
+    responses: SpectralResponses,
+    *,
+    exposures: Sequence[float] | None = None,
+    emissivity: float = 1.0,
+) -> ColourFit:
+    """Fit the gain of each colour to pictures of a source at known temperatures.
+
+    Parameters
+    ----------
+    kelvin : sequence of float, shape (pictures,)
+        Temperatures of the source in K, above 0; two pictures or more.
+    signals : array_like, shape (pictures, colours)
+        Signal of each colour in each picture, linear in light, black subtracted, above 0.
+    responses : SpectralResponses
+        Spectral responses of the colours.
+    exposures : sequence of float, optional
+        Exposure of each picture relative to that of the flame's, above 0. Default: the same.
+    emissivity : float, optional
+        Emissivity of the source, above 0, at most 1; that of a furnace is 1.
+
+    Returns
+    -------
+    ColourFit
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used, or no constant gain explains the signals within 5 %.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.tomography import SpectralResponses, calibrate_colours
+    >>> nm = np.arange(450, 701, 10.0)
+    >>> curves = [np.exp(-(((nm - middle) / 40) ** 2)) for middle in (540, 610)]
+    >>> camera = SpectralResponses(("green", "red"), nm, curves)
+    >>> kelvin = [1300.0, 1500.0, 1700.0]
+    >>> signals = (camera.black_body(kelvin).T * [2e-5, 3e-5]).round(6)
+    >>> fit = calibrate_colours(kelvin, signals, camera)
+    >>> np.round(fit.calibration.gains * 1e5, 3).tolist()
+    [2.0, 3.0]
+    """
+    temperatures, signals, scale = _checked(kelvin, signals, responses, exposures, emissivity)
+    expected = emissivity * scale[:, None] * responses.black_body(temperatures).T
+    logs = np.log(signals / expected)
+    mean = logs.mean(axis=0)
+    rest = logs - mean
+    scatter = rest.std(axis=0, ddof=1)
+    worst = int(np.argmax(scatter))
+    if scatter[worst] > MOST_RELATIVE:
+        raise InputError(
+            f"No gain explains the signals of {responses.names[worst]}: it scatters by "
+            f"{scatter[worst]:.0%} between the pictures, of {MOST_RELATIVE:.0%} at most. See "
+            f"whether the temperatures are in the order of the pictures, black is subtracted, "
+            f"nothing is saturated, and exposures and responses are those of this camera."
+        )
+    # With few pictures the scatter is uncertain: Student's t, as one standard deviation.
+    few = stats.t.ppf(stats.norm.cdf(1), len(temperatures) - 1)
+    errors = few * scatter / np.sqrt(len(temperatures))
+    calibration = ColourCalibration(
+        responses, np.exp(mean), errors, (float(temperatures.min()), float(temperatures.max()))
+    )
+    return ColourFit(calibration, np.expm1(rest), _trends(temperatures, rest, responses.names))
+
+
+def _checked(kelvin, signals, responses, exposures, emissivity):
+    """Check the arguments of `calibrate_colours`; temperatures, signals and exposures as arrays."""
+    kelvin, signals = np.asarray(kelvin, float), np.asarray(signals, float)
+    count, colours = kelvin.size, len(responses.names)
+    if kelvin.ndim != 1 or count < 2 or np.ptp(kelvin) == 0:
+        raise InputError(
+            f"Colours need pictures at two temperatures or more, got {kelvin.tolist()} K."
+        )
+    if not np.all((kelvin > 0) & (kelvin < np.inf)):
+        raise InputError(f"Temperatures must be in K, above 0, got {kelvin.tolist()}.")
+    if signals.shape != (count, colours):
+        raise InputError(
+            f"{count} pictures of a camera with {colours} spectral responses need signals of shape "
+            f"{(count, colours)}, got {signals.shape}."
+        )
+    if not np.all((signals > 0) & (signals < np.inf)):
+        raise InputError(f"Signals must be finite, above 0, got {float(signals.min()):g}.")
+    exposures = np.ones(count) if exposures is None else np.asarray(exposures, float)
+    if exposures.shape != (count,) or not np.all((exposures > 0) & (exposures < np.inf)):
+        raise InputError(
+            f"exposures must be a number above 0 for each of the {count} pictures, got "
+            f"{exposures.tolist()}."
+        )
+    if not 0 < emissivity <= 1:
+        raise InputError(f"emissivity must be above 0, at most 1, got {emissivity}.")
+    return kelvin, signals, exposures
+
+
+def _trends(kelvin: np.ndarray, rest: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on gains that change with temperature by more than their scatter."""
+    found = []
+    if len(kelvin) < 4:
+        return ()
+    for name, values in zip(names, rest.T, strict=True):
+        if not values.any():
+            continue
+        line = stats.linregress(1 / kelvin, values)
+        change = line.slope * np.ptp(1 / kelvin)
+        if line.pvalue < 1 - TREND_CONFIDENCE and abs(change) > LEAST_TREND:
+            found.append(
+                f"The gain of {name} changes by {abs(change):.1%} from {kelvin.min():g} to "
+                f"{kelvin.max():g} K: its spectral response is another one, or black is not "
+                f"subtracted; temperatures beyond this range are wrong by more than stated."
+            )
+    return tuple(found)
+
+
+def read_colours(path: str | Path) -> ColourCalibration:
+    """Read a calibration of colours from a TOML file, as `lf-flame calibrate-colours` writes it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no table ``[colours]``, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lf_flame.tomography import ColourCalibration, SpectralResponses, read_colours
+    >>> camera = SpectralResponses.single((550, 650), ("green", "red"))
+    >>> made = ColourCalibration(camera, [2.0, 3.0], [0.01, 0.01], (1200.0, 1700.0))
+    >>> _ = Path("colours.toml").write_text(made.to_toml())
+    >>> read_colours("colours.toml").gains.tolist()
+    [2.0, 3.0]
+    """
+    values = read_toml(path)
+    if TABLE not in values:
+        raise InputError(f"{path} has no table [{TABLE}]: it is no calibration of colours.")
+    table = build(_ColoursTable, values[TABLE], f"{path}: {TABLE}")
+    try:
+        lengths = {len(row) for row in table.responses}
+        if lengths != {len(table.wavelengths_nm)}:
+            raise InputError("responses must hold a number for each of wavelengths_nm.")
+        lengths_nm, curves = np.array(table.wavelengths_nm), np.array(table.responses)
+        responses = SpectralResponses(table.names, lengths_nm, curves)
+        gains, errors = np.array(table.gains), np.array(table.relative_errors)
+        return ColourCalibration(responses, gains, errors, table.temperature_range_K)
+    except InputError as error:
+        raise InputError(f"{path}: {TABLE}: {error}") from None
+
+
+def _numbers(values: ArrayLike) -> str:
+    return f"[{', '.join(repr(float(value)) for value in np.asarray(values))}]"
+
+
+def _plain(name: str) -> str:
+    """Leave out of a name what a TOML string cannot hold as it is."""
+    return "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')

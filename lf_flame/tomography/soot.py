@@ -1,0 +1,287 @@
+"""Temperature and absorption of a sooty flame together, from one colour light field.
+
+Soot absorbs as it emits (Kirchhoff): in each colour, a cell's emission is its optical thickness
+times the signal of a black body of its temperature. So with absolute gains of the colours, the
+emission that was found tells the absorption, and the absorption corrects the emission. Both are
+found in turn: emission in each colour, from it temperature and optical thickness, from that the
+attenuation of each ray, and emission again, until the thickness stands still.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from lf_flame._common import progress
+from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
+from lf_flame.tomography.absorption import MOST_THICKNESS
+from lf_flame.tomography.colour_calibration import ColourCalibration
+from lf_flame.tomography.frustum_grid import FrustumGrid
+from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
+from lf_flame.tomography.reconstruction import Reconstruction, reconstruct
+
+MOST_ROUNDS = 20
+"""Largest number of rounds; at a total thickness of 1, each leaves two fifths of the change."""
+
+SETTLED = 2e-3
+"""Largest change of the total optical thickness, in one round, at which the rounds end."""
+
+CLIPPED = 1.25
+"""Total thickness in rounds under way, relative to `MOST_THICKNESS`."""
+
+UNSETTLED = (
+    "Emission and absorption have not settled: the flame is too thick for this light field, or its "
+    "colours contradict each other."
+)
+
+
+class Emission(Protocol):
+    """Emission in one colour, as a fit finds it."""
+
+    @property
+    def emission(self) -> np.ndarray:
+        """Emission without absorption."""
+        ...
+
+    @property
+    def sigma(self) -> np.ndarray | None:
+        """Standard deviation of the emission, None without error bars."""
+        ...
+
+
+Found = TypeVar("Found", bound=Emission)
+
+
+@dataclass(frozen=True, eq=False)
+class Soot(Generic[Found]):
+    """Emission, temperature and absorption of a sooty flame.
+
+    Attributes
+    ----------
+    colours : tuple of AxisymmetricFlame or Reconstruction
+        Emission in each colour, without absorption.
+    temperatures : Temperatures
+        Temperatures of the soot; `Temperatures.amount` is the optical thickness at 600 nm.
+    optical_thickness : ndarray of float64, shape (colours, ...)
+        Absorption in each colour, by plane or by mm, as the emission.
+    total_thickness : ndarray of float64, shape (colours,)
+        Largest total along a ray through the flame in each colour.
+    warnings : tuple of str
+    """
+
+    colours: tuple[Found, ...]
+    temperatures: Temperatures
+    optical_thickness: np.ndarray
+    total_thickness: np.ndarray
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Steps(Generic[Found]):
+    """What the rounds need of a geometry.
+
+    Attributes
+    ----------
+    first : callable
+        Emission of a colour, by its number, of a flame that does not absorb.
+    again : callable
+        Emission of a colour with an optical thickness, given the emission of the last round.
+    finish : callable
+        The same with error bars and warnings; thickness None for a flame that does not absorb.
+    total : callable
+        Largest total of an optical thickness along a ray.
+    """
+
+    first: Callable[[int], Emission]
+    again: Callable[[int, np.ndarray, Any], Emission]
+    finish: Callable[[int, np.ndarray | None, Any], Found]
+    total: Callable[[np.ndarray], float]
+
+
+def solve_soot(
+    steps: Steps[Found],
+    calibration: ColourCalibration,
+    *,
+    absorbing: bool = True,
+    soot_exponent: float = 1.0,
+) -> Soot[Found]:
+    """Find emission, temperature and absorption of a sooty flame in turn.
+
+    Parameters
+    ----------
+    steps : Steps
+        Fits of one colour with a given optical thickness.
+    calibration : ColourCalibration
+        Absolute gains and spectral responses of the colours.
+    absorbing : bool, optional
+        Whether absorption is found, or emission and temperature of thin soot alone.
+    soot_exponent : float, optional
+        Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
+
+    Returns
+    -------
+    Soot
+
+    Raises
+    ------
+    InputError
+        If no cell has a temperature, or the flame is too thick.
+    """
+    count = len(calibration.gains)
+    found = [steps.first(c) for c in range(count)]
+    if not absorbing:
+        thin = tuple(steps.finish(c, None, found[c]) for c in range(count))
+        known = temperatures_of(thin, calibration, soot_exponent)
+        nothing = np.zeros((count, *thin[0].emission.shape))
+        return Soot(thin, known, nothing, np.zeros(count), ())
+    thickness = np.zeros((count, *found[0].emission.shape))
+    settled = False
+    for number in progress.steps(range(MOST_ROUNDS), "absorption", MOST_ROUNDS, "round"):
+        if number:
+            found = [steps.again(c, thickness[c], found[c]) for c in range(count)]
+        fresh = _thickness(found, calibration, soot_exponent)
+        highest = max(steps.total(one) for one in fresh)
+        fresh *= min(1.0, CLIPPED * MOST_THICKNESS / highest)
+        change = max(steps.total(one) for one in np.abs(fresh - thickness))
+        thickness = fresh
+        if change < SETTLED:
+            settled = True
+            break
+    totals = np.array([steps.total(one) for one in thickness])
+    if totals.max() > MOST_THICKNESS:
+        name = calibration.responses.names[int(np.argmax(totals))]
+        raise InputError(
+            f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
+            f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
+            f"behind, or the gains of the calibration are too small."
+        )
+    colours = tuple(steps.finish(c, thickness[c], found[c]) for c in range(count))
+    temperatures = temperatures_of(colours, calibration, soot_exponent)
+    return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
+
+
+def split_colours(light_field: LightField, calibration: ColourCalibration) -> list[LightField]:
+    """Give each colour of a light field as a grey one.
+
+    Raises
+    ------
+    InputError
+        If the light field has another number of channels than the calibration has colours.
+    """
+    names = calibration.responses.names
+    if light_field.channels != len(names) or len(names) < 2:
+        raise InputError(
+            f"The light field must have a channel for each of the calibration's {len(names)} "
+            f"colours ({', '.join(names)}), two or more, got {light_field.channels}."
+        )
+    return [
+        replace(light_field, views=np.ascontiguousarray(light_field.views[..., c]))
+        for c in range(len(names))
+    ]
+
+
+def reconstruct_soot(
+    light_field: LightField,
+    grid: FrustumGrid,
+    calibration: ColourCalibration,
+    *,
+    absorbing: bool = True,
+    soot_exponent: float = 1.0,
+    bootstrap: int = 0,
+    seed: int = 0,
+    **options: Any,
+) -> Soot[Reconstruction]:
+    """Find emission, temperature and absorption of soot at depth planes.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Light field of the grid's camera with a channel for each colour, linear in light, black
+        subtracted, divided by the white image with which the colours were calibrated.
+    grid : FrustumGrid
+        Depth planes and cells, the same for all colours.
+    calibration : ColourCalibration
+        Gains and spectral responses of the channels.
+    absorbing : bool, optional
+        Whether the soot's own absorption is found and corrected; it needs absolute gains.
+    soot_exponent : float, optional
+        Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
+    bootstrap : int, optional
+        Number of bootstrap draws of each colour, for errors: 0, or 2 and more.
+    seed : int, optional
+        Seed of the draws.
+    **options
+        Further options of `reconstruct`, for every colour.
+
+    Returns
+    -------
+    Soot
+
+    Raises
+    ------
+    InputError
+        If light field, grid and calibration do not match, no cell has a temperature, or the flame
+        is too thick.
+    """
+    lights = split_colours(light_field, calibration)
+
+    def fit(c: int, thickness: np.ndarray | None, draws: int, last: Any) -> Reconstruction:
+        chosen = dict(options)
+        if last is not None and not draws:
+            chosen["strength"] = last.strength
+        return reconstruct(
+            lights[c],
+            grid,
+            optical_thickness=thickness,
+            bootstrap=draws,
+            rng=seed + c,
+            **chosen,
+        )
+
+    steps = Steps(
+        first=lambda c: fit(c, None, 0, None),
+        again=lambda c, thickness, last: fit(c, thickness, 0, last),
+        finish=lambda c, thickness, last: fit(c, thickness, bootstrap, last),
+        total=lambda thickness: float(thickness.sum(axis=0).max()),
+    )
+    return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)
+
+
+def temperatures_of(
+    colours: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float = 1.0
+) -> Temperatures:
+    """Find the temperature of soot from its emission in the colours of a calibration."""
+    sigmas = [one.sigma for one in colours]
+    return soot_temperature(
+        [one.emission for one in colours],
+        calibration.responses,
+        sigmas=None if any(one is None for one in sigmas) else sigmas,  # type: ignore[arg-type]
+        gains=calibration.gains,
+        soot_exponent=soot_exponent,
+    )
+
+
+def _thickness(
+    found: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float
+) -> np.ndarray:
+    """Optical thickness of each cell in each colour, float64, shape (colours, ...)."""
+    light = np.stack([one.emission for one in found]).astype(float)
+    kelvin = soot_temperature(
+        list(light), calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
+    ).kelvin
+    bright = light.sum(axis=0)
+    known = np.isfinite(kelvin) & (bright > 0)
+    if not known.any():
+        raise InputError(
+            "No cell has a temperature: the ratios of the colours are not those of soot, see "
+            "whether the calibration's colours are in the order of the channels."
+        )
+    # Faint cells hold little soot; they count as being as hot as the flame's bright part.
+    typical = float(np.median(kelvin[known & (bright > bright.max() / 5)]))
+    faint = ~known | (bright < bright.max() / 20)
+    kelvin = np.where(faint, typical, kelvin)
+    shape = (-1, *[1] * kelvin.ndim)
+    black = calibration.gains.reshape(shape) * calibration.responses.black_body(kelvin)
+    return np.maximum(light, 0) / black

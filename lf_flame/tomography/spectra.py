@@ -1,0 +1,272 @@
+"""Spectral responses of a camera's colours, and the light of black bodies and soot in each.
+
+A colour with the response S sees the radiance of a black body at temperature T as the integral of
+S(l) B(l, T) over the wavelength l, with Planck's B; thin soot emits (l / 600 nm)^-a times that for
+each unit of its optical thickness at 600 nm (Modest, Radiative Heat Transfer, chapters on the
+equation of transfer and on particulate media).
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lf_flame._common.input_files import read_text
+from lf_flame.errors import InputError
+
+SECOND_RADIATION_NM_K = 1.4387768775e7
+"""Second radiation constant c2 = h c / k in nm K (CODATA 2018, exact)."""
+
+FIRST_RADIATION = 1.191042972397188e20
+"""First radiation constant 2 h c^2 in W nm^4 / (m^2 sr), for radiance per nm."""
+
+REFERENCE_NM = 600.0
+"""Wavelength at which the optical thickness of soot is stated."""
+
+LEAST_NM, MOST_NM = 100.0, 1e5
+"""Range of wavelengths in nm; a value such as 0.55 would be in micrometres, and is refused."""
+
+LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
+"""Range of the exponent a of soot's absorption; measured ones are between 0.7 and 3."""
+
+STEP_NM, GAUSS_POINTS = 10.0, 3
+"""Largest step of the integration over a curve, and number of points in it."""
+
+MOST_ROWS = 20_000
+"""Largest number of wavelengths of a curve."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralResponses:
+    """Spectral responses of the colours of a camera, with its lens and filters.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Name of each colour, in the order of the camera's channels.
+    wavelengths_nm : array_like, shape (n,)
+        Wavelengths in nm, increasing, from 100 to 100,000.
+    values : array_like, shape (colours, n)
+        Signal per radiance at each wavelength, 0 or above, linear between the wavelengths, in any
+        unit: a calibration by a furnace finds the colours' constants. With as many wavelengths as
+        colours and one value above 0 for each, every colour is a single wavelength.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.tomography import SpectralResponses
+    >>> nm = np.arange(400, 701, 10.0)
+    >>> green, red = (np.exp(-(((nm - middle) / 40) ** 2)) for middle in (540, 610))
+    >>> camera = SpectralResponses(("green", "red"), nm, [green, red])
+    >>> green, red = camera.black_body([1500.0, 1900.0])
+    >>> bool(np.all(np.diff(green / red) > 0))  # hotter is bluer
+    True
+    """
+
+    names: tuple[str, ...]
+    wavelengths_nm: np.ndarray
+    values: np.ndarray
+
+    def __post_init__(self):
+        lengths = np.asarray(self.wavelengths_nm, float)
+        values = np.asarray(self.values, float)
+        names = tuple(str(name) for name in self.names)
+        if lengths.ndim != 1 or values.shape != (len(names), lengths.size) or not names:
+            raise InputError(
+                f"Responses need a row of values for each of the {len(names)} colours and a value "
+                f"for each of the wavelengths, got shapes {values.shape} and {lengths.shape}."
+            )
+        if not np.all((lengths >= LEAST_NM) & (lengths <= MOST_NM)):
+            raise InputError(
+                f"Wavelengths must be in nm, from {LEAST_NM:g} to {MOST_NM:g}, got "
+                f"{_listed(lengths)}{other_unit(lengths)}."
+            )
+        if not np.all(np.diff(lengths) > 0):
+            raise InputError(f"Wavelengths must increase, got {_listed(lengths)}.")
+        if not np.isfinite(values).all() or values.min() < 0:
+            raise InputError(
+                f"Responses must be finite, 0 or above, got values from {values.min():g} to "
+                f"{values.max():g}."
+            )
+        for name, curve in zip(names, values, strict=True):
+            if not curve.any():
+                raise InputError(f"The colour {name!r} responds to no wavelength.")
+        for name, value in (("names", names), ("wavelengths_nm", lengths), ("values", values)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def single(
+        cls, wavelengths_nm: Sequence[float], names: Sequence[str] | None = None
+    ) -> "SpectralResponses":
+        """Responses to single wavelengths, as of narrow filters.
+
+        Parameters
+        ----------
+        wavelengths_nm : sequence of float
+            Wavelength of each colour in nm, in any order.
+        names : sequence of str, optional
+            Default: the wavelengths.
+        """
+        given = np.asarray(wavelengths_nm, float)
+        order = np.argsort(given)
+        values = (order[None, :] == np.arange(given.size)[:, None]).astype(float)
+        named = [f"{length:g} nm" for length in given] if names is None else names
+        return cls(tuple(named), given[order], values)
+
+    @property
+    def single_wavelengths(self) -> bool:
+        """Whether every colour is a single wavelength."""
+        square = self.values.shape[0] == self.values.shape[1]
+        return square and bool(np.all((self.values > 0).sum(axis=1) == 1))
+
+    def black_body(self, kelvin: ArrayLike) -> np.ndarray:
+        """Light of a black body in each colour.
+
+        Parameters
+        ----------
+        kelvin : array_like, shape (...)
+            Temperatures in K, above 0.
+
+        Returns
+        -------
+        ndarray of float64, shape (colours, ...)
+            For responses without unit, in W / (m^2 sr); of a single wavelength, per nm.
+        """
+        return self._integral(kelvin, 0.0)
+
+    def soot(self, kelvin: ArrayLike, soot_exponent: float = 1.0) -> np.ndarray:
+        """Light of thin soot in each colour, for an optical thickness of 1 at 600 nm.
+
+        Parameters
+        ----------
+        kelvin : array_like, shape (...)
+            Temperatures in K, above 0.
+        soot_exponent : float, optional
+            Exponent a of its absorption, ``wavelength^-a``, from -1 to 5. 1 holds for particles
+            much smaller than the wavelength with a constant refractive index.
+
+        Returns
+        -------
+        ndarray of float64, shape (colours, ...)
+
+        Raises
+        ------
+        InputError
+            If the exponent is out of range.
+        """
+        check_exponent(soot_exponent)
+        return self._integral(kelvin, soot_exponent)
+
+    def _integral(self, kelvin: ArrayLike, exponent: float) -> np.ndarray:
+        lengths, weights = self._nodes()
+        weights = weights * FIRST_RADIATION * lengths**-5.0 * (lengths / REFERENCE_NM) ** -exponent
+        over = np.expand_dims(SECOND_RADIATION_NM_K / np.asarray(kelvin, float), 0)
+        out = np.zeros((len(weights), *over.shape[1:]))
+        for length, weight in zip(lengths, weights.T, strict=True):
+            x = over[0] / length
+            # exp(-x) / (1 - exp(-x)) keeps its digits for cold bodies, and does not overflow.
+            out += weight.reshape(-1, *[1] * x.ndim) * (np.exp(-x) / -np.expm1(-x))
+        return out
+
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Wavelengths of the integration, shape (n,), and their weights, shape (colours, n)."""
+        lengths, values = self.wavelengths_nm, self.values
+        if self.single_wavelengths:
+            return lengths, values
+        # Between two wavelengths the curve is linear, so a few Gauss points are exact to 1e-9.
+        parts = [
+            np.linspace(low, high, int(np.ceil((high - low) / STEP_NM)), endpoint=False)
+            for low, high in zip(lengths[:-1], lengths[1:], strict=True)
+        ]
+        edges = np.concatenate([*parts, lengths[-1:]])
+        points, shares = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+        half = np.diff(edges)[:, None] / 2
+        nodes = (edges[:-1, None] + half * (1 + points)).ravel()
+        steps = (half * shares).ravel()
+        return nodes, np.stack([np.interp(nodes, lengths, curve) for curve in values]) * steps
+
+
+def read_responses(path: str | Path) -> SpectralResponses:
+    """Read spectral responses from a CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with a heading, ``wavelength_nm`` and the names of the colours in the order of the
+        camera's channels, and a row for each wavelength.
+
+    Returns
+    -------
+    SpectralResponses
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a value cannot be used.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from lf_flame.tomography import read_responses
+    >>> rows = "wavelength_nm,green,red", "500,1,0", "550,1,1", "600,0,1"
+    >>> _ = Path("camera.csv").write_text(chr(10).join(rows))
+    >>> read_responses("camera.csv").names
+    ('green', 'red')
+    """
+    path = Path(path)
+    lines = read_text(path).splitlines()
+    rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+    if not rows or rows[0][0].strip() != "wavelength_nm" or len(rows[0]) < 2:
+        raise InputError(
+            f"{path} must begin with a heading, wavelength_nm and the names of the colours, got "
+            f"{','.join(rows[0])[:80] if rows else 'nothing'!r}."
+        )
+    names, table = [name.strip() for name in rows[0][1:]], rows[1:]
+    if not 2 <= len(table) <= MOST_ROWS:
+        raise InputError(
+            f"{path} must hold 2 to {MOST_ROWS} wavelengths below its heading, got {len(table)}."
+        )
+    for number, row in enumerate(table, 2):
+        if len(row) != len(names) + 1:
+            raise InputError(
+                f"{path}, row {number}, must hold {len(names) + 1} numbers, got {len(row)}."
+            )
+    try:
+        numbers = np.array(table, float)
+    except ValueError as error:
+        raise InputError(f"{path} must hold numbers below its heading: {error}.") from None
+    try:
+        return SpectralResponses(tuple(names), numbers[:, 0], numbers[:, 1:].T)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def check_exponent(soot_exponent: float) -> None:
+    """Refuse an exponent of soot's absorption that is out of range."""
+    if not LEAST_EXPONENT <= soot_exponent <= MOST_EXPONENT:
+        raise InputError(
+            f"soot_exponent must be from {LEAST_EXPONENT:g} to {MOST_EXPONENT:g}, got "
+            f"{soot_exponent}."
+        )
+
+
+def other_unit(lengths: np.ndarray) -> str:
+    """Guess the unit in which wavelengths were given, as the end of a sentence."""
+    for unit, scale in (("micrometres", 1e3), ("mm", 1e6), ("m", 1e9)):
+        meant = lengths * scale
+        if lengths.size and np.all((meant >= LEAST_NM) & (meant <= MOST_NM)):
+            return f"; if these are {unit}, give {' and '.join(f'{x:g}' for x in meant[:2])}"
+    return ""
+
+
+def _listed(lengths: np.ndarray) -> str:
+    shown = ", ".join(f"{length:g}" for length in lengths[:4])
+    return shown + (", ..." if lengths.size > 4 else "")

@@ -1,0 +1,119 @@
+"""From pictures of a furnace and one of a flame to temperatures, by the commands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+from own_rays import Lens
+from own_soot import SootFlame, planck, record
+
+from lf_flame.commands.cli import commands
+
+COLOURS = (480.0, 640.0)
+LENS = Lens(views=3, lenslets=(36, 32))
+GAINS = np.array([1 / planck(nm, 1800.0) for nm in COLOURS])
+CAMERA = f"""
+[camera]
+main_lens_focal_mm = {LENS.focal}
+focus_distance_mm = {LENS.focus}
+lenslet_focal_mm = {LENS.lenslet_focal}
+lenslet_pitch_mm = {LENS.pitch}
+views = {LENS.views}
+lenslets = [{LENS.lenslets[0]}, {LENS.lenslets[1]}]
+"""
+# Two narrow filters: triangles of 2 nm, whose area is 1 nm.
+RESPONSES = """wavelength_nm,blue,red
+478,0,0
+479,0,0
+480,1,0
+481,0,0
+639,0,0
+640,0,1
+641,0,0
+"""
+
+
+def run(*words, code=0):
+    result = CliRunner().invoke(commands, [str(word) for word in words])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+@pytest.fixture
+def furnace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("camera.csv").write_text(RESPONSES)
+    Path("camera.toml").write_text(CAMERA)
+    pictures = []
+    for kelvin in (1500, 1700, 1900):
+        signal = GAINS * [planck(nm, kelvin) for nm in COLOURS]
+        np.savez(f"f{kelvin}.npz", views=np.broadcast_to(signal, (3, 3, 20, 24, 2)))
+        pictures.append(f"f{kelvin}.npz@{kelvin}")
+    return pictures
+
+
+def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
+    shown = run("calibrate-colours", *furnace, "--responses", "camera.csv")
+    assert "source (K)" in shown.output
+    flame = SootFlame(radius=1.6, height=2.4)
+    views = record(LENS, flame, COLOURS) * GAINS
+    views += 0.002 * views.max() * rng.standard_normal(views.shape)
+    np.savez("flame.npz", views=views)
+    where = ["--camera", "camera.toml", "--axis-mm", 0, "--axis-depth", 0, "--radius", 2.1]
+    shown = run("abel", "flame.npz", *where, "--colours", "colours/colours.toml", "--bootstrap", 4)
+    assert "optical thickness of the soot, at most: blue 0.6" in shown.output
+    run("temperature", "abel/flame", "--colours", "colours/colours.toml")
+    kelvin = tifffile.imread("temperature/flame/temperature.tif").squeeze()
+    step = json.loads(Path("abel/flame/red/abel.json").read_text())["step_mm"]
+    rows, columns = kelvin.shape
+    h, r = np.meshgrid(
+        step * ((rows - 1) / 2 - np.arange(rows)), step * np.arange(columns), indexing="ij"
+    )
+    red = flame.absorption(r, h) * planck(COLOURS[1], flame.kelvin(r, h))
+    bright = (red > red.max() / 3) & (np.abs(h) < 1.4)
+    apart = (kelvin - flame.kelvin(r, h))[bright]
+    assert np.isfinite(apart).all()
+    assert abs(np.mean(apart)) < 8  # taken for thin it would be 30 K too cold
+    thick = tifffile.imread("temperature/flame/optical_thickness.tif").squeeze()
+    assert np.median(thick[bright] / flame.absorption(r, h)[bright]) == pytest.approx(1, abs=0.06)
+    for folder in ("colours", "abel/flame/blue", "temperature/flame"):
+        run("verify", folder)
+
+
+def test_calibrations_that_cannot_be_are_one_sentence(furnace, tmp_path):
+    few = run("calibrate-colours", furnace[0], "--responses", "camera.csv", code=1)
+    assert "two temperatures or more" in str(few.exception)
+    words = ["calibrate-colours", *furnace, "--responses"]
+    Path("three.csv").write_text("wavelength_nm,a,b,c\n500,1,1,1\n600,1,1,1\n")
+    assert "each of the 3 spectral responses, got 2" in str(
+        run(*words, "three.csv", code=1).exception
+    )
+    wrong = [furnace[0], furnace[1].replace("@1700", "@1900"), furnace[2].replace("@1900", "@1700")]
+    mixed = run("calibrate-colours", *wrong, "--responses", "camera.csv", code=1)
+    assert "No gain explains the signals of" in str(mixed.exception)
+    assert "in the order of the pictures" in str(mixed.exception)
+    once = run(*words, "camera.csv", "--exposure", 2, code=1)
+    assert "--exposure must be given once for each of the 3 pictures" in str(once.exception)
+    assert "as f1.tif@1273" in run("calibrate-colours", "f1500.npz", code=2).output
+    assert not Path("colours").exists()
+
+
+def test_what_does_not_go_with_colours_is_refused(furnace, tmp_path):
+    run("calibrate-colours", *furnace, "--responses", "camera.csv")
+    np.savez("grey.npz", views=np.ones((3, 3, 36, 32)))
+    words = ["abel", "grey.npz", "--camera", "camera.toml", "--axis-depth", 0]
+    grey = run(*words, "--colours", "colours/colours.toml", code=1)
+    assert "a channel for each of the calibration's 2 colours" in str(grey.exception)
+    assert "--thin goes with --colours" in str(run(*words, "--thin", code=1).exception)
+    colours = ["--colours", "colours/colours.toml"]
+    both = run("temperature", "colours", *colours, "--wavelengths", 500, 600, code=1)
+    assert "either --colours FILE or --wavelengths" in str(both.exception)
+    assert "holds no folder blue" in str(run("temperature", "colours", *colours, code=1).exception)
+    three = run("temperature", *["colours"] * 3, *colours, code=1)
+    assert "for each of the 2 colours (blue, red)" in str(three.exception)
+    Path("bad.toml").write_text(Path("colours/colours.toml").read_text().replace("gains", "gain"))
+    bad = run("temperature", "colours", "--colours", "bad.toml", code=1)
+    assert "gain is not a known key (perhaps gains)" in str(bad.exception)

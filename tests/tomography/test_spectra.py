@@ -1,0 +1,164 @@
+"""Light of black bodies and soot in a camera's colours, against closed forms and quadrature."""
+
+import numpy as np
+import pytest
+from own_soot import planck
+from scipy.integrate import quad
+
+from lf_flame.errors import InputError
+from lf_flame.tomography import (
+    ColourCalibration,
+    SpectralResponses,
+    calibrate_colours,
+    measure_source,
+    read_colours,
+    read_responses,
+    soot_temperature,
+)
+
+NM = np.arange(400.0, 721.0, 10.0)
+CURVES = [np.exp(-(((NM - middle) / 35) ** 2)) for middle in (460, 540, 610)]
+CAMERA = SpectralResponses(("blue", "green", "red"), NM, CURVES)
+
+
+def test_all_light_of_a_black_body_is_stefan_and_boltzmanns():
+    nm = np.geomspace(200, 1e5, 401)
+    everything = SpectralResponses(("all",), nm, [np.ones(nm.size)])
+    wanted = 5.670374419e-8 * 1800.0**4 / np.pi
+    assert everything.black_body(1800.0)[0] == pytest.approx(wanted, rel=3e-4)
+
+
+@pytest.mark.parametrize("kelvin", [900.0, 1800.0, 3000.0])
+def test_a_broad_colour_is_the_integral_over_its_curve(kelvin):
+    for colour, curve in enumerate(CURVES):
+
+        def soot(nm, curve=curve):
+            return np.interp(nm, NM, curve) * planck(nm, kelvin) * (nm / 600) ** -1.3
+
+        wanted, _ = quad(soot, 400, 720, points=NM[1:-1], limit=200)
+        assert CAMERA.soot(kelvin, 1.3)[colour] == pytest.approx(wanted, rel=1e-7)
+
+
+def test_three_broad_colours_give_temperature_and_amount_back():
+    kelvin = np.array([[900.0, 1400.0], [1800.0, 2900.0]])
+    light = np.array([2.0, 3.0, 5.0]).reshape(3, 1, 1) * 0.4 * CAMERA.soot(kelvin, 1.2)
+    found = soot_temperature(light, CAMERA, gains=(2, 3, 5), soot_exponent=1.2)
+    assert found.kelvin == pytest.approx(kelvin, abs=1e-4)
+    assert found.amount == pytest.approx(0.4, rel=1e-6)
+
+
+def test_errors_of_three_colours_are_those_of_draws(rng):
+    light = CAMERA.soot(1700.0)
+    sigmas = light * [0.08, 0.02, 0.01]
+    drawn = light[:, None] + sigmas[:, None] * rng.standard_normal((3, 4000))
+    found = soot_temperature(drawn, CAMERA, sigmas=np.repeat(sigmas[:, None], 4000, axis=1))
+    assert np.std(found.kelvin) == pytest.approx(np.mean(found.sigma), rel=0.05)
+    assert np.mean(found.misfit) == pytest.approx(1, abs=0.1)
+    # Weights count: without them blue, the noisiest, would decide.
+    even = soot_temperature(drawn, CAMERA)
+    assert np.std(even.kelvin) > 1.15 * np.std(found.kelvin)
+
+
+def test_light_of_another_source_shows_as_misfit():
+    light = CAMERA.soot(np.full(5, 1700.0))
+    light[0] *= 1.3
+    found = soot_temperature(light, CAMERA, sigmas=0.02 * light)
+    assert np.all(found.misfit > 15)
+
+
+def test_gains_of_a_furnace_come_back_with_their_errors(rng):
+    kelvin = np.linspace(1200, 1700, 6)
+    gains = np.array([3e-4, 2e-4, 1e-4])
+    exposures = np.array([4, 2, 1, 1, 0.5, 0.25])
+    inside = 0
+    for _ in range(60):
+        signals = 0.9 * gains * exposures[:, None] * CAMERA.black_body(kelvin).T
+        signals *= np.exp(0.01 * rng.standard_normal(signals.shape))
+        fit = calibrate_colours(kelvin, signals, CAMERA, exposures=exposures, emissivity=0.9)
+        apart = np.log(fit.calibration.gains / gains)
+        inside += np.sum(np.abs(apart) < fit.calibration.relative_errors)
+    assert inside / 180 == pytest.approx(0.683, abs=0.1)
+    assert fit.calibration.temperature_range_K == (1200, 1700)
+
+
+def test_wrong_responses_or_black_show_as_a_trend():
+    kelvin = np.linspace(1200, 1700, 8)
+    signals = CAMERA.black_body(kelvin).T
+    assert calibrate_colours(kelvin, signals, CAMERA).warnings == ()
+    shifted = SpectralResponses(CAMERA.names, NM - 5, CURVES)
+    assert "The gain of blue changes by" in calibrate_colours(kelvin, signals, shifted).warnings[0]
+    with pytest.raises(InputError, match="No gain explains the signals of blue"):
+        calibrate_colours(kelvin, signals + [0.2, 0, 0] * signals[4], CAMERA)
+
+
+def test_signals_are_means_over_the_even_part():
+    y, x = np.mgrid[:60, :80]
+    inside = np.hypot(y - 20, x - 50) < 15
+    rim = np.hypot(y - 20, x - 50) < 18
+    pictures = [
+        (level * (inside + 0.4 * (rim & ~inside)))[..., None] * np.array([0.1, 1.0])
+        for level in (1, 5)
+    ]
+    found = measure_source(pictures)
+    assert found.signals == pytest.approx(np.array([[0.1, 1], [0.5, 5]]))
+    assert found.uneven < 0.01
+
+
+def test_files_give_back_what_was_written(tmp_path):
+    made = ColourCalibration(CAMERA, [1e-4, 2e-4, 3e-4], [0.01, 0.02, 0], (1200.0, 1700.0))
+    (tmp_path / "colours.toml").write_text(made.to_toml())
+    read = read_colours(tmp_path / "colours.toml")
+    assert read.gains.tolist() == made.gains.tolist()
+    assert read.responses.values.tolist() == CAMERA.values.tolist()
+    assert read.responses.names == CAMERA.names
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("nm,red\n500,1\n600,1\n", "must begin with a heading, wavelength_nm"),
+        ("wavelength_nm,red\n500,1\n", "2 to 20000 wavelengths below its heading, got 1"),
+        ("wavelength_nm,red\n500,1\n600\n", "row 3, must hold 2 numbers, got 1"),
+        ("wavelength_nm,red\n500,1\n600,x\n", "must hold numbers"),
+        ("wavelength_nm,red\n0.5,1\n0.6,1\n", "if these are micrometres, give 500 and 600"),
+        ("wavelength_nm,red\n600,1\n500,1\n", "must increase"),
+        ("wavelength_nm,red\n500,-1\n600,1\n", "0 or above"),
+        ("wavelength_nm,red,green\n500,1,0\n600,1,0\n", "'green' responds to no wavelength"),
+        ("wavelength_nm,red\n500,nan\n600,1\n", "must be finite"),
+    ],
+)
+def test_bad_responses_are_refused(tmp_path, text, says):
+    (tmp_path / "camera.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_responses(tmp_path / "camera.csv")
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (
+            lambda: soot_temperature([[1.0]], SpectralResponses.single((550,))),
+            "two colours or more",
+        ),
+        (lambda: soot_temperature([[1.0]] * 2, CAMERA), "each of the 3 spectral responses, got 2"),
+        (
+            lambda: soot_temperature(
+                [[1.0]] * 2, SpectralResponses(("a", "b"), NM, [CURVES[0]] * 2)
+            ),
+            "see nearly the same light",
+        ),
+        (lambda: soot_temperature([[1.0]] * 3, CAMERA, gains=(1, 0, 1)), "gains must be 3 finite"),
+        (lambda: calibrate_colours([1500], [[1, 1, 1]], CAMERA), "two temperatures or more"),
+        (lambda: calibrate_colours([1500, 1600], [[1, 1]] * 2, CAMERA), r"shape \(2, 3\)"),
+        (lambda: calibrate_colours([1500, 1600], [[1, 1, 0]] * 2, CAMERA), "above 0, got 0"),
+        (
+            lambda: calibrate_colours([15, 16], [[1, 1, 1]] * 2, CAMERA, emissivity=2),
+            "emissivity must be",
+        ),
+        (lambda: measure_source([np.ones((20, 20))]), "in colour and of one size"),
+        (lambda: measure_source([np.eye(20)[..., None] * [1, 1]]), "evenly bright over 100"),
+    ],
+)
+def test_what_gives_no_temperature_is_refused(call, says):
+    with pytest.raises(InputError, match=says):
+        call()
