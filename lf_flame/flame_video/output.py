@@ -63,7 +63,9 @@ class Measures:
         if self.slope is None:
             image = light_field.filled[(v - 1) // 2, (u - 1) // 2]
         else:
-            image = shift_and_sum(light_field, [self.slope])[0]
+            # Filled, so that no warning is repeated with each frame.
+            filled = LightField.trusted(light_field.filled, weights=light_field.weights)
+            image = shift_and_sum(filled, [self.slope])[0]
         grey = np.asarray(image, np.float64)
         return grey.mean(axis=2) if grey.ndim == 3 else grey
 

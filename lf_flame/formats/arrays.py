@@ -85,7 +85,7 @@ def read_array(
         Views; unsigned levels of 8 or 16 bits are scaled to 0 to 1, floats stay as they are. An
         array ``LF`` of four channels in a ``.mat`` file is one of LFToolbox, whose last channel is
         a weight: the mean of a view's pixels, relative to that of the brightest view, is its
-        weight in the light field.
+        weight in the light field, and pixels of weight 0 are unknown.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def read_array(
             file.read([one])[0] if one in beside else None for one in (WEIGHTS, VALID)
         )
     if name == TOOLBOX and Path(path).suffix.lower() == MATLAB_SUFFIX and axes is None:
-        held, weights = _without_weight(held, path)
+        held, weights, valid = _without_weight(held, path)
     if axes is not None:
         ours = _arrange(to_unit(held, path), axes.lower(), path, as_grid(grid))
         return LightField(ours, weights=weights, valid=valid)
@@ -142,14 +142,18 @@ def _open(path: str | Path) -> Iterator[ArrayFile | Hdf5File | MatlabFile]:
             yield file
 
 
-def _without_weight(array: np.ndarray, path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Part colours and weight of an array of LFToolbox; weights of views, (v, u), are their means.
+def _without_weight(
+    array: np.ndarray, path: str | Path
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """Part colours and weight of an array of LFToolbox, as views, their weights and known pixels.
+
+    Weights of views, (v, u), are their means; a pixel of weight 0 in a view that counts is unknown.
 
     LFToolbox divides a raw image by the white image and keeps the white image as the weight of a
     pixel, so the weight is inverse to the variance of its noise.
     """
     if array.ndim != 5 or array.shape[4] != COLOURS + 1:
-        return array, None
+        return array, None, None
     weights = array[..., COLOURS].mean(axis=(2, 3), dtype=np.float64)
     if not (np.all(weights >= 0) and 0 < weights.max() < np.inf):
         raise InputError(
@@ -157,7 +161,8 @@ def _without_weight(array: np.ndarray, path: str | Path) -> tuple[np.ndarray, np
             f"0; state --axes vutsc to read it as a channel."
         )
     weights /= weights.max()
-    return array[..., :COLOURS], None if np.all(weights == 1) else weights
+    valid = (array[..., COLOURS] > 0) | (weights == 0)[..., None, None]
+    return array[..., :COLOURS], None if np.all(weights == 1) else weights, valid
 
 
 def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None) -> np.ndarray:

@@ -89,7 +89,7 @@ def notes_on_values(light_field: LightField, source: str | Path) -> list[str]:
     if Path(source).suffix.lower() == MATLAB_SUFFIX and light_field.weights is not None:
         notes.append(
             "the fourth channel of LF is a weight (LFToolbox): each view has the mean of its own; "
-            "weights of single pixels are not used"
+            "pixels of weight 0 are unknown, other weights of single pixels are not used"
         )
     return notes
 

@@ -111,6 +111,8 @@ def test_the_fourth_channel_of_the_toolbox_is_a_weight(tmp_path, version):
     weights = np.arange(1, 13).reshape(3, 4) / 11
     weights[0, 0], weights[2, 3] = 0, 9.6 / 11
     np.testing.assert_allclose(found.weights, weights, rtol=1e-6)
+    np.testing.assert_array_equal(found.valid[2, 3], array[2, 3, ..., 3] > 0)
+    assert np.count_nonzero(~found.valid) == np.count_nonzero(~found.valid[2, 3])
     assert read_light_field(path, axes="vutsc").views.shape == (*SHAPE, 4)
     done = CliRunner().invoke(commands, ["convert", str(path), str(tmp_path / "a.npz")])
     assert "the fourth channel of LF is a weight (LFToolbox)" in done.stderr

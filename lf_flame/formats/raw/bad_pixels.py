@@ -24,6 +24,9 @@ be bad; and the smallest excess of a hot pixel in the dark."""
 FEWEST_SATURATED = 10
 """Smallest number of pixels at the largest level that counts as saturation."""
 
+FEWEST_GOOD = 2
+"""Smallest number of good neighbours from which a bad pixel is mended: two beside a bad line."""
+
 SAMPLE = 100_003
 """Number of pixels from which the noise of a dark image is estimated."""
 
@@ -40,8 +43,8 @@ class BadPixels(NamedTuple):
 
     @property
     def lost(self) -> np.ndarray:
-        """Whether each pixel has no good neighbour, shape (n,)."""
-        return np.logical_not(np.any(self.good, axis=0))
+        """Whether each pixel has too few good neighbours, as inside a dark lenslet, shape (n,)."""
+        return np.count_nonzero(self.good, axis=0) < FEWEST_GOOD
 
     def lost_in(self, shape: tuple[int, ...]) -> np.ndarray:
         """Image of an image's rows and columns, 1 where a pixel is lost: float32, (..., 1)."""

@@ -1,0 +1,147 @@
+"""What saturated and bad pixels, and dark lenslets, leave unknown in a decoded raw image."""
+
+import numpy as np
+import pytest
+
+from lf_flame import InputError, LightField
+from lf_flame.formats import (
+    DecodePlan,
+    LensletGrid,
+    read_light_field,
+    write_light_field,
+)
+from lf_flame.refocus import find_sharpest_slope, shift_and_sum
+
+
+def raw_of_a_highlight(pitch, slope, lenslets=(30, 34), sub=3):
+    """Raw of a plane of waves with a highlight: it moves by `slope` lenslets over a micro-image."""
+    shape = [int(pitch * n) for n in lenslets]
+    places = [((np.arange(n * sub) + 0.5) / sub / pitch) for n in shape]
+    whole = [np.floor(place) for place in places]
+    t, s = (
+        i - slope * (place - i - 0.5) - (n - 1) / 2
+        for i, place, n in zip(whole, places, lenslets, strict=True)
+    )
+    t, s = np.meshgrid(t, s, indexing="ij")
+    rng = np.random.default_rng(1)
+    light = 0.5 + 2 * np.exp(-((t - 3) ** 2 + (s + 2) ** 2) / 25)
+    for length, angle, phase in zip(
+        rng.uniform(4, 8, 20), rng.uniform(0, 6.28, 20), rng.uniform(0, 6.28, 20), strict=True
+    ):
+        along = np.sin(angle) * t + np.cos(angle) * s
+        light = light + 0.03 * np.cos(2 * np.pi * along / length + phase)
+    return light.reshape(shape[0], sub, shape[1], sub).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("pitch", [9, 10.4])
+def test_saturated_pixels_are_unknown_in_every_view_that_they_touch(pitch):
+    full, grid = (
+        raw_of_a_highlight(pitch, -2.5),
+        LensletGrid((pitch - 1) / 2, (pitch - 1) / 2, pitch),
+    )
+    level = 0.6 * full.max()
+    plan = DecodePlan(grid, shape=full.shape, views=9, saturation=level)
+    whole = DecodePlan(grid, shape=full.shape, views=9).decode(full)
+    found = plan.decode(np.minimum(full, level))
+    assert whole.valid is None
+    counts = np.broadcast_to(plan.weights[..., None, None], found.valid.shape)
+    known = counts & found.valid
+    np.testing.assert_allclose(found.views[known], whole.views[known], rtol=0.02)
+    off = np.abs(found.views / whole.views - 1) > 0.02
+    assert np.all(off[counts & ~known].mean() > (0.95 if pitch == 9 else 0.7))
+    slopes = np.linspace(-1, 1, 41)
+    truth = find_sharpest_slope(whole, slopes).slope
+    assert find_sharpest_slope(found, slopes).slope == pytest.approx(truth, rel=0.005)
+    share = shift_and_sum(LightField(known * np.float32(1), weights=plan.weights), truth)
+    outside = share > 0.98
+    images = [shift_and_sum(one, truth)[outside] for one in (found, whole)]
+    np.testing.assert_allclose(*images, rtol=0.01)
+
+
+@pytest.mark.parametrize("bayer", [None, "rggb"])
+def test_levels_of_files_saturate_and_a_hot_pixel_does_not(bayer, caplog):
+    """A hot pixel at the highest level, which the dark image shows, is mended and known."""
+    rng = np.random.default_rng(2)
+    raw = rng.integers(2000, 5000, (60, 80)).astype(np.uint16)
+    dark = rng.integers(90, 110, (60, 80)).astype(np.uint16)
+    raw[24:28, 34:38] = raw[33, 51] = 65535
+    dark[33, 51] = 65535
+    plan = DecodePlan(LensletGrid(4.5, 4.5, 10), shape=raw.shape, views=10, dark=dark, bayer=bayer)
+    valid = plan.decode(raw).valid
+    assert "17 pixels (0.0035 of all) are saturated" in caplog.text
+    assert "left out" in caplog.text
+    pixels = LightField.trusted(valid.astype(np.float32)).to_raw()
+    wide = 0 if bayer is None else 2
+    clipped = np.zeros(raw.shape, bool)
+    clipped[24 - wide : 28 + wide, 34 - wide : 38 + wide] = True
+    assert not np.any((pixels == 0) & ~clipped)
+    assert not np.any(pixels[24:28, 34:38])
+    raw[24:28, 34:38] = 3000
+    assert plan.decode(raw).valid is None
+
+
+def test_a_bad_pixel_among_saturated_ones_and_one_without_a_good_neighbour_are_unknown():
+    raw = np.full((60, 80), 0.4)
+    dark = np.random.default_rng(2).normal(0.01, 1e-4, raw.shape)
+    dark[12, 14] = dark[31:34, 42] = dark[32, 41:44] = 0.9  # a cross: its middle has none
+    white = np.ones(raw.shape)
+    lone = np.zeros(raw.shape, bool)
+    lone[32, 42] = True
+    grid = LensletGrid(4.5, 4.5, 10)
+    plan = DecodePlan(grid, shape=raw.shape, views=10, white=white, saturation=0.9)
+    assert plan.decode(raw).valid is None
+    white[31:34, 42] = white[32, 41:44] = 20  # as the white image shows it
+    plan = DecodePlan(grid, shape=raw.shape, views=10, white=white, saturation=0.9)
+    found = plan.decode(raw)
+    np.testing.assert_array_equal(LightField.trusted(~found.valid).to_raw(), lone)
+    white[:] = 1
+    white[12, 14] = 20
+    plan = DecodePlan(grid, shape=raw.shape, views=10, white=white, saturation=0.9)
+    assert plan.decode(raw).valid is None
+    raw[11, 14] = raw[13, 14] = 0.95
+    unknown = LightField.trusted(~plan.decode(raw).valid).to_raw()
+    np.testing.assert_array_equal(np.argwhere(unknown), [[11, 14], [12, 14], [13, 14]])
+
+
+@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+def test_lenslets_that_are_dark_in_a_view_that_counts_are_unknown_there(layout):
+    grid = LensletGrid(11.5, 11.5, 10, layout=layout)
+    white = np.ones((90, 110))
+    for column in (4, 5):  # two neighbours, so that one is not taken for dead pixels
+        y, x = (round(float(place)) for place in grid.position(4, column))
+        white[y - 5 : y + 5, x - 5 : x - 1] = 0.3  # the left part, as by dirt on the lenslet
+    found = DecodePlan(grid, shape=white.shape, views=5, white=white).decode(0.7 * white)
+    rows, columns = (list(some) for some in grid.block(white.shape))
+    assert not found.valid[2, 0, rows.index(4)].all()
+    assert found.valid[:, :, [0, 1, -1]].all()  # rows of lenslets far away
+    if layout == "rectangular":
+        assert not found.valid[:, 0, rows.index(4), [columns.index(4), columns.index(5)]].any()
+        assert np.count_nonzero(~found.valid[:, 0]) == 5 * 2
+        assert found.valid[:, 2:].all()
+    plain = shift_and_sum(found, 0.0)
+    np.testing.assert_allclose(plain, np.median(plain), rtol=1e-3)
+
+
+def test_what_is_known_comes_back_from_npz(tmp_path):
+    rng = np.random.default_rng(1)
+    views, valid = rng.uniform(size=(3, 4, 6, 7)), rng.uniform(size=(3, 4, 6, 7)) > 0.2
+    write_light_field(LightField(views, valid=valid), tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", field=views.transpose(2, 3, 0, 1), valid=valid.astype(np.uint8))
+    for name, axes in (("a", None), ("b", "tsvu")):
+        found = read_light_field(tmp_path / f"{name}.npz", axes=axes)
+        np.testing.assert_array_equal(found.valid, valid)
+    turned = read_light_field(tmp_path / "a.npz", order="-row,col")
+    np.testing.assert_array_equal(turned.valid, valid[::-1])
+    less = read_light_field(tmp_path / "a.npz", dark=tmp_path / "a.npz")
+    np.testing.assert_array_equal(less.valid, valid)
+    write_light_field(LightField(views), tmp_path / "c.npz")
+    assert read_light_field(tmp_path / "c.npz").valid is None
+
+
+@pytest.mark.parametrize(
+    "valid", [np.ones((4, 3, 6, 7)), np.full((3, 4, 6, 7), 2), np.full((3, 4, 6, 7), 1j)]
+)
+def test_odd_masks_in_npz_are_refused(tmp_path, valid):
+    np.savez(tmp_path / "a.npz", views=np.ones((3, 4, 6, 7), np.float32), valid=valid)
+    with pytest.raises(InputError, match="valid must"):
+        read_light_field(tmp_path / "a.npz")
