@@ -8,11 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from click.testing import CliRunner
+from focused_pictures import Camera, Waves
 from programs import run_here
 
+from lf_flame.commands.cli import commands
 from lf_flame.formats import read_light_field
+from lf_flame.formats.images import read_image, write_image
 
 PAGE = (Path(__file__).parents[2] / "docs" / "your_camera.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 PITCH, SLOPE, DARK, WHITE = 15, 0.4, 500.0, 30000.0
 COLOURS = np.array([[0.6, 1.0], [1.0, 0.7]])  # red, green; green, blue
 
@@ -36,8 +41,7 @@ def write_pictures(folder):
 @pytest.mark.slow
 def test_the_page_ends_in_the_slope_of_the_picture(tmp_path):
     write_pictures(tmp_path)
-    (block,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    for line in block.splitlines():
+    for line in BLOCKS[0].splitlines():
         program, *arguments = shlex.split(line)
         assert program == "lf-flame"
         done = run_here(*arguments, cwd=tmp_path)
@@ -52,3 +56,19 @@ def test_the_page_ends_in_the_slope_of_the_picture(tmp_path):
     assert views.weights[0, 0] == 0
     red, green, blue = views.views[7, 7].mean(axis=(0, 1)) / views.views[7, 7, ..., 1].mean()
     np.testing.assert_allclose([red, green, blue], [0.6, 1.0, 0.7], rtol=0.02)
+
+
+@pytest.mark.slow
+def test_the_page_reads_a_camera_with_focused_lenslets(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    camera = Camera()
+    pictures = {"raw": camera.record(4.0, Waves((28, 80))), "white": camera.white()}
+    for name, picture in pictures.items():
+        write_image(f"{name}.png", np.rint(40000 * picture).astype(np.uint16))
+    Path("calibration.xml").write_text(camera.xml())
+    for line in BLOCKS[1].splitlines():
+        result = CliRunner().invoke(commands, shlex.split(line, comments=True)[1:])
+        assert result.exit_code == 0, result.output
+    assert read_image("sharp.tif").ndim == 2
+    assert read_light_field("views.npz").shape[:2] == (5, 5)
+    assert Path("refocused/raw/refocus.json").exists()
