@@ -253,7 +253,7 @@ def reconstruct(
     smooth_penalty = penalty == ROUGHNESS
     check_bootstrap(bootstrap)
     rng = np.random.default_rng(rng)
-    light_field = grid.camera.levelled(light_field)
+    light_field = grid.camera.corrected(light_field)
     grid, left_out = fitted_views(light_field, grid)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     if background not in (None, FIT):

@@ -157,7 +157,7 @@ def reconstruct_axisymmetric(
     check_fit_options(noise, strength, bootstrap)
     rng = np.random.default_rng(rng)
     left_out: tuple[str, ...] = ()
-    even = grid.camera.levelled(light_field)
+    even = grid.camera.corrected(light_field)
     if grid.which == "all":
         grid, left_out = fitted_views(even, grid)
     views = _looked_at(even, grid)
