@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import Number
 from lf_flame._common.config import strict
+from lf_flame.calibration.brightness import even_out
+from lf_flame.calibration.distortion import undistort
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.optics.lens import Lens
-
-MOSTLY_DARK = 0.5
-"""Brightness relative to the central view below which a view does not count."""
 
 LARGEST_LEVEL = 100.0
 """Largest brightness of a view relative to the central one; a larger one is a mistake."""
@@ -223,18 +222,27 @@ class CameraLaw(Lens):
         rows = None if self.fall_off is None else [row[inner] for row in self.fall_off[inner]]
         return replace(self, views=count, fall_off=None if rows is None else tuple(rows))
 
-    def levelled(self, light_field: LightField) -> LightField:
-        """Divide views by their fall-off; those that are mostly dark get weight 0."""
-        if self.fall_off is None or light_field.views.shape[:2] != (self.views, self.views):
+    def corrected(self, light_field: LightField) -> LightField:
+        """Bring views to one brightness, and undo the lens's distortion, as far as it is measured.
+
+        Raises
+        ------
+        InputError
+            If there is distortion, and the views are no whole pictures of the camera.
+        """
+        if light_field.views.shape[:2] != (self.views, self.views):
+            return light_field  # refused where its views matter
+        if self.fall_off is not None:
+            light_field = even_out(light_field, self.fall_off)
+        if not self.distortion:
             return light_field
-        levels = np.array(self.fall_off, np.float32)
-        lit = levels >= MOSTLY_DARK
-        own = np.ones(levels.shape) if light_field.weights is None else light_field.weights
-        weights = light_field.weights if lit.all() else own * lit
-        per_view = np.where(lit, levels, 1).reshape(
-            levels.shape + (1,) * (light_field.views.ndim - 2)
-        )
-        return replace(light_field, views=light_field.views / per_view, weights=weights)
+        if light_field.views.shape[2:4] != tuple(self.lenslets):
+            raise InputError(
+                f"The calibration undoes the distortion of views of {self.lenslets[0]} x "
+                f"{self.lenslets[1]} pixels about their middle, got views of "
+                f"{light_field.views.shape[2]} x {light_field.views.shape[3]}."
+            )
+        return undistort(light_field, self.distortion)
 
     def check_depths(self, depths_mm: ArrayLike) -> None:
         """Refuse depths outside the range in which the law was measured.

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.stats import f, t
 
+from lf_flame.calibration.brightness import common_fall_off
 from lf_flame.calibration.camera_law import CameraLaw
 from lf_flame.calibration.law_fit import LawFit, Measurements, notes_on
 from lf_flame.calibration.plane import inverse
@@ -26,10 +27,6 @@ SURE = 0.999
 
 LEAST_ERROR = 1e-7
 """Smallest error of a slope, and relative one of a scale: float32 pictures hold no more."""
-
-EVEN, ERRORS = 0.01, 4.0
-"""Smallest difference of the views' brightness that is written, and that in standard errors: where
-nothing surely differs, all views count alike."""
 
 FAR = 1e12
 """Residual, in standard errors, of a trial law that has no value at a target."""
@@ -107,22 +104,8 @@ def fit_targets(
         lenslets=lenslets,
         distortion=distortion,
         scale_error=float(np.mean(np.abs(ratios))),
-        fall_off=_fall_off(targets),
+        fall_off=common_fall_off([one.levels for one in targets]),
     )
-
-
-def _fall_off(targets: Sequence[Target]) -> tuple[tuple[float, ...], ...] | None:
-    """Brightness of each view relative to the central one; None unless it surely differs."""
-    seen = np.array([one.levels for one in targets])
-    seen = seen[np.isfinite(seen).any(axis=(1, 2))]
-    if len(seen) < LEAST_DISTANCES:
-        return None
-    levels = np.median(seen, axis=0)
-    errors = np.std(seen, axis=0, ddof=1) / np.sqrt(len(seen))
-    off = np.abs(levels - 1) > np.maximum(EVEN, ERRORS * errors)
-    if not off.any():
-        return None
-    return tuple(map(tuple, np.round(np.nan_to_num(levels), 4).tolist()))
 
 
 def _distortion(targets: Sequence[Target]) -> tuple[float, float]:

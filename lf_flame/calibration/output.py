@@ -102,7 +102,7 @@ def notes(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> li
         lit = [level for row in fit.law.fall_off for level in row if level]
         said.append(
             f"Views are unlike in brightness, {min(lit):.2f} to {max(lit):.2f} of the central one; "
-            f"{LAW} holds it, and reconstruct and abel divide by it, for pictures read in the same "
+            f"{LAW} holds it, and pictures read with it are divided by it: read them in the same "
             f"way as these (with --white or without)."
         )
     if fit.law.distortion:
@@ -110,8 +110,8 @@ def notes(fit: LawFit, depths: Sequence[float], targets: Sequence[Target]) -> li
         bend = fit.law.distortion * corner**2
         said.append(
             f"The lens distorts: distances from the centre are {100 * bend:+.2g} % longer at the "
-            f"corners when freed of it, and slopes there {200 * bend:+.2g} %; the law holds at the "
-            f"centre."
+            f"corners when freed of it, and slopes there {200 * bend:+.2g} %; {LAW} holds it, and "
+            f"pictures read with it are freed of it (flicker keeps it)."
         )
     return said
 

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from lf_flame._common.arrays import centred
+from lf_flame.calibration.brightness import brightness
 from lf_flame.calibration.lattice import find_lattice, spacing
 from lf_flame.calibration.plane import LatticeFit, fit_lattice, fit_slopes
 from lf_flame.calibration.symmetry import centres
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.refocus import align_views
 
 RADIUS = 0.5
 """Radius of the disc around a corner, in squares: the four squares that meet there, or one dot."""
@@ -162,7 +162,7 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     tracks = _track(views, counted, offsets, middle, points, slope, pitch)
     levels = np.full((v, u), np.nan)
     box = np.stack([points.min(axis=0), points.max(axis=0)])
-    levels[counted] = _brightness(views, np.argwhere(counted), slope, box)
+    levels[counted] = brightness(views, np.argwhere(counted), slope, box)
     levels /= levels[middle]
     return _target(indices, tracks, offsets[counted], pitch, levels, (t, s))
 
@@ -216,21 +216,6 @@ def _track(views, chosen, offsets, middle, points, slope: float, pitch: float) -
         starts = points + slope * (offsets[row, column] - offsets[middle])
         tracks.append(centres(views[row, column], starts, RADIUS * pitch))
     return np.array(tracks)
-
-
-def _brightness(views, chosen: np.ndarray, slope: float, box: np.ndarray) -> np.ndarray:
-    """Mean of the target in the chosen views, shape (n,), over the same part of it in all.
-
-    box: corners of that part in the central view, as far as all views see it.
-    """
-    reach = abs(slope) * (np.array(views.shape[:2]) - 1) / 2
-    low = np.ceil(np.maximum(box[0], reach)).astype(int)
-    high = np.floor(np.minimum(box[1], np.array(views.shape[2:]) - 1 - reach)).astype(int)
-    if np.any(high - low < 2):  # moved by nearly the whole image
-        return np.full(len(chosen), np.nan)
-    aligned = align_views(views, slope, [(int(v), int(u)) for v, u in chosen])
-    part = aligned[:, low[0] : high[0] + 1, low[1] : high[1] + 1]
-    return part.mean(axis=(1, 2), dtype=np.float64)
 
 
 def _regress(tracks: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, ...]:

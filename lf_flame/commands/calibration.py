@@ -63,7 +63,7 @@ class PlacedTarget(click.ParamType):
     "--lenslet-mm",
     type=FiniteRange(min=0, min_open=True),
     help="Distance between the centres of neighbouring lenslets in mm, by their maker; with it "
-    "camera.toml is written too, for reconstruct, abel and simulations.",
+    "camera.toml is written too, for simulations and f-numbers.",
 )
 @READING
 @click.option("--out", type=FOLDER, help="Folder for the files; default calibration.")
@@ -85,9 +85,10 @@ def calibrate(placed, square_mm, step_mm, dots, lenslet_mm, out, **options) -> N
     With --step-mm the first target is the zero, and how far it is from the point where the views
     meet is printed, with its error. A step that is wrong makes all depths wrong by its factor.
 
-    calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view and
-    flicker. The table tells how far each target is from the law, and from the law of the others
-    alone. calibration.png shows both, and calibration.json holds all numbers.
+    calibration.toml holds the law of slope and scale by depth, for --camera of refocus, view,
+    flicker, reconstruct, abel and info. The table tells how far each target is from the law, and
+    from the law of the others alone. calibration.png shows both, and calibration.json holds all
+    numbers.
     """  # noqa: D301 - click reads the backspace
     from tqdm import tqdm
 

@@ -80,6 +80,7 @@ def refocus(source, camera, out, **options):
         views = light_field.views.shape[:2]
         if lens is not None:
             lens.check_views(views)
+            light_field = lens.corrected(light_field)
         if focus.slope_of != Focus().slope_of:
             refuse_placed(light_field, "--slope-of")
         focus = focus.with_ends(light_field)

@@ -105,6 +105,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     system = open_network(network)
     reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
+    light_field = light_field if lens is None else lens.corrected(light_field)
     chosen = _choose_slopes(light_field, slopes, system)
     exhibit = Exhibit(
         light_field,

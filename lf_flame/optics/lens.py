@@ -63,8 +63,8 @@ class Lens:
         """Distance in mm from the point in which the views meet to a depth."""
         return self.focus_distance_mm + depth_mm - self.focal_plane_mm
 
-    def levelled(self, light_field: LightField) -> LightField:
-        """Bring all views to one brightness, where the lens says how they differ: here not."""
+    def corrected(self, light_field: LightField) -> LightField:
+        """Undo what the lens is known to do to pictures: here nothing."""
         return light_field
 
     def check_views(self, views: tuple[int, ...]) -> None:

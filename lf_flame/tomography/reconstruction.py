@@ -240,7 +240,7 @@ def reconstruct(
     if background not in (None, FIT):
         raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     rng = np.random.default_rng(rng)
-    light_field = grid.camera.levelled(light_field)
+    light_field = grid.camera.corrected(light_field)
     grid, left_out = fitted_views(light_field, grid)
     thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
     views = grid.pick(average_blocks(light_field, grid.camera, grid.block))

@@ -1,5 +1,7 @@
 """The law of a camera from targets, against thin lenses of the tests' own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from checkerboards import Bench
@@ -199,7 +201,7 @@ def test_views_of_unlike_brightness_are_written_and_brought_to_one(tmp_path):
     path.write_text(fits[0].law.to_toml())
     law = read_law(path)
     assert np.array(law.fall_off) == pytest.approx(fall, abs=3e-3)
-    even = law.levelled(shown[0][1])
+    even = replace(law, distortion=0.0).corrected(shown[0][1])
     assert even.weights.tolist() == (fall > 0.5).tolist()
     np.testing.assert_allclose(even.views[:2], boards[1][:2], rtol=5e-3)
     assert law.with_views(1).fall_off == ((1.0,),)
@@ -213,3 +215,27 @@ def test_targets_of_two_cameras_are_refused():
     flat = LightField(np.ones((3, 3, 9, 9)))
     with pytest.raises(InputError, match="corners"):
         measure_target(flat)
+
+
+def test_the_distortion_of_a_lens_is_undone_in_all_views():
+    """Then corners and slopes are those of the lens without it, over the whole image."""
+    k, depths = 2e-5, [-20.0, 0.0, 20.0]
+    bent, straight = Bench(distortion=k, views=3), Bench(views=3)
+    pictures = [bent.picture(z + ZERO, 5.0, fine=4) for z in depths]
+    law = fit_targets(depths, [measure_target(one) for one in pictures], square_mm=5.0).law
+    assert law.distortion == pytest.approx(k, rel=0.05)
+    target = measure_target(law.corrected(pictures[2]))
+    lattice = target.squares_per_lenslet(None)
+    assert abs(lattice.distortion) < 0.05 * k
+    assert 5.0 * lattice.scale == pytest.approx(straight.scale(ZERO + 20), rel=5e-4)
+    assert target.slope == pytest.approx(straight.slope(ZERO + 20), rel=3e-3)
+    whole = pictures[0].views
+    cut = LightField(whole[:, :, :-2])
+    with pytest.raises(InputError, match="views of 44 x 52 pixels about their middle"):
+        law.corrected(cut)
+    with pytest.raises(InputError, match="folds the corners"):
+        replace(law, distortion=-5e-4).corrected(pictures[0])
+    # Colours alike, channel by channel.
+    coloured = law.corrected(LightField(np.stack([whole, 2 * whole], axis=-1)))
+    grey = law.corrected(pictures[0]).views
+    np.testing.assert_allclose(coloured.views, np.stack([grey, 2 * grey], axis=-1), atol=1e-6)

@@ -114,7 +114,7 @@ def find_axis(light_field: LightField, camera: Lens, depth_mm: float | None = No
     >>> abs(find_axis(LightField(views), camera).across_mm) < 0.01
     True
     """
-    light_field, camera = inner_views(camera.levelled(light_field), camera)
+    light_field, camera = inner_views(camera.corrected(light_field), camera)
     views = light_field.filled
     if views.ndim != 4 or (views.shape[1] < 3 and depth_mm is None):
         raise InputError(

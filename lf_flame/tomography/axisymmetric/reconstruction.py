@@ -171,7 +171,7 @@ class Looked(NamedTuple):
 def look_at(light_field: LightField, grid: AxisymmetricGrid) -> Looked:
     """Select the views that a fit uses, averaged over the grid's blocks, and find the axis."""
     said: tuple[str, ...] = ()
-    even = grid.camera.levelled(light_field)
+    even = grid.camera.corrected(light_field)
     if grid.which == "all":
         grid, said = fitted_views(even, grid)
     views = _pixels(even, grid)
