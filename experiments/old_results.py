@@ -22,7 +22,7 @@ CODE = {
     "benchmarks": f"{REFOCUSING} lf_flame/_common experiments/benchmarks",
     "bounds": f"{SIMULATION} experiments/bounds",
     "compare": f"{LEARNING} lf_flame/systems experiments/systems",
-    "costs": f"{LEARNING} experiments/costs",
+    "costs": f"{LEARNING} experiments/costs experiments/effects",
     "dataset_making": f"{LEARNING} experiments/dataset_making",
     "effects": f"{SIMULATION} experiments/effects",
     "hard_cases": f"{LEARNING} lf_flame/tomography experiments/hard_cases",

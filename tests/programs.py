@@ -3,7 +3,7 @@
 import io
 import sys
 import warnings
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -11,6 +11,22 @@ from unittest.mock import patch
 import pytest
 
 ROOT = Path(__file__).parents[1]
+
+HIDDEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
+"""Warnings that Python does not show a user."""
+
+
+@contextmanager
+def warnings_as_python_shows_them(errors):
+    """Write warnings to a stream, instead of what pytest makes of them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        for kind in HIDDEN:
+            warnings.simplefilter("ignore", kind)
+        warnings.showwarning = lambda message, kind, *_: errors.write(
+            f"{kind.__name__}: {message}\n"
+        )
+        yield
 
 
 def run_here(*words, cwd=ROOT, program="lf_flame"):
@@ -23,7 +39,7 @@ def run_here(*words, cwd=ROOT, program="lf_flame"):
     out, errors = io.StringIO(), io.StringIO()
     with (
         chdir(cwd), redirect_stdout(out), redirect_stderr(errors),
-        warnings.catch_warnings(action="default"),
+        warnings_as_python_shows_them(errors),
         patch.object(sys, "argv", [program, *map(str, words)]),
         patch.object(sys, "unraisablehook", sys.unraisablehook), pytest.raises(SystemExit) as ended,
     ):  # fmt: skip

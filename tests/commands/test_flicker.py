@@ -412,6 +412,8 @@ def test_the_frequency_of_a_video_with_gaps(tmp_path, named):
     assert result.exit_code == 0, result.output
     assert "are missing" in result.output
     assert record_of(tmp_path / "out")["flicker"]["frequency_hz"] == pytest.approx(12, abs=0.1)
+    if named != "n_{:+d}":  # the names count no more
+        return
     (tmp_path / "times.txt").write_text("\n".join(f"{1.7e9 + n / 100:.3f}" for n in counts))
     words = ["--timestamps", tmp_path / "times.txt", "--out", tmp_path / "other"]
     assert run("flicker", tmp_path / "video", *words).exit_code == 0

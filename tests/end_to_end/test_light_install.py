@@ -1,5 +1,6 @@
 """Without what learning needs, all else works, and what needs it says so in one sentence."""
 
+import json
 import os
 import subprocess
 import sys
@@ -35,10 +36,10 @@ def light(tmp_path_factory):
     return folder
 
 
-def run(folder, *args):
+def run(folder, *args, program=("-m", "lf_flame")):
     paths = os.pathsep.join([str(folder / "site"), str(ROOT)])
     return subprocess.run(
-        [sys.executable, "-m", "lf_flame", *map(str, args)],
+        [sys.executable, *program, *map(str, args)],
         cwd=folder, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True,
     )  # fmt: skip
 
@@ -50,7 +51,7 @@ SCENE = scene_toml(5, (40, 50), "triangle")
 def test_simulation_and_refocusing_work(light):
     (light / "scene.toml").write_text(SCENE)
     field = "simulated/scene/light_field.npz"
-    for arguments in (
+    calls = (
         ["camera"],
         ["plan", "scene.toml"],
         ["simulate", "scene.toml"],
@@ -58,9 +59,14 @@ def test_simulation_and_refocusing_work(light):
         ["refocus-regions", field, "--region", "8", "30", "8", "30", "--slopes", "-2", "2"],
         ["convert", field, "views"],
         ["view", field, "--single-file", "page.html"],
-    ):
-        result = run(light, *arguments)
-        assert result.returncode == 0, (arguments, result.stderr)
+    )
+    one_by_one = (
+        "import json, sys; from lf_flame.commands import cli\n"
+        "for words in json.loads(sys.argv[1]): cli.commands.main(words, standalone_mode=False)"
+    )
+    result = run(light, json.dumps(calls), program=("-c", one_by_one))
+    assert result.returncode == 0, result.stderr
+    assert (light / "page.html").exists()
     assert (light / "refocused" / "light_field" / "slope_map.png").exists()
     assert len(list((light / "views").iterdir())) == 25
 

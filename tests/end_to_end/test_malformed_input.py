@@ -367,7 +367,7 @@ VALUES = st.recursive(
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 @given(key=st.sampled_from(sorted(CARD)), value=VALUES, inner=st.sampled_from(["", *CAMERA]))
 def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, inner):
     """Never a traceback: `ended` would raise what is no exit."""
@@ -378,7 +378,7 @@ def test_any_value_in_a_card_is_taken_or_refused(tmp_path_factory, key, value, i
     assert ended(["predict", "a.png", "--model", folder / "card.keras", "--out", folder / "o"]) == 2
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 @given(name=st.sampled_from(sorted(CAMERA)), value=VALUES)
 def test_any_value_in_a_camera_is_taken_or_refused(tmp_path_factory, name, value):
     folder = tmp_path_factory.mktemp("camera")

@@ -4,12 +4,12 @@ import csv
 import re
 import shutil
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
 import click
 import pytest
+from programs import run_here
 
 from lf_flame.commands import cli
 
@@ -56,6 +56,7 @@ def test_the_readme_is_one_page():
     assert len(README.read_bytes()) <= 8000
 
 
+@pytest.mark.slow
 def test_python_examples_run():
     examples = [
         (path, example)
@@ -73,9 +74,7 @@ def test_plan_that_is_shown_is_what_the_program_prints():
     (shown,) = [block for block in code_blocks(text, "text") if block.startswith("effect ")]
     asked = "plan data_gen/scenes/effects.toml --tolerance 0.005"
     assert f"lf-flame {asked}" in text
-    command = [sys.executable, "-m", "lf_flame", *asked.split()]
-    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    assert shown.strip() == printed.strip()
+    assert shown.strip() == run_here(*asked.split()).stdout.strip()
 
 
 def test_the_table_of_the_readme_holds_the_committed_numbers():

@@ -634,8 +634,7 @@ def test_a_real_raw_image_of_round_micro_images_has_a_map():
     assert certain > 0.2
 
 
-@pytest.mark.parametrize("bayer", [None, "gbrg"])
-@pytest.mark.parametrize("layout", ["rectangular", "hexagonal"])
+@pytest.mark.parametrize(("layout", "bayer"), [("rectangular", "gbrg"), ("hexagonal", None)])
 def test_hot_and_dead_pixels_are_found_and_replaced(layout, bayer, rng, caplog):
     """The views are those of the same sensor without them, and no good pixel is replaced."""
     grid, shape = LensletGrid(33.4, 41.2, 14.3, 0.01, layout), (220, 240)

@@ -45,6 +45,14 @@ def config():
     return build(TrainingConfig, values, "here")
 
 
+@pytest.fixture(scope="module")
+def whole(config, data, tmp_path_factory):
+    """A run that nothing cut."""
+    folder = tmp_path_factory.mktemp("whole")
+    train(config, "smoke", data, folder, show=False)
+    return folder
+
+
 def change_recipe(config, **changes):
     recipe = replace(config.recipe("smoke"), **changes)
     return replace(config, presets={"smoke": recipe})
@@ -73,8 +81,9 @@ def test_cached_features_train_like_the_whole_network(rng):
 
 
 @pytest.mark.slow
-def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path, monkeypatch):
-    train(config, "smoke", data, tmp_path / "whole", show=False)
+def test_interrupted_training_goes_on_to_the_same_result(
+    config, data, whole, tmp_path, monkeypatch
+):
     run_epoch = training_run._run_epoch
 
     def cut_in_epoch_3(trainer, seed, epoch):
@@ -90,24 +99,22 @@ def test_interrupted_training_goes_on_to_the_same_result(config, data, tmp_path,
     monkeypatch.undo()
     train(config, "smoke", data, tmp_path / "cut", show=False)
     curves = [
-        pd.read_csv(tmp_path / run / "history.csv")[["loss", "val_loss"]]
-        for run in ("whole", "cut")
+        pd.read_csv(run / "history.csv")[["loss", "val_loss"]] for run in (whole, tmp_path / "cut")
     ]
     np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
-    predictions = [predict_test_split(tmp_path / run)[2] for run in ("whole", "cut")]
+    predictions = [predict_test_split(run)[2] for run in (whole, tmp_path / "cut")]
     np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
 
 
 @pytest.mark.slow
-def test_a_run_in_pieces_by_the_minute_is_the_whole_run(config, data, tmp_path):
+def test_a_run_in_pieces_by_the_minute_is_the_whole_run(config, data, whole, tmp_path):
     """Each call ends with a network, and the record says how far it is."""
-    train(config, "smoke", data, tmp_path / "whole", show=False)
     for done in (1, 2, 3):
         train(config, "smoke", data, tmp_path / "pieces", show=False, minutes=1e-9)
         record = json.loads((tmp_path / "pieces" / "run.json").read_text())
         assert (record["epochs"], record["finished"]) == (done, done == 3)
         assert record["best_epoch"] <= done
-    predictions = [predict_test_split(tmp_path / run)[2] for run in ("whole", "pieces")]
+    predictions = [predict_test_split(run)[2] for run in (whole, tmp_path / "pieces")]
     np.testing.assert_allclose(predictions[1], predictions[0], atol=1e-5)
     with pytest.raises(InputError, match="minutes must be 0"):
         train(config, "smoke", data, tmp_path / "pieces", minutes=-1.0)
@@ -213,8 +220,7 @@ def test_a_changed_configuration_is_refused(config, data, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_path):
-    train(config, "smoke", data, tmp_path / "whole", show=False)
+def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, whole, tmp_path):
     seconds = []
     for epochs in (1, 3, 3):
         asked = config.with_epochs("smoke", epochs)
@@ -222,12 +228,10 @@ def test_a_run_goes_on_for_more_epochs_as_if_asked_at_once(config, data, tmp_pat
         seconds.append(list(pd.read_csv(tmp_path / "longer" / "history.csv").seconds))
     assert seconds[1][:2] == seconds[0]  # it went on, and did not begin again
     assert seconds[2] == seconds[1]  # what is finished stays
-    curves = [
-        pd.read_csv(tmp_path / run / "history.csv")[["epoch", "loss", "val_loss"]]
-        for run in ("whole", "longer")
-    ]
+    runs = whole, tmp_path / "longer"
+    curves = [pd.read_csv(run / "history.csv")[["epoch", "loss", "val_loss"]] for run in runs]
     np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5)
-    records = [json.loads((tmp_path / run / "run.json").read_text()) for run in ("whole", "longer")]
+    records = [json.loads((run / "run.json").read_text()) for run in runs]
     assert records[1]["recipe"] == records[0]["recipe"]
     assert records[1]["epochs"] == 3
     with pytest.raises(InputError, match="holds a run with another recipe"):  # not for fewer
@@ -253,8 +257,10 @@ def run(finished, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["state.npz", "best.npz", "history.json"])
-@pytest.mark.parametrize("damage", [b"", b"PK\3\4 and then nothing", None])
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [("state.npz", b"PK\3\4 and then nothing"), ("best.npz", None), ("history.json", b"")],
+)
 def test_a_damaged_checkpoint_is_named(config, data, run, name, damage):
     file = next(run.glob("checkpoint-*")) / name
     file.unlink() if damage is None else file.write_bytes(damage)
@@ -283,8 +289,7 @@ def test_a_checkpoint_of_another_run_is_refused(config, data, run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("keep", [0, 1000])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("keep", "known"), [(0, True), (1000, False)])
 def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, known):
     """By its hash; in the record of an older run, which has none, by the checksums in the file."""
     shutil.copy(run / "model.keras", run.parent / "whole.keras")

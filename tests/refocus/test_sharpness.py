@@ -82,7 +82,7 @@ def seen(texture, slope, views, size):
 @pytest.mark.parametrize("kind", TEXTURES)
 def test_planted_slopes_are_found(kind, views, rng):
     """Within 0.01, on the whole image, with noise of one per cent."""
-    for _ in range(3):
+    for _ in range(2):
         slope = rng.uniform(-2.5, 2.5)
         size = (56, 64)
         light_field = seen(TEXTURES[kind](rng, (96, 104)), slope, views, size)

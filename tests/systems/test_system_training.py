@@ -159,7 +159,7 @@ def test_refnet_learns_its_own_slopes(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("name", [x for x in NETWORKS if x != "refnet-fourier"])
 def test_training_writes_a_run_that_can_be_used(config, name, tmp_path):
     path = train_system(config, name, "smoke", tmp_path / name, show=False)
     record = json.loads((path.parent / "run.json").read_text())

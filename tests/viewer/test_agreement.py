@@ -63,8 +63,9 @@ def expected(exhibit, slope, aperture):
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize(
+    ("shape", "bits"), [*((shape, 8) for shape in SHAPES), *((shape, 16) for shape in SHAPES[:2])]
+)
 def test_sums_are_those_of_the_engine(opened, make_exhibit, rng, renderer, bits, shape):
     exhibit = make_exhibit(shape, bits=bits)
     tab = opened(exhibit, renderer)

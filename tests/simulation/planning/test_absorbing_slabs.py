@@ -134,7 +134,7 @@ def test_slabs_err_by_no_more_than_their_bound(name, behind):
     layer = LAYERS[name]
     scene = [layer, *([Layer([[1.0]], 25.0, (9.0, 9.0))] if behind else [])]
     bound = AbsorbingSlabs(bound_scene(Scene(scene), CAMERA), layer).change
-    for pixel in PIXELS:
+    for pixel in PIXELS[::2] if behind else PIXELS[1::2]:
         truth = integrated(layer, CAMERA, pixel, behind)
         for slabs in (4, 16):
             assert abs(sliced(layer, CAMERA, pixel, slabs, behind) - truth) <= bound(slabs)
