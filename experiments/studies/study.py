@@ -34,7 +34,8 @@ from lf_flame.learning.decoder import AVERAGES
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import open_run, predict_test_split, training_indices
 from lf_flame.learning.scores import score
-from lf_flame.learning.training import TrainingConfig, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import TrainingConfig
 
 TIMES = ("epochs", "best_epoch", "start_s", "train_s")
 PROVENANCE = ("backbone_weights", "data_sha256", "machine", "git_revision", "versions", "date")

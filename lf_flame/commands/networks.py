@@ -139,7 +139,8 @@ def weights(config, preset, backbone_weights, backbone_depth):
       lf-flame weights flames.toml --backbone-weights resnet50.h5
     """  # noqa: D301 - click reads the backspace
     load_keras()
-    from lf_flame.learning.training import find_backbone, read_training_config
+    from lf_flame.learning.training import find_backbone
+    from lf_flame.learning.training_config import read_training_config
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
     found = find_backbone(read_training_config(config, **options), preset)
@@ -174,7 +175,8 @@ def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epo
     holds the best network so far, and run.json holds the number of epochs.
     """
     load_keras()
-    from lf_flame.learning.training import read_training_config, train
+    from lf_flame.learning.training import train
+    from lf_flame.learning.training_config import read_training_config
 
     options = {"backbone_weights": backbone_weights, "backbone_depth": backbone_depth}
     settings = read_training_config(config, **options)

@@ -9,6 +9,6 @@ from .prediction import read_input as read_input
 from .run_folders import TrainedRun as TrainedRun
 from .run_folders import open_run as open_run
 from .scores import score as score
-from .training import TrainingConfig as TrainingConfig
-from .training import read_training_config as read_training_config
 from .training import train as train
+from .training_config import TrainingConfig as TrainingConfig
+from .training_config import read_training_config as read_training_config

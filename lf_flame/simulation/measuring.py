@@ -14,11 +14,11 @@ from lf_flame.simulation.planning.plan import EffectPlan, PlannedEffect
 from lf_flame.simulation.rendering import render_plan
 
 RAYS = 4
-"""Rays per pixel along each axis where rays are traced. The images with and without an effect share
-their rays, so that the error of few of them nearly cancels in the difference."""
+"""Number of rays per pixel along each axis, if rays are traced. Images with and without an effect
+use the same rays, so that their errors nearly cancel in the difference."""
 
 OF_THE_SCENE = ("defocus", "occlusion", "self_absorption", "thickness")
-"""Effects that stay as planned while another one is measured; all others are off meanwhile."""
+"""Effects that stay as planned while another one is measured; all others are off."""
 
 
 def measure_changes(
@@ -29,22 +29,22 @@ def measure_changes(
     seed: int = 0,
     progress: Callable[[Iterable], Iterable] = iter,
 ) -> dict[str, float]:
-    """Measure what each effect of a plan changes: two renderings for each.
+    """Measure the change of the image by each effect of a plan, by rendering with and without it.
 
-    An effect whose cause the camera does not state is measured at the cause's typical value
-    (`lf_flame.simulation.planning.assumptions`). Bounds hold for every scene like this one, so that
-    the measured change is smaller, often by far.
+    An effect whose cause the camera does not state is measured at a typical value of the cause
+    (`lf_flame.simulation.planning.assumptions`). The bounds of a plan hold for all similar scenes;
+    the measured change of one scene is smaller, often by far.
 
     Parameters
     ----------
     scene : Scene
     camera : PlenopticCamera
     plan : EffectPlan
-        The plan of this scene and camera.
+        Plan of this scene and camera.
     seed : int, optional
         Seed of the sensor's noise.
     progress : callable, optional
-        Wraps the list of effects, as ``tqdm`` does.
+        Function that wraps the list of effects, as ``tqdm`` does.
 
     Returns
     -------

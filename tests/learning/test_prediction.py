@@ -26,7 +26,8 @@ from lf_flame.formats.images import to_levels, write_image
 from lf_flame.learning.model_card import load_network, read_card
 from lf_flame.learning.prediction import read_input
 from lf_flame.learning.run_folders import predict_test_split
-from lf_flame.learning.training import TrainingConfig, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import TrainingConfig
 
 SIZE = (40, 64)
 

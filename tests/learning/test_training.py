@@ -22,7 +22,8 @@ from lf_flame.learning.decoder import build_refocus_resnet50
 from lf_flame.learning.imagenet_weights import ImagenetUnavailable
 from lf_flame.learning.run_folders import predict_test_split
 from lf_flame.learning.trainers import make_trainer
-from lf_flame.learning.training import Recipe, TrainingConfig, read_training_config, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import Recipe, TrainingConfig, read_training_config
 
 
 @pytest.fixture(scope="module")

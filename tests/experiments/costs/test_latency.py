@@ -29,7 +29,8 @@ from lf_flame.datasets.config import config_from_json
 from lf_flame.datasets.making import make_dataset
 from lf_flame.learning.model_card import export_network, load_network, read_card
 from lf_flame.learning.scores import psnr
-from lf_flame.learning.training import TrainingConfig, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import TrainingConfig
 
 pytestmark = pytest.mark.slow
 

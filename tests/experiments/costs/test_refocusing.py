@@ -29,7 +29,8 @@ from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
 from lf_flame.learning.run_folders import predict_test_split
-from lf_flame.learning.training import TrainingConfig, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import TrainingConfig
 from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus
 

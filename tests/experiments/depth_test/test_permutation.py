@@ -21,7 +21,8 @@ from lf_flame.datasets.encodings import InputEncoding
 from lf_flame.datasets.making import make_dataset
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.learning.run_folders import open_run
-from lf_flame.learning.training import TrainingConfig, train
+from lf_flame.learning.training import train
+from lf_flame.learning.training_config import TrainingConfig
 from lf_flame.systems.resnet50 import ResNet50
 
 DATA = {
