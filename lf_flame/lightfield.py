@@ -229,6 +229,7 @@ class LightField:
         """
         import xarray
 
+        refuse_placed(self, "An xarray.DataArray")
         steps = {
             name: np.arange(n) - (n - 1) / 2
             for name, n in zip("vu", self.views.shape, strict=False)
