@@ -98,6 +98,10 @@ def test_a_bad_pixel_among_saturated_ones_and_one_without_a_good_neighbour_are_u
     plan = DecodePlan(grid, shape=raw.shape, views=10, white=white, saturation=0.9)
     found = plan.decode(raw)
     np.testing.assert_array_equal(LightField.trusted(~found.valid).to_raw(), lone)
+    clipped, lone[50, 10] = raw.copy(), True
+    clipped[50, 10] = 0.95  # saturated, beside the bad one
+    unknown = ~plan.decode(clipped).valid
+    np.testing.assert_array_equal(LightField.trusted(unknown).to_raw(), lone)
     white[:] = 1
     white[12, 14] = 20
     plan = DecodePlan(grid, shape=raw.shape, views=10, white=white, saturation=0.9)
