@@ -263,3 +263,21 @@ def test_other_light_fields_and_options_are_refused(grid, seen):
     ):
         with pytest.raises(InputError, match=words):
             reconstruct_axisymmetric(seen, grid, **options)
+
+
+def test_unknown_pixels_are_filled_and_said():
+    camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+    glow = np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
+    operator = AxisymmetricOperator(grid)
+    views = np.reshape(operator @ glow.ravel(), operator.dimsd)
+    valid = np.ones(views.shape, bool)
+    valid[:, :, 12, 18:20] = False
+    held = np.where(valid, views, 0)
+    found, plain = (
+        reconstruct_axisymmetric(one, grid)
+        for one in (LightField(held, valid=valid), LightField(held))
+    )
+    assert found.warnings[0].startswith("18 of the 8640 pixels of the views")
+    error, as_held = (np.abs(one.emission - glow)[2:-2].max() for one in (found, plain))
+    assert error < 0.3 * as_held
