@@ -125,8 +125,10 @@ class Camera:
             "x": self.offset[0],
             "y": self.offset[1],
             "border": 1.0,
+            "second": 1,  # on which side of a lenslet of the first kind one of the second is
         } | changes
-        kinds = [(0, 0, 1, 3), (cos, sin, 2.8, 4), (-cos, -sin, 3.8, 100)]
+        right, up = values["second"] * cos, values["second"] * sin
+        kinds = [(0, 0, 1, 3), (right, up, 2.8, 4), (-right, -up, 3.8, 100)]
         types = "".join(
             f'<lens_type id="{k}"><offset units="lens"><x>{x:.12f}</x><y>{y:.12f}</y></offset>\n'
             f'<depth_range units="virtual_depth"><min>{low}</min><max>{high}</max></depth_range>'
@@ -140,7 +142,7 @@ class Camera:
   <rotation units="rad">{values["rotation"]}</rotation>
   <lens_border units="pix">{values["border"]}</lens_border>
   <tcp units="virtual_depth">2.11002731323</tcp>
-  <lens_base_x units="lens"><x>{cos}</x><y>{sin}</y></lens_base_x>
+  <lens_base_x units="lens"><x>{right}</x><y>{up}</y></lens_base_x>
   <lens_base_y units="lens"><x>0.5</x><y>-0.866025388241</y></lens_base_y>
   <sub_grid_base units="lens"><x>3</x><y>-1.732050776482</y></sub_grid_base>
   <distortion type="radial"><function>constant</function><parameter count="0">0</parameter>

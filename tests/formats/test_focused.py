@@ -1,6 +1,7 @@
 """Cameras with focused lenslets: calibration files, virtual depth, views."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from focused_pictures import Camera, Waves
 
 from lf_flame import InputError, Layer, PlenopticCamera, Scene, render
 from lf_flame.commands.cli import commands
+from lf_flame.commands.frames import read_frames
+from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import (
     FocusedLenslets,
     FocusedPlan,
@@ -29,22 +32,25 @@ BLURRED = (0.0, 2.0, 4.0)
 
 @pytest.fixture
 def lenslets_of(tmp_path):
-    def read(camera):
+    def read(camera, **changes):
         path = tmp_path / "calibration.xml"
-        path.write_text(camera.xml())
+        path.write_text(camera.xml(**changes))
         return read_raytrix(path, camera.shape)
 
     return read
 
 
-@pytest.mark.parametrize("columns", [False, True])
-def test_the_lenslets_of_a_calibration_are_where_it_says_and_of_its_kinds(lenslets_of, columns):
+@pytest.mark.parametrize(("columns", "second"), [(False, 1), (True, 1), (False, -1)])
+def test_the_lenslets_of_a_calibration_are_where_it_says_and_of_its_kinds(
+    lenslets_of, columns, second
+):
     camera = Camera(columns=columns)
-    lenslets = lenslets_of(camera)
+    lenslets = lenslets_of(camera, second=second)
     array = lenslets.array(camera.shape)
     middle = (np.array(camera.shape) - 1) / 2
     at = np.moveaxis(array.centres - middle, 2, 0)
     centres, kinds = camera.nearest(*at)
+    kinds = kinds * second % 3
     assert np.abs(at - centres)[:, array.whole].max() < 1e-6
     for depth, sharp in ((2.0, [0]), (2.9, [0, 1]), (3.9, [1, 2]), (20.0, [2])):
         found = lenslets.in_focus(array, np.full(array.whole.shape, depth))
@@ -247,6 +253,14 @@ def test_commands_take_pictures_of_focused_lenslets(call):
     assert read_image("sharp.tif").std() > 0.05
 
 
+def test_frames_of_a_video_are_read_by_one_plan(call):
+    reading = Reading(focused=Path("camera.xml"), views=3)
+    shutil.copy("raw.png", "later.png")
+    first, later = read_frames([Path("raw.png"), Path("later.png")], reading)
+    assert first.views.shape[:2] == (3, 3)
+    np.testing.assert_array_equal(first.views, later.views)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -330,7 +344,7 @@ GOOD = Camera().xml()
         (
             '<!DOCTYPE RayCalibData [<!ENTITY a "1">]>'
             + GOOD.partition("?>")[2].replace("1", "&a;"),
-            "declares a document type or entities",
+            "calibration.xml cannot be read: it declares a document type or entities",
         ),
         ("<RayCalibData>" + "<a>" * 9, "no calibration of a Raytrix camera"),
         (GOOD + " " * 70000, "bytes, and 65,536 are the most"),
@@ -340,8 +354,9 @@ GOOD = Camera().xml()
 def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
     path = tmp_path / "calibration.xml"
     path.write_text(text)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as refused:
         read_raytrix(path, (320, 350)).array((320, 350))
+    assert str(refused.value).count("cannot be") <= 1
 
 
 @pytest.mark.parametrize(

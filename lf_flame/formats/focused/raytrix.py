@@ -157,6 +157,8 @@ def _parse(path: Path) -> dict[str, str]:
     try:
         with path.open("rb") as file:
             parser.Parse(file.read(LARGEST), True)
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     except (expat.ExpatError, ValueError, LookupError) as error:

@@ -21,8 +21,8 @@ from lf_flame.lightfield import LightField
 LOGGER = logging.getLogger(__name__)
 
 REFERENCE = 3.0
-"""Virtual depth, but for its sign, at which views coincide unless another is stated: Raytrix
-cameras use depths from 2 on. It is the same for all pictures, so that slopes are comparable."""
+"""Absolute virtual depth at which views coincide by default; Raytrix cameras use depths from 2 on.
+It is the same for all pictures, so that their slopes are comparable."""
 
 NEAREST = 1.5
 """Smallest virtual depth at which patches fit into their micro-images."""
@@ -37,7 +37,7 @@ OUT_OF_FOCUS = 1e-3
 """Weight of lenslets of a kind that is out of focus."""
 
 HALF_PATCH = 0.6
-"""Half of a patch in pitches over the virtual depth: to the farthest place of a lenslet's cell."""
+"""Half the width of a patch, in pitches over the virtual depth: as far as a lenslet's cell goes."""
 
 SMALLEST_VIEW = 8
 """Smallest number of rows and columns of a view."""
