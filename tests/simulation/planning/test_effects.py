@@ -255,7 +255,7 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
 
     @given(drawn=st.lists(layers(), min_size=1, max_size=3), camera=cameras())
     @settings(
-        max_examples=15,
+        max_examples=30,
         deadline=None,
         suppress_health_check=list(HealthCheck),
         phases=[Phase.generate],
@@ -269,9 +269,9 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
             refused.append(str(error))
 
     check()
-    assert len(refused) <= 5, "\n".join(refused)  # tolerances out of reach, surfaces at one place
-    assert sum(seen.values()) > 20
-    assert len(seen) >= 6, seen
+    assert len(refused) <= 10, "\n".join(refused)  # tolerances out of reach, surfaces at one place
+    assert sum(seen.values()) > 40
+    assert len(seen) >= 7, seen
 
 
 @pytest.mark.slow
@@ -280,7 +280,7 @@ def test_what_is_left_out_changes_the_image_by_no_more_than_its_bound():
     camera=cameras(),
     tolerances=st.tuples(st.floats(1e-2, 0.5), st.floats(1e-2, 0.5)),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_tighter_tolerance_never_drops_an_effect(drawn, camera, tolerances):
     tight, loose = sorted(tolerances)
     try:
