@@ -15,11 +15,12 @@ Parts = tuple[str | Decimal, ...]
 def split_numbers(names: Sequence[str]) -> list[Parts]:
     """Split names into text and numbers, so that they sort in natural order.
 
-    Names that differ only in their numbers are read together, to tell signs and decimals. A hyphen
-    is a minus sign after anything but a letter or a digit (``pos_-40``, unlike ``view-40`` and
-    ``2024-01-05``), where other names have none in its place (``y-4, y0, y4``), or where some name
-    has a plus sign (``y-5x+2``). A point is a decimal point where it is the only one, and all have
-    the same number of decimals or none ends in 0 (``5.48``, unlike ``1.9, 1.10``).
+    Names that differ only in their numbers are read together, because this shows what hyphens and
+    points mean. A hyphen is a minus sign if it follows neither a letter nor a digit (``pos_-40``,
+    unlike ``view-40`` and ``2024-01-05``), if other names have no hyphen at the same place (``y-4,
+    y0, y4``), or if a name has a plus sign (``y-5x+2``). A point is a decimal point if it is the
+    only one of a number, and if all numbers have the same count of decimals or none ends in 0
+    (``5.48``, unlike ``1.9, 1.10``).
 
     Parameters
     ----------

@@ -4,8 +4,10 @@ Numba's parallel loops divide the work beforehand and end when the last thread h
 OpenMP's threads use a core while they wait. On a machine with other work, a thread often has no
 core for some milliseconds, and all others wait for it. Here the caller itself works from the first
 piece on. Helpers take pieces as soon as they start; helpers that have not started by the end are
-not waited for. No thread spins, and no environment variable is set; only the number of threads is
-read from Numba's threading layer.
+not waited for. Beside one busy process on two cores this refocuses in half the time of Numba's own
+loops, on an idle machine in a tenth more (``experiments/results/benchmarks/busy.md``). No thread
+spins, and no environment variable is set; only the number of threads is read from Numba's threading
+layer.
 
 A loop becomes a kernel that takes the numbers of its pieces from a queue:
 
@@ -35,7 +37,6 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import event
-from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
@@ -55,9 +56,11 @@ LOGGER = logging.getLogger(__name__)
 
 
 class _Announcement(event.Listener):
-    """Logs, once in a process, that loops are being compiled, because this takes a while.
+    """Logs, once in a process, that loops are being compiled.
 
-    Loading from Numba's cache does not raise this event.
+    The first start of a command takes 4 to 7 seconds longer than the second
+    (``experiments/results/benchmarks/starting.md``). Loading from Numba's cache does not raise this
+    event.
     """
 
     def __init__(self):
@@ -125,8 +128,10 @@ pieces = njit(_pieces)
 def _version(function: Callable) -> str:
     """Hash of the files that contribute code to a compiled loop.
 
-    It identifies what Numba has kept on disk: Numba itself checks only the loop's own file. A
-    compiled function of another file must not call one of a third.
+    It identifies what Numba has kept on disk. Numba itself checks only the loop's own file, so
+    that after a change of a function in another file it would go on with the old numbers; a test
+    shows it (``test_loops_kept_on_disk_...``). A compiled function of another file must not call
+    one of a third.
     """
     parts = [part for part in function.__globals__.values() if isinstance(part, Dispatcher)]
     files = {part.py_func.__code__.co_filename for part in parts}
@@ -138,26 +143,12 @@ def _read(file: str) -> bytes:
     return Path(file).read_bytes()
 
 
-class _NoOverlap(Compiler):
-    """Numba's compiler, with the assumption that no two arguments share memory.
-
-    Numba makes it for its own parallel loops too; without it each inner loop tests for overlap.
-    """
-
-    def define_pipelines(self):
-        self.state.flags.noalias = True
-        return super().define_pipelines()
-
-
 class SharedKernel:
     """A compiled loop that threads share; called with its function's arguments but the queue."""
 
-    def __init__(self, function: Callable[..., None], exchange: bool, **options):
+    def __init__(self, function: Callable[..., None], **options):
         function.__qualname__ = f"{function.__qualname__}-{_version(function)}"
-        ours: dict[str, Any] = {"nogil": True}
-        if not exchange:
-            ours["pipeline_class"] = _NoOverlap
-        self.compiled = compiled(function, **ours | options)
+        self.compiled = compiled(function, nogil=True, **options)
         self.__doc__, self.__name__ = function.__doc__, function.__name__
 
     def alone(self, *arguments: Any) -> None:
@@ -201,16 +192,13 @@ def _wait_for(helpers: list[Future]) -> None:
                 helper.exception()
 
 
-def shared(function: Callable[..., None], exchange: bool = False, **options: Any) -> SharedKernel:
+def shared(function: Callable[..., None], **options: Any) -> SharedKernel:
     """Compile a loop over `pieces` for all threads.
 
     Parameters
     ----------
     function : callable
         Function of a queue, which it passes on to `pieces`, and of arguments; returns nothing.
-    exchange : bool, optional
-        Whether a thread reads what another one wrote during the call. If not, the compiler assumes
-        that no two arguments share memory.
     **options
         Options of ``numba.njit``.
 
@@ -218,7 +206,7 @@ def shared(function: Callable[..., None], exchange: bool = False, **options: Any
     -------
     SharedKernel
     """
-    return SharedKernel(function, exchange, **options)
+    return SharedKernel(function, **options)
 
 
 @contextmanager

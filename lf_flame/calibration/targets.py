@@ -34,6 +34,9 @@ MOIRE = 0.003
 """Error in lenslets that neighbouring corners share, where sharp squares are seen by pixels that do
 not overlap: measured on pinhole pictures of boards at all angles, root mean square."""
 
+LEAST_MEAN = 0.2
+"""Smallest mean of a picture, in its standard deviations, with which brightness is measured."""
+
 MOST_UNEVEN = 0.15
 """Largest difference of the motions down and right, and largest rotation in rad."""
 
@@ -60,7 +63,7 @@ class Target:
         Number of views, and of pixels of a view.
     levels : ndarray, shape (v, u)
         Brightness of the target in each view, relative to the central one; NaN of views that do not
-        count.
+        count, and of a picture without a level.
     """
 
     indices: np.ndarray
@@ -163,7 +166,9 @@ def measure_target(light_field: LightField, *, dots: bool = False) -> Target:
     levels = np.full((v, u), np.nan)
     box = np.stack([points.min(axis=0), points.max(axis=0)])
     levels[counted] = brightness(views, np.argwhere(counted), slope, box)
-    levels /= levels[middle]
+    # Around a mean of 0, as of a picture less its mean, nothing is brighter or darker.
+    known = levels[middle] > LEAST_MEAN * np.std(views[middle])
+    levels = levels / levels[middle] if known else np.full((v, u), np.nan)
     return _target(indices, tracks, offsets[counted], pitch, levels, (t, s))
 
 

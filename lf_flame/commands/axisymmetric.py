@@ -90,14 +90,14 @@ FITTING = cloup.option_group(
 def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **options):
     """Find the emission of an axisymmetric flame with an upright axis.
 
-    Abel inversion from all views of a light field at once, along the camera's rays, without
-    negative emission. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in light,
-    black at 0, and divided by a white image. For all other flames: `lf-flame reconstruct`.
+    It is an Abel inversion from all views of a light field at once, along the camera's rays,
+    without negative emission. SOURCE is read as by `lf-flame refocus`; it must be grey, linear in
+    light, black at 0, and divided by a white image. For other flames use `lf-flame reconstruct`.
 
-    The light field is compared with each assumption. A warning says where the axis leans, is not
-    straight or is elsewhere, where light is outside the radius, where the halves differ, and where
-    the flame is deeper than wide. The last, and a lean in depth, show by parallax alone; a note
-    says if noise, a small aperture or a single view would hide them.
+    The assumptions are checked on the light field. A warning is printed if the axis leans, is not
+    straight or is at another place, if there is light outside the radius, if the halves differ, or
+    if the flame is deeper than wide. The last, and a lean in depth, are visible only by parallax; a
+    note says if noise, a small aperture or a single view would hide them.
 
     One picture of an ordinary camera is enough, with --axis-depth and a camera file that says
     views = 1, the pixel pitch as lenslet pitch, and that pitch times the f-number (image distance

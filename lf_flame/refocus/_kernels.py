@@ -207,5 +207,5 @@ sum_row = njit(forceinline=True)(_sum_row)
 add_row = njit(forceinline=True)(_add_row)
 merge = njit(_merge)
 
-shift_and_sum = shared(_shift_and_sum, exchange=True)
+shift_and_sum = shared(_shift_and_sum)
 slice_spectrum = shared(_slice_spectrum)

@@ -21,22 +21,24 @@ Shaded = tuple[np.ndarray, np.ndarray]
 
 
 def integrate(planes: list[Plane], optics: OpticalPass, layout: str, out: np.ndarray) -> None:
-    """Add planes of light in closed form.
+    """Add the light of planes to an image, in closed form.
 
-    Where light only adds, ``Ky @ texture @ Kx.T`` for each plane, K banded: the exact integrals of
-    a pixel's trapezoid over the cells. Pixels that see what hides or dims the light behind it are
-    summed polygon by polygon (`lf_flame.simulation.polygons`). Exact as long as nothing but cos^4
-    weighs the rays of a bundle otherwise.
+    If light only adds up, the image of a plane is ``Ky @ texture @ Kx.T``. The banded matrices K
+    hold exact integrals, over the cells, of the trapezoid with which a pixel weights the plane.
+    Pixels that see planes that occlude or attenuate others are summed polygon by polygon
+    (`lf_flame.simulation.polygons`). The result is exact if all rays of a pixel have the same
+    weight, apart from cos^4.
 
     Parameters
     ----------
     planes : list of Plane
-        Front to back.
+        Planes, front to back.
     optics : OpticalPass
-        Without stops and skew.
+        Pass of light without stops and skew.
     layout : {"views", "raw"}
+        Layout of the image.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+        Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
     """
     in_front, behind = split_planes(planes)
     for neighbour in optics.lit_neighbours():

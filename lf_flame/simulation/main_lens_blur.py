@@ -1,10 +1,10 @@
-"""Diffraction at the main lens, as a blur of what the planes of a scene emit.
+"""Diffraction at the main lens, as a blur of the light that the planes of a scene emit.
 
-Light that the main lens spreads over the lenslet array keeps its direction: along a ray through
-another place of the array it would have come from another place of the plane. So the pattern's
-image on the plane blurs its cells, before any pixel gathers them, however large a lenslet is
-beside the pattern. It holds where light only adds; a plane that hides or dims another would have
-to be blurred together with it.
+Light that diffraction displaces on the lenslet array keeps its direction. Along this direction, its
+new place on the array sees another place of the plane. Diffraction is therefore the same as a blur
+of the plane's cells by the image of the diffraction pattern on the plane, for lenslets of any size.
+This is valid if light only adds up; planes that occlude or attenuate each other would have to be
+blurred together.
 """
 
 import math
@@ -110,19 +110,21 @@ def blur_layer(
     depth_mm: float,
     window_mm: tuple[Interval, Interval] | None = None,
 ) -> Layer:
-    """Blur the light of a layer that stands at a depth; the result has its own cells.
+    """Blur the light of a layer at a depth by diffraction; the result has cells of its own.
 
     Parameters
     ----------
     layer : Layer
-        Where the cells lie.
+        Layer that has the cells' positions.
     emission : ndarray of float64, shape (rows, columns)
         Radiance of the cells.
     camera : PlenopticCamera
-        With a wavelength.
+        Camera with a wavelength.
     depth_mm : float
+        Depth of the layer's light, from the focal plane.
     window_mm : ((float, float), (float, float)), optional
-        Where the blurred light is wanted, along y and x; default: where the camera sees it.
+        Range along y and along x in which the blurred light is needed. Default: the range that the
+        camera sees.
     """
     gain = gain_on_layer(camera, depth_mm)
     spread = main_lens_spread_mm(camera) * gain

@@ -15,7 +15,7 @@ from lf_flame.simulation.ray_tables import FalloffTable, TiltTable
 
 @dataclass(frozen=True)
 class OpticalPass:
-    """A camera as the kept effects leave it, for one colour.
+    """Camera with the effects that are simulated, for one colour: one pass of light.
 
     Parameters
     ----------
@@ -23,27 +23,26 @@ class OpticalPass:
     focal_mm : float, optional
         Focal length of the main lens for the colour of this pass.
     share : float, optional
-        Share of the light in this pass.
+        Fraction of the light in this pass.
     defocus : bool, optional
-        Whether a pixel's own width, hence a patch of the main lens, is integrated over.
+        Whether light is integrated over the width of a pixel, that is, over a patch of the main
+        lens.
     falloff : bool, optional
-        Whether pixels are darker by cos^4.
+        Whether pixels are darkened by cos^4.
     lenslet_scale, lenslet_skew : float, optional
-        Diagonal and other element of the lenslet grid's rotation and stretch; where they are not
-        1 and 0, `every_lenslet` counts.
+        Diagonal and off-diagonal element of the matrix that rotates and stretches the grid of
+        lenslets; if they are not 1 and 0, `every_lenslet` must be set.
     stops : tuple of (float, float), optional
-        Distance in front of the main lens and radius of round stops, in mm; at most two.
+        Distance in front of the main lens and radius of each round stop, in mm; at most two.
     neighbour : (int, int), optional
-        Light that comes through the lenslet this many rows and columns further on.
+        Rows and columns from a pixel's own lenslet to the one through which its light comes.
     every_lenslet : bool, optional
-        Whether light of every lenslet that can send some to a pixel adds up. Default: a pixel
-        gets light through one lenslet only, as an ideal aperture lets it where the array stands
-        as the sensor is read.
+        Whether light through all lenslets that can reach a pixel adds up. Default: a pixel receives
+        light through one lenslet only, as with an ideal aperture and an ideal lenslet array.
     round_aperture : bool, optional
-        Whether the first stop is the aperture, which ends the micro-images of the lenslets.
-        Without one they are squares about the points that the lenslets image the middle of the
-        main lens on, which tile the sensor: an ideal square aperture, matched to the array as it
-        stands.
+        Whether the first stop is the aperture, which limits the micro-images. Otherwise the
+        aperture is an ideal square, matched to the array: micro-images are squares that tile the
+        sensor, each centred on its lenslet's image of the middle of the main lens.
     """
 
     camera: PlenopticCamera

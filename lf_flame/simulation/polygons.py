@@ -1,11 +1,12 @@
-"""Bundles cut into polygons in which every ray meets the same cells: exact where layers hide.
+"""Exact images of planes that occlude or attenuate each other, by polygons of rays.
 
-Along one axis a pixel's bundle is a unit square: place on the lenslet by place on the pixel. On a
-plane the ray's position is an affine function of both, so the edges of the plane's cells cut the
-square into strips, and the edges of all planes together into convex polygons. A pixel is then a
-finite sum over pairs of polygons, one along y and one along x: area by area by the radiance along
-a ray through their cells. It holds for any number of planes that hide or dim each other, as long as
-nothing weighs rays across the axes, as a round stop or a rotated array would.
+Along one axis, the rays of a pixel fill a unit square: position on the lenslet times position on
+the pixel. The position where a ray meets a plane is an affine function of both. The edges of the
+plane's cells therefore divide the square into strips, and the edges of all planes divide it into
+convex polygons, within which every ray meets the same cells. A pixel is then a finite sum over
+pairs of polygons, one along y and one along x: the product of their areas and of the radiance along
+a ray through their cells. This holds for any number of planes, if the weight of a ray does not
+couple the axes, as a round stop or a rotated lenslet array would.
 """
 
 from dataclasses import replace
@@ -98,19 +99,20 @@ def integrate_polygons(
     shaded: tuple[np.ndarray, np.ndarray],
     out: np.ndarray,
 ) -> None:
-    """Add planes that dim each other, exactly, to the pixels for which that matters.
+    """Add the light of planes that attenuate each other to the pixels that see this, exactly.
 
     Parameters
     ----------
     planes : list of Plane
-        Front to back.
+        Planes, front to back.
     optics : OpticalPass
-        Without stops and skew.
+        Pass of light without stops and skew.
     layout : {"views", "raw"}
+        Layout of the image.
     shaded : (ndarray of bool, ndarray of bool), shapes (a, c) and (b, d)
-        The pixels: where both are true.
+        Pixels to which light is added: those with both values true.
     out : ndarray of float32 or float64, shape (a, b, c, d)
-        In the order of `lf_flame.simulation.layouts`; the light is added to what it holds.
+        Image in the order of axes of `lf_flame.simulation.layouts`, to which the light is added.
     """
     table = _plane_table(planes)
     rows, columns = (
@@ -169,7 +171,7 @@ def cut_bundles(bundles: Bundles, layout: str, wanted: np.ndarray) -> PolygonTab
         `cells` count from the border of a plane at 0. What meets no plane at all is left out.
     """
     planes = bundles.counts.size
-    # No farther out than outside, for which any place will do.
+    # A place outside the layer is moved to just outside; all such places are alike.
     outside = bundles.reach + 1
     middles = np.clip(bundles.middles, -outside, bundles.counts + outside)
     middles = np.ascontiguousarray(arrange(middles, layout).reshape(-1, planes))

@@ -62,22 +62,24 @@ def render(
     scene : Scene
     camera : PlenopticCamera
     tolerance : float, optional
-        Error that is acceptable, root-mean-square over the image relative to its brightest pixel.
-        Effects that change the image by less are left out; the rest takes as many rays, slabs and
-        colours as are needed.
+        Largest acceptable error: root mean square over the image, relative to its brightest pixel.
+        Effects that change the image by less are left out, and the numbers of rays, slabs and
+        colours are chosen accordingly.
     integrator : {"auto", "exact", "rays"}, optional
-        "auto" takes the cheapest that does all that the plan keeps.
+        Method of integration: in closed form, or by rays. "auto" selects the fastest that can
+        render all effects of the plan.
     rays : int, optional
-        Fixed number of rays per pixel along each axis for the ray integrator, instead of the
-        tolerance. Lenslet diffraction then takes the light on each pixel as even, or on its
-        sixteenth parts where pixels leave gaps.
+        Number of rays per pixel along each axis for the ray integrator. Default: by the tolerance.
+        With a fixed number, diffraction by the lenslets assumes that light is uniform over each
+        pixel, or over its sixteenth parts if pixels leave gaps.
     effects : mapping of str to bool, optional
-        Effects to force on or off, by name (`lf_flame.simulation.planning.effects.EFFECTS`).
+        Effects to simulate (True) or leave out (False) regardless of their size, by name
+        (`lf_flame.simulation.planning.effects.EFFECTS`).
     seed : int or sequence of int, optional
-        Seed of the sensor's noise; needed where the plan keeps noise.
+        Seed of the sensor's noise; required if the plan includes noise.
     layout : {"views", "raw"}, optional
-        Which of the two images of the light field is contiguous in memory; the other is a view
-        of it. The pixels are the same.
+        Image of the light field that is contiguous in memory; the other one is a view of it. The
+        pixels are the same.
 
     Returns
     -------
@@ -87,8 +89,8 @@ def render(
     Raises
     ------
     InputError
-        If a layer lies outside the field or behind the lens, or if the tolerance, an effect or
-        the integrator cannot be had.
+        If a layer is outside the field or behind the lens, or if the tolerance, an effect or the
+        integrator cannot be used.
 
     Examples
     --------
@@ -205,7 +207,7 @@ def _diffracts(camera: PlenopticCamera, plan: EffectPlan, lens: str) -> bool:
 
 
 def _dim(planes: list[Plane]) -> bool:
-    """Whether any plane hides or dims what is behind it."""
+    """Whether any plane occludes or attenuates light from behind."""
     return any(plane.transmission is not None for plane in planes)
 
 

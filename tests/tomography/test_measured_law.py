@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checkerboards import Bench
-from own_rays import Lens, Sheet, cells, record
+from own_rays import Lens, Sheet, cells, record, slabs
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
 from lf_flame.calibration import fit_targets, measure_target
-from lf_flame.tomography import FrustumGrid, depth_blur, reconstruct
+from lf_flame.tomography import (
+    AxisymmetricGrid,
+    FrustumGrid,
+    depth_blur,
+    find_axis,
+    reconstruct,
+    reconstruct_axisymmetric,
+)
 
 LENS = Lens(lenslets=(40, 48))
 CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(40, 48))
@@ -77,3 +84,17 @@ def test_views_are_brought_to_the_brightness_that_the_law_holds(law, flame):
 def test_depths_without_targets_are_refused(law):
     with pytest.raises(InputError, match="from -16 to 8 mm, where targets stood, got 9 mm"):
         FrustumGrid(law, [9.0, 0.0])
+
+
+def test_a_ball_of_light_by_the_law_is_that_by_the_camera(law):
+    """Its axis is found at the depth from the user's zero, its emission in mm of the law."""
+    width, at = 0.7, LENS.focus - ZERO
+    views = record(LENS, slabs(Sheet(2.0, (0.0, 0.3), (width, width)), width, 0.1))
+    axis = find_axis(LightField(views), law)
+    assert (axis.across_mm, axis.depth_mm) == pytest.approx((0.3, 2.0 + at), abs=0.02)
+    found = reconstruct_axisymmetric(LightField(views), AxisymmetricGrid(law, 0.3, 2.0 + at, 1.9))
+    heights, radii = found.grid.heights_mm[:, None], found.grid.radii_mm
+    truth = np.exp(-(heights**2 + radii**2) / width**2) / width / np.sqrt(np.pi)
+    weight = np.sqrt(radii)
+    assert distance(found.emission * weight, truth * weight) < 0.01
+    assert found.warnings == ()

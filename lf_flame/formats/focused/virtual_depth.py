@@ -33,6 +33,10 @@ SMALLEST_PATCH = 2.0
 LEAST_LIKENESS, LEAST_CONFIDENCE = 0.5, 0.1
 """Smallest likeness, and smallest difference from that at other depths, of a known depth."""
 
+NEAREST, AGREEMENT, FEWEST_AGREEING = 1.1, 0.1, 2
+"""Distance in pitches of the nearest neighbours, and how many of them must have nearly the same
+depth, to which relative difference: where texture is faint, single lenslets match by accident."""
+
 SAME_PEAK = 0.07
 """Distance in inverse depth, at least, from which on another depth is another one."""
 
@@ -44,8 +48,8 @@ class VirtualDepth:
     Attributes
     ----------
     depth : ndarray of float64, shape (rows, columns)
-        Virtual depth; NaN where it is unknown: outside the picture, without texture, or where
-        several depths fit.
+        Virtual depth; NaN where it is unknown: outside the picture, without texture, where several
+        depths fit, or where fewer than two neighbours agree within 10 %.
     confidence : ndarray of float64, shape (rows, columns)
         Likeness of the micro-images at this depth less the best at others, 0 to 1.
     array : Array
@@ -133,9 +137,24 @@ def match_depth(image: np.ndarray, lenslets: FocusedLenslets) -> VirtualDepth:
     known = array.whole & (likeness >= LEAST_LIKENESS) & (confidence >= LEAST_CONFIDENCE)
     known &= (best > 0) & (best < inverses.size - 1)
     known &= (np.abs(found) <= LARGEST_INVERSE) & (np.abs(found) * pitch >= SMALLEST_PATCH)
+    found[~known] = np.nan
+    known &= _agreeing(found, lenslets, array) >= FEWEST_AGREEING
     depth = np.full(known.shape, np.nan)
     depth[known] = 1 / found[known]
     return VirtualDepth(depth, np.where(known, confidence, 0.0), array)
+
+
+def _agreeing(inverse: np.ndarray, lenslets: FocusedLenslets, array: Array) -> np.ndarray:
+    """Count the nearest neighbours of each lenslet that have about its inverse depth."""
+    count = np.zeros(inverse.shape, int)
+    wide = np.pad(inverse, 2, constant_values=np.nan)
+    rows, columns = inverse.shape
+    for odd, steps in enumerate(_neighbours(lenslets, NEAREST)):
+        lines = array.rows % 2 == odd
+        for row, column in steps:
+            other = wide[2 + row : 2 + row + rows, 2 + column : 2 + column + columns]
+            count[lines] += (np.abs(other - inverse) < AGREEMENT * np.abs(inverse))[lines]
+    return count
 
 
 def _likeness(grey, lenslets: FocusedLenslets, array: Array, reach: float, start, steps):

@@ -1,8 +1,9 @@
-"""Images multiplied out in float64, also where one layer hides another: what studies measure by.
+"""Images of flat layers in closed form and float64, also with occlusion: the reference of studies.
 
-Slow and plain; nothing here is compiled, sampled or rounded to float32. A pixel's bundle is a unit
-square, place on the lenslet by place on the pixel. A cell of one layer is a strip of it; a cell of
-each of two layers is where two strips cross, whose area is found edge by edge.
+The code is slow and simple; nothing is compiled, sampled or rounded to float32. The rays of a pixel
+fill a unit square along each axis: position on the lenslet times position on the pixel. A cell of a
+layer is a strip of this square. Cells of two layers are seen through the intersection of two
+strips, the area of which is computed edge by edge.
 """
 
 import numpy as np
@@ -14,14 +15,14 @@ from lf_flame.scenes.scene import Layer, Scene
 
 
 def closed_form(scene: Scene, camera: PlenopticCamera) -> np.ndarray:
-    """Integrate flat layers of which no more than one hides another.
+    """Integrate flat layers, each of them occluded by at most one opaque layer.
 
     Parameters
     ----------
     scene : Scene
-        Layers without optical thickness and thickness; behind at most one opaque layer each.
+        Layers without optical thickness and thickness.
     camera : PlenopticCamera
-        Taken as ideal: its optics and geometry alone.
+        Camera, of which only optics and geometry count: no stops, no noise.
 
     Returns
     -------
