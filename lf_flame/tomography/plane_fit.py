@@ -20,6 +20,7 @@ from lf_flame.tomography.error_bars import (
 )
 from lf_flame.tomography.foreground import Fitting, find_foreground
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
+from lf_flame.tomography.noise_correlation import correlation_factor
 from lf_flame.tomography.penalised_fit import RangeFit
 from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
 from lf_flame.tomography.projection_operator import ProjectionOperator
@@ -75,6 +76,8 @@ class Explanation:
         Standard deviation of a pixel's noise: as used, and as measured.
     uneven : ndarray of float32, shape (v, u, t, s)
         Variance of each pixel's noise relative to its mean.
+    shared : float
+        Factor by which correlation raises the noise of sums of pixels.
     strength : float
         Strength of the regularisation.
     tried : tuple of TriedStrength
@@ -88,20 +91,26 @@ class Explanation:
     noise: float
     measured: float
     uneven: np.ndarray
+    shared: float
     strength: float
     tried: tuple[TriedStrength, ...]
     settled: bool = True
 
     @property
+    def summed_noise(self) -> float:
+        """Standard deviation of a pixel with independent noise, whose sums have the same noise."""
+        return self.noise * self.shared
+
+    @property
     def pixel_noise(self) -> np.ndarray:
-        """Standard deviation of each pixel's noise, float32, shape (v, u, t, s)."""
-        return np.float32(self.noise) * np.sqrt(self.uneven)
+        """The same of each pixel, float32, shape (v, u, t, s)."""
+        return np.float32(self.summed_noise) * np.sqrt(self.uneven)
 
     def lit_noise(self, seen: np.ndarray) -> float:
-        """Find the standard deviation of a pixel's noise, weighted by the light of `seen`."""
+        """Find that standard deviation, weighted by the light of `seen`."""
         light = max(float(np.sum(seen, dtype=np.float64)), 1e-30)
         lit = float(np.sum(self.uneven * seen, dtype=np.float64)) / light
-        return self.noise * float(np.sqrt(max(lit, 0.0)))
+        return self.summed_noise * float(np.sqrt(max(lit, 0.0)))
 
 
 class PlaneFit:
@@ -170,13 +179,16 @@ class PlaneFit:
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
             measured = problem.measure_noise()
-            uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
+            cells = problem.unpenalised()
+            uneven = noise_by_pixel(self.operator, views, cells)
+            shared = known.shared if known else self._correlation(views, cells)
         noise = measured if options.noise is None else float(options.noise)
         if known is not None:
             cells = self.again(problem, known, iterations or options.iterations)
             return replace(known, cells=cells, noise=noise, measured=measured, uneven=uneven)
         dark = np.zeros(self.gram.grid.shape, np.float32)
-        draft = Explanation(dark, None, noise, measured, uneven, options.strength or 0.0, ())
+        strength = options.strength or 0.0
+        draft = Explanation(dark, None, noise, measured, uneven, shared, strength, ())
         if isinstance(options.penalty, Roughness):
             return self._fit_smooth(problem, draft, options.penalty)
         strength = STRENGTH if options.strength is None else float(options.strength)
@@ -188,7 +200,7 @@ class PlaneFit:
         options, share = self.options, self._noise_share(draft)
         few = min(options.iterations, max(20, options.iterations // 8))
         order, nonnegative = penalty.order, penalty.nonnegative
-        variance = noise_variance(draft.noise)
+        variance = noise_variance(draft.summed_noise)
         search = StrengthSearch(problem, variance, share, order, nonnegative, few)
         if penalty.whole_curve:
             search.try_all()
@@ -209,7 +221,7 @@ class PlaneFit:
         penalty = self.options.penalty
         if isinstance(penalty, TotalVariation):
             # The filtered noise of a cell is the sum of the noise of its views.
-            weight = known.strength * known.noise * np.sqrt(self.gram.scale)
+            weight = known.strength * known.summed_noise * np.sqrt(self.gram.scale)
             return fit_total_variation(problem, weight, iterations, known.cells)
         return problem.solve(
             known.strength,
@@ -259,14 +271,21 @@ class PlaneFit:
         """
         penalty = self.options.penalty
         if isinstance(penalty, TotalVariation):
-            return standard_errors(self.gram, known.noise, 0.0, ROUGHNESS_ORDER)
-        return standard_errors(self.gram, known.noise, known.strength, penalty.order)
+            return standard_errors(self.gram, known.summed_noise, 0.0, ROUGHNESS_ORDER)
+        return standard_errors(self.gram, known.summed_noise, known.strength, penalty.order)
 
     def _problem(self, views: np.ndarray) -> RangeFit:
         stack = self.operator.rmatvec(views.ravel()).reshape(self.operator.dims)
         squared = float(np.sum(np.square(views, dtype=np.float64)))
         rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
         return RangeFit(self.gram, stack, squared, rays)
+
+    def _correlation(self, views: np.ndarray, cells: np.ndarray) -> float:
+        """Measure how much correlation raises the noise of sums, from an unpenalised fit."""
+        grid = self.gram.grid
+        light = self.operator.matvec(cells.ravel()).reshape(views.shape)
+        counted = grid.place(np.ones(views.shape[:2], bool), False)
+        return correlation_factor(grid.place(views - light), grid.place(light), counted)
 
     def _noise_share(self, draft: Explanation) -> np.ndarray:
         """Fraction of the noise in each cell of a plane, shape (rows, columns)."""
@@ -281,7 +300,7 @@ class PlaneFit:
         rng = np.random.default_rng(0)
         stack = draw_noise(self.operator, draft.pixel_noise, rng)
         noise_alone = RangeFit(self.gram, stack, 0.0, 0)
-        fitting = Fitting(draft.strength, order, noise_variance(draft.noise), share)
+        fitting = Fitting(draft.strength, order, noise_variance(draft.summed_noise), share)
         foreground, cells = find_foreground(problem, noise_alone, draft.cells, fitting)
         return replace(draft, foreground=foreground, cells=cells)
 

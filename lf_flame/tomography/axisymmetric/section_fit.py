@@ -10,6 +10,7 @@ from lf_flame.tomography.axisymmetric.operator import AxisymmetricOperator
 from lf_flame.tomography.axisymmetric.roundness import DepthRatio
 from lf_flame.tomography.error_bars import noise_by_pixel, noise_variance
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
+from lf_flame.tomography.noise_correlation import correlation_factor
 from lf_flame.tomography.strength_search import StrengthSearch
 
 MODEL_ERROR = 1e-3
@@ -73,7 +74,9 @@ class SectionFit:
         self._problem = AxisymmetricFit(BandedGram(grid), back, squared, views.size, rng)
         self.measured = self._problem.measure_noise()
         self.noise = self.measured if noise is None else float(noise)
-        uneven = noise_by_pixel(self._operator, views, self._problem.unpenalised())
+        unpenalised = self._problem.unpenalised()
+        uneven = noise_by_pixel(self._operator, views, unpenalised)
+        self._shared = self._correlation(unpenalised)
         self.pixel_noise = self.noise * np.sqrt(uneven)
         # With photon noise, bright nodes see more noise than the mean pixel.
         seen = self._backproject(np.broadcast_to(uneven, views.shape))
@@ -83,7 +86,7 @@ class SectionFit:
         """Find the half section, with the stated strength or that of least expected error."""
         by_node = self._noise_by_node
         limited = max(self.noise, MODEL_ERROR * float(self.views.max()))
-        variance = noise_variance(limited) * float(by_node.mean())
+        variance = noise_variance(self._shared * limited) * float(by_node.mean())
         share = by_node / by_node.sum()
         search = StrengthSearch(
             self._problem, variance, share, ROUGHNESS_ORDER, True, ITERATIONS // 4
@@ -109,10 +112,10 @@ class SectionFit:
         # The prior's scale is the noise inside the flame, for which the strength was chosen.
         light = max(float(np.sum(section.cells)), 1e-300)
         lit = float(np.sum(self._noise_by_node * section.cells[0])) / light
-        prior_noise = self.noise * np.sqrt(lit)
+        prior_noise = self._shared * self.noise * np.sqrt(lit)
         draws = []
         for _ in range(count):
-            noise = self.pixel_noise * rng.standard_normal(self.views.shape)
+            noise = self._shared * self.pixel_noise * rng.standard_normal(self.views.shape)
             back = self._backproject(noise)
             draws.append(self._problem.draw(back, prior_noise, options, section.cells, rng))
         return np.array(draws, np.float32).reshape(-1, *self._operator.grid.shape)
@@ -120,7 +123,14 @@ class SectionFit:
     def depth_ratio(self, section: Section) -> DepthRatio:
         """Extent in depth relative to that across, from what no section explains."""
         rest = self.views - self._project(self._problem.unpenalised())
-        return DepthRatio(self._operator, self._problem, section.cells[0], rest, self.pixel_noise)
+        noise = self._shared * self.pixel_noise
+        return DepthRatio(self._operator, self._problem, section.cells[0], rest, noise)
+
+    def _correlation(self, cells: np.ndarray) -> float:
+        """Measure how much correlation raises the noise of sums, from an unpenalised fit."""
+        grid, light = self._operator.grid, self._project(cells)
+        counted = grid.place(np.ones(light.shape[:2], bool), False)
+        return correlation_factor(grid.place(self.views - light), grid.place(light), counted)
 
     def _project(self, cells: np.ndarray) -> np.ndarray:
         return self._operator.matvec(cells.ravel()).reshape(self.views.shape)
