@@ -4,8 +4,6 @@ Decoded views are interpolated, so neighbouring ones share pixels of the sensor.
 as every cell of a fit is, then has more noise than its number of pixels says.
 """
 
-from itertools import product
-
 import numpy as np
 
 DARK = 0.02
@@ -22,7 +20,7 @@ noise to speak of in the dark."""
 LEAST = 1.1
 """Smallest factor of the variance that counts as correlation."""
 
-NEIGHBOURS = [lag for lag in product((-1, 0, 1), repeat=2) if lag > (0, 0)]
+NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
 """One of each pair of opposite steps to a neighbour."""
 
 
