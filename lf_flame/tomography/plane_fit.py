@@ -31,8 +31,9 @@ MOST_TURNS, FILLED = 40, 1e-3
 """Largest number of times that a fit replaces the light of unknown rays, and the largest change,
 relative to the brightest ray, that ends this."""
 
-SMOOTH = 1.0
-"""Smallest strength with which unknown rays get their first light."""
+SMOOTH, SEARCHES = 1.0, 6
+"""Smallest strength with which unknown rays get their first light, and largest number of searches
+for the strength, which depends on their light."""
 
 BEYOND, PART = 1.8, 4
 """Factor, below 2, by which a change of unknown rays is exceeded, because rays that no other ray
@@ -145,7 +146,7 @@ class PlaneFit:
 
         Unknown rays have weight 0: they take the light that the fit gives them, and the fit is
         repeated, until they do not change (expectation maximisation: Dempster, Laird, Rubin, J. R.
-        Stat. Soc. B 39, 1, 1977). The strength is searched for before and after.
+        Stat. Soc. B 39, 1, 1977). The strength is searched for anew, until it stays.
 
         Parameters
         ----------
@@ -156,8 +157,14 @@ class PlaneFit:
         if self.valid is None:
             return found
         # At first smoothly, as a weak penalty would keep the light that unknown rays hold.
-        views, _ = self._settle(views, replace(found, strength=max(found.strength, SMOOTH)))
-        return self._settle(views, self._explain(views, known))[1]
+        found = replace(found, strength=max(found.strength, SMOOTH))
+        for _ in range(SEARCHES):
+            before = found.strength
+            views, _ = self._settle(views, found)
+            found = self._explain(views, known)
+            if found.strength == before:
+                break
+        return self._settle(views, found)[1]
 
     def _settle(self, views: np.ndarray, found: Explanation) -> tuple[np.ndarray, Explanation]:
         """Repeat a fit until the light of unknown rays, which it replaces, does not change."""

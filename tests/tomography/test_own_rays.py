@@ -176,6 +176,7 @@ def test_saturated_rays_do_not_change_the_emission_that_others_see():
     assert error(found, partly) < 0.2 * error(plain, partly)
     assert error(found, shut) < 0.05 < 0.15 < error(plain, shut)
     np.testing.assert_allclose(found.noise, whole.noise, rtol=0.02)
+    assert found.strength <= whole.strength < plain.strength  # not chosen for the clipped light
 
 
 def test_blocks_with_an_unknown_pixel_are_unknown_and_none_known_is_refused():
@@ -187,5 +188,10 @@ def test_blocks_with_an_unknown_pixel_are_unknown_and_none_known_is_refused():
     assert found.warnings[0].startswith(f"{7 * 7 + 7 * 2 * 24} of the ")
     whole = reconstruct(lit, grid)
     assert np.abs(found.emission - whole.emission).max() < 0.02
+    row, column = np.indices((40, 48)) // 2
+    every_other = np.broadcast_to((row + column) % 2 == 0, valid.shape)
+    found = reconstruct(LightField(lit.views, valid=every_other), grid)
+    assert found.noise == pytest.approx(whole.noise, rel=0.1)
+    assert np.abs(found.emission - whole.emission).max() < 0.01
     with pytest.raises(InputError, match="all of this light field are unknown"):
         reconstruct(LightField(lit.views, valid=np.zeros(valid.shape)), GRID)
