@@ -220,7 +220,8 @@ def run_soot(out: Path, seed: int, draws: int) -> Path:
         f"One raw image of {LENSLETS[0] * rays.UNDER} x {LENSLETS[1] * rays.UNDER} pixels behind a "
         f"round lens and a colour filter array (rggb, three overlapping bands of 67 nm at half "
         f"height), with noise relative to the brightest pixel, 12 bits, and a furnace at "
-        f"{FURNACE_K[0]:g} to {FURNACE_K[-1]:g} K for calibration. Traced by rays that share nothing with the reconstruction. Temperatures count where emission in "
+        f"{FURNACE_K[0]:g} to {FURNACE_K[-1]:g} K for calibration. Traced by rays that share "
+        f"nothing with the reconstruction. Temperatures count where emission in "
         f"red is above {LIT:.0%} of its peak. One draw of the noise; noise {NOISE:.0%} where "
         f"nothing else is said. Seconds with {BARS} bootstrap draws of three colours.",
         markdown(rows, COLUMNS),
