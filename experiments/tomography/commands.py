@@ -68,3 +68,26 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     seconds = time.perf_counter() - begin
     path = write(out, name, rows, seconds)
     click.echo(set_beside(path, f"tomography/{path.name}"))
+
+
+@cloup.command()
+@click.option("--out", type=FOLDER, default="results/tomography", show_default=True)
+@click.option("--seed", default=1, show_default=True, help="Of the noise.")
+@click.option(
+    "--draws",
+    type=click.IntRange(min=2),
+    default=50,
+    show_default=True,
+    help="Draws of the noise over which error bars are held against the truth.",
+)
+def soot(out: Path, seed: int, draws: int) -> None:
+    """Find temperatures of sooty flames from one raw image of a colour camera.
+
+    The raw images, of a camera with a round lens and colour filters, are traced by rays that share
+    nothing with the reconstruction; flames are hollow, thin, thick, full, and deeper than wide. A
+    furnace calibrates the colours. OUT gets soot.md, .json, the record, and a picture; it takes
+    some minutes, and a quarter of an hour for 50 draws.
+    """
+    from experiments.tomography.soot import run_soot
+
+    click.echo(set_beside(run_soot(out, seed, draws), "tomography/soot.md"))

@@ -1,5 +1,6 @@
 """Writing fits of each colour to folders, for `lf-flame reconstruct` and `lf-flame abel`."""
 
+import secrets
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,14 +42,19 @@ def write_soot(
     write: "Callable[[Any, LightField, OutputFolder], None]",
     facts: dict[str, Any],
 ) -> None:
-    """Write a folder for each colour, and print warnings and where they are."""
+    """Write a folder for each colour, and print warnings and where they are.
+
+    All records hold the same random `call`, as a call that is killed may leave colours of two.
+    """
     from lf_flame._common.output_folders import output_folder
 
+    call = secrets.token_hex(8)
     for number, (name, found, light) in enumerate(zip(names, soot.colours, lights, strict=True)):
         with output_folder(out / name, record) as folder:
             write(found, light, folder)
             folder.facts |= facts | {
                 "colour": name,
+                "call": call,
                 "greatest_optical_thickness": float(soot.total_thickness[number]),
             }
         for warning in found.warnings:

@@ -4,6 +4,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import cloup
@@ -12,6 +13,14 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.options import FILE, FOLDER, FiniteRange, PlacedFile
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from lf_flame.lightfield import LightField
+
+MOST_UNKNOWN = 0.01
+"""Largest fraction of unknown pixels of a picture of the source."""
 
 
 @cloup.command("calibrate-colours")
@@ -80,7 +89,8 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
         )
     reading = Reading(**options)
     with output_folder(out or Path("colours"), colour_output.RECORD) as folder:
-        photographs = [_photograph(reading, source, len(curves.names)) for source, _ in placed]
+        sources = [path for path, _ in placed]
+        photographs = _photographs(reading, sources, len(curves.names))
         source = measure_source(photographs)
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
@@ -106,12 +116,38 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
     click.echo(f"{', '.join(folder.files)} are in {printable(folder.folder)}")
 
 
-def _photograph(reading: Reading, source: Path, colours: int):
-    """Read a light field or picture, and average its views."""
-    light_field = reading.read(source)
-    if light_field.channels != colours or colours < 2:
+def _photographs(reading: Reading, sources: list[Path], colours: int) -> "list[np.ndarray]":
+    """Read light fields or raw images of one camera, and average the views of each."""
+    from tqdm import tqdm
+
+    from lf_flame.formats.raw.reading import read_frame
+
+    plan, found = None, []
+    for source in tqdm(sources, "reading", unit="picture"):
+        if plan is not None:
+            light_field = plan.decode(read_frame(source))
+        elif reading.is_raw:
+            plan, image = reading.plan(source)  # of all pictures, as they are of one camera
+            light_field = plan.decode(image)
+        else:
+            light_field = reading.read(source)
+        if light_field.channels != colours or colours < 2:
+            raise InputError(
+                f"{source} must have a channel for each of the {colours} spectral responses, got "
+                f"{light_field.channels}."
+            )
+        _refuse_unknown(source, light_field)
+        found.append(light_field.photograph)
+    return found
+
+
+def _refuse_unknown(source: Path, light_field: "LightField") -> None:
+    """Refuse a picture that is saturated where it is bright."""
+    if light_field.valid is None:
+        return
+    lost = 1 - float(light_field.valid.mean())
+    if lost > MOST_UNKNOWN:
         raise InputError(
-            f"{source} must have a channel for each of the {colours} spectral responses, got "
-            f"{light_field.channels}."
+            f"{source} is saturated or unknown in {lost:.1%} of its pixels, of {MOST_UNKNOWN:.0%} "
+            f"at most: its mean would be too dark; expose less."
         )
-    return light_field.photograph

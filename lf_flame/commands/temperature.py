@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,6 +107,30 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
         click.echo(f"Note: {note}")
 
 
+@dataclass(frozen=True)
+class _ColourRecord:
+    """Content of the record of a colour on the call that made it."""
+
+    call: str | None = None
+
+
+def _check_one_call(folder: Path, inside: list[Path]) -> None:
+    """Refuse colours of two calls, as one that was killed leaves them."""
+    from lf_flame._common.config import load_record
+    from lf_flame.tomography import emission_folder
+    from lf_flame.tomography.axisymmetric import section_folder
+
+    calls = set()
+    for one in inside:
+        kind = section_folder if section_folder.is_section(one) else emission_folder
+        calls.add(load_record(_ColourRecord, one / kind.RECORD).call)
+    if len(calls) > 1:
+        raise InputError(
+            f"The colours in {folder} are not of one call of lf-flame reconstruct or lf-flame abel "
+            f"with --colours, which may have been interrupted: call it again."
+        )
+
+
 def _calibration(
     file: Path | None, wavelengths: tuple[float, float] | None, calibration: float | None
 ) -> "ColourCalibration":
@@ -139,6 +164,7 @@ def _colour_folders(folders: tuple[Path, ...], names: tuple[str, ...]) -> list[P
                 f"{folders[0]} holds no folder {missing[0]}: give a folder of lf-flame reconstruct "
                 f"or lf-flame abel with --colours, or one folder for each of {', '.join(names)}."
             )
+        _check_one_call(folders[0], inside)
         return inside
     if len(folders) != len(names):
         raise InputError(

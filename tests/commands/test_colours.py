@@ -79,8 +79,14 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     assert abs(np.mean(apart)) < 8  # taken for thin it would be 30 K too cold
     thick = tifffile.imread("temperature/flame/optical_thickness.tif").squeeze()
     assert np.median(thick[bright] / flame.absorption(r, h)[bright]) == pytest.approx(1, abs=0.06)
+    red = Path("abel/flame/red/abel.json")
     for folder in ("colours", "abel/flame/blue", "temperature/flame"):
         run("verify", folder)
+    # A call that was killed between two colours.
+    record_of_another = red.read_text().replace(json.loads(red.read_text())["call"], "another")
+    red.write_text(record_of_another)
+    mixed = run("temperature", "abel/flame", "--colours", "colours/colours.toml", code=1)
+    assert "are not of one call" in str(mixed.exception)
 
 
 def test_calibrations_that_cannot_be_are_one_sentence(furnace, tmp_path):
