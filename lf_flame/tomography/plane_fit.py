@@ -340,9 +340,10 @@ def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndar
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
+        hint = "; in colour, its colours need a calibration (--colours)" if views.ndim == 5 else ""
         raise InputError(
             f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
-            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}."
+            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."
         )
     if block == 1:
         return views
