@@ -140,7 +140,8 @@ def calibrate_colours(
     responses : SpectralResponses
         Spectral responses of the colours.
     exposures : sequence of float, optional
-        Exposure of each picture relative to that of the flame's, above 0. Default: the same.
+        Exposure of each picture relative to the exposure of the flame's picture, above 0. Default:
+        the same.
     emissivity : float, optional
         Emissivity of the source, above 0, at most 1; that of a furnace is 1.
 

@@ -188,8 +188,9 @@ def soot_temperature(
     responses : SpectralResponses
         Spectral responses of these colours.
     sigmas : sequence of array_like, optional
-        Standard deviations of the emissions. Where one is not above three of its own standard
-        deviations, the temperature is undetermined. Default: unknown; all colours count alike.
+        Standard deviations of the emissions. Where an emission is not above three of its own
+        standard deviations, the temperature is undetermined. Default: unknown; all colours count
+        alike.
     gains : sequence of float, optional
         Signal of each colour over the integral of response and radiance, above 0, as
         `calibrate_colours` finds it. Default: 1 for all.

@@ -205,7 +205,8 @@ def reconstruct_soot(
     calibration : ColourCalibration
         Gains and spectral responses of the channels.
     absorbing : bool, optional
-        Whether the soot's own absorption is found and corrected; it needs absolute gains.
+        Whether the soot's own absorption is found and corrected. It needs gains that turn signals
+        into absolute radiance, as of a furnace's pictures with stated exposures.
     soot_exponent : float, optional
         Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     bootstrap : int, optional
@@ -218,6 +219,7 @@ def reconstruct_soot(
     Returns
     -------
     Soot
+        Emission of each colour without absorption, temperatures, and optical thickness.
 
     Raises
     ------
