@@ -38,11 +38,20 @@ UNSETTLED = (
 
 
 class Emission(Protocol):
-    """Emission in one colour, as a fit finds it."""
+    """Emission in one colour, as a round under way finds it."""
 
     @property
     def emission(self) -> np.ndarray:
         """Emission without absorption."""
+        ...
+
+
+class Measured(Emission, Protocol):
+    """Emission in one colour with error bars."""
+
+    @property
+    def draws(self) -> np.ndarray:
+        """Bootstrap draws of the emission, shape (draws, ...)."""
         ...
 
     @property
@@ -51,7 +60,7 @@ class Emission(Protocol):
         ...
 
 
-Found = TypeVar("Found", bound=Emission)
+Found = TypeVar("Found", bound=Measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +261,7 @@ def reconstruct_soot(
 
 
 def temperatures_of(
-    colours: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float = 1.0
+    colours: Sequence[Measured], calibration: ColourCalibration, soot_exponent: float = 1.0
 ) -> Temperatures:
     """Find the temperature of soot from its emission in the colours of a calibration."""
     sigmas = [one.sigma for one in colours]
@@ -260,6 +269,7 @@ def temperatures_of(
         [one.emission for one in colours],
         calibration.responses,
         sigmas=None if any(one is None for one in sigmas) else sigmas,  # type: ignore[arg-type]
+        draws=[one.draws for one in colours] if all(len(one.draws) for one in colours) else None,
         gains=calibration.gains,
         soot_exponent=soot_exponent,
     )

@@ -106,8 +106,18 @@ class SectionFit:
         options = section.options._replace(iterations=ITERATIONS // 4)
         return self._problem.solve_for(self._backproject(views), options, section.cells)
 
-    def draw(self, section: Section, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw sections that views and penalty allow, float32, shape (count, heights, radii)."""
+    def draw(
+        self,
+        section: Section,
+        count: int,
+        rng: np.random.Generator,
+        prior_rng: np.random.Generator | None = None,
+    ) -> np.ndarray:
+        """Draw sections that views and penalty allow, float32, shape (count, heights, radii).
+
+        Fits of several colours of one flame share `prior_rng`, with the same seed: the penalty's
+        effect on a flame is alike in all colours. Default: `rng`.
+        """
         options = section.options._replace(iterations=ITERATIONS // 4)
         # The prior's scale is the noise inside the flame, for which the strength was chosen.
         light = max(float(np.sum(section.cells)), 1e-300)
@@ -117,7 +127,8 @@ class SectionFit:
         for _ in range(count):
             noise = self._shared * self.pixel_noise * rng.standard_normal(self.views.shape)
             back = self._backproject(noise)
-            draws.append(self._problem.draw(back, prior_noise, options, section.cells, rng))
+            of_prior = rng if prior_rng is None else prior_rng
+            draws.append(self._problem.draw(back, prior_noise, options, section.cells, of_prior))
         return np.array(draws, np.float32).reshape(-1, *self._operator.grid.shape)
 
     def depth_ratio(self, section: Section) -> DepthRatio:

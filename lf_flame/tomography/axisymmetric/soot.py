@@ -26,7 +26,6 @@ class _Round(NamedTuple):
     """Emission without error bars, in a round under way."""
 
     emission: np.ndarray
-    sigma: np.ndarray | None = None
 
 
 class _AbsorbingFit:
@@ -42,10 +41,12 @@ class _AbsorbingFit:
         looked: Looked,
         noise: float | None,
         strength: float | None,
-        seed: int,
+        seed: tuple[int, int],
     ):
         self._looked, self._noise, self._strength = looked, noise, strength
         self._rng = np.random.default_rng(seed)
+        # All colours draw the same prior.
+        self._prior_rng = np.random.default_rng(seed[0])
         self._operator = AxisymmetricOperator(looked.grid)
         self._fit = SectionFit(looked.grid, looked.views, noise, self._rng)
         self._thin = self._fit.solve(strength)
@@ -76,6 +77,7 @@ class _AbsorbingFit:
             stated=self._noise is not None,
             bootstrap=bootstrap,
             rng=self._rng,
+            prior_rng=self._prior_rng,
         )
         return replace(
             found,
@@ -145,7 +147,7 @@ def reconstruct_axisymmetric_soot(
     for c, one in enumerate(split_colours(light_field, calibration)):
         looked = look_at(one, grid)
         check_range(looked.views, noise)
-        fits.append(_AbsorbingFit(looked, noise, strength, seed + c))
+        fits.append(_AbsorbingFit(looked, noise, strength, (seed, c)))
 
     def first(c: int) -> Emission:
         return fits[c].first()
