@@ -235,6 +235,23 @@ def reconstruct_soot(
     InputError
         If light field, grid and calibration do not match, no cell has a temperature, or the flame
         is too thick.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, LightField
+    >>> from lf_flame.tomography import ColourCalibration, SpectralResponses
+    >>> colours = SpectralResponses.single((550, 650), ("green", "red"))
+    >>> calibration = ColourCalibration(colours, np.ones(2), np.zeros(2), (1200.0, 2000.0))
+    >>> from lf_flame.tomography import FrustumGrid, reconstruct_soot
+    >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=3, lenslets=(20, 24)), [0.0])
+    >>> y, x = np.mgrid[-1:1:20j, -1:1:24j]
+    >>> glow = np.exp(-8 * (x**2 + y**2))[..., None] * 0.2 * colours.soot(1800.0)
+    >>> light_field = LightField(np.broadcast_to(glow, (3, 3, 20, 24, 2)))
+    >>> found = reconstruct_soot(light_field, grid, calibration, absorbing=False)
+    >>> round(float(found.temperatures.kelvin[0, 10, 12]), -1)
+    1800.0
     """
     lights = split_colours(light_field, calibration)
 

@@ -74,9 +74,9 @@ class SectionFit:
         self._problem = AxisymmetricFit(BandedGram(grid), back, squared, views.size, rng)
         self.measured = self._problem.measure_noise()
         self.noise = self.measured if noise is None else float(noise)
-        unpenalised = self._problem.unpenalised()
-        uneven = noise_by_pixel(self._operator, views, unpenalised)
-        self._shared = self._correlation(unpenalised)
+        uneven = noise_by_pixel(self._operator, views, self._problem.unpenalised())
+        counted = grid.place(np.ones(views.shape[:2], bool), False)
+        self._shared = correlation_factor(grid.place(views), counted)
         self.pixel_noise = self.noise * np.sqrt(uneven)
         # With photon noise, bright nodes see more noise than the mean pixel.
         seen = self._backproject(np.broadcast_to(uneven, views.shape))
@@ -136,12 +136,6 @@ class SectionFit:
         rest = self.views - self._project(self._problem.unpenalised())
         noise = self._shared * self.pixel_noise
         return DepthRatio(self._operator, self._problem, section.cells[0], rest, noise)
-
-    def _correlation(self, cells: np.ndarray) -> float:
-        """Measure how much correlation raises the noise of sums, from an unpenalised fit."""
-        grid, light = self._operator.grid, self._project(cells)
-        counted = grid.place(np.ones(light.shape[:2], bool), False)
-        return correlation_factor(grid.place(self.views - light), grid.place(light), counted)
 
     def _project(self, cells: np.ndarray) -> np.ndarray:
         return self._operator.matvec(cells.ravel()).reshape(self.views.shape)

@@ -141,6 +141,27 @@ def reconstruct_axisymmetric_soot(
     InputError
         If light field, grid and calibration do not match, no cell has a temperature, or the flame
         is too thick.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, LightField
+    >>> from lf_flame.tomography import ColourCalibration, SpectralResponses
+    >>> colours = SpectralResponses.single((550, 650), ("green", "red"))
+    >>> calibration = ColourCalibration(colours, np.ones(2), np.zeros(2), (1200.0, 2000.0))
+    >>> from lf_flame.tomography import AxisymmetricGrid, AxisymmetricOperator
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+    >>> soot = 0.02 * np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
+    >>> glow = soot.ravel() * colours.soot(1800.0)[:, None]
+    >>> operator = AxisymmetricOperator(grid)
+    >>> views = [np.reshape(operator @ one, operator.dimsd) for one in glow]
+    >>> from lf_flame.tomography import reconstruct_axisymmetric_soot
+    >>> light_field = LightField(np.stack(views, axis=-1))
+    >>> found = reconstruct_axisymmetric_soot(light_field, grid, calibration, absorbing=False)
+    >>> round(float(found.temperatures.kelvin[12, 0]), -1)
+    1800.0
     """
     check_fit_options(noise, strength, bootstrap)
     fits = []
