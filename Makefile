@@ -174,6 +174,8 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	$(BIN)/python -m experiments.benchmarks.busy --out results/benchmarks --passive
 	$(BIN)/python -m experiments.benchmarks.refocusing --out results/benchmarks \
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
+	$(BIN)/python -m experiments.benchmarks.decoding --out results/benchmarks \
+	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
 
 viewer-benchmark: | $(INSTALLED)  ## time the page of the viewer in a browser (needs Chromium, idle machine)

@@ -121,7 +121,7 @@ class LightField:
         from `filled`. Default: all are known.
     positions : array_like, shape (v, 1, 2), optional
         Place of each view, down and right, in view steps, where views stand on no grid, as those of
-        many arrays of cameras; they are then the rows of one column. `lf_flame.refocus` shifts each
+        many arrays of cameras; the views are then one column. `lf_flame.refocus` shifts each
         by the slope times its distance from their mean. Default: a grid of equal steps.
 
     Raises

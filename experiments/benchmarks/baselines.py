@@ -1,4 +1,4 @@
-"""Refocus with plenpy and PlenoptiCam, in the environment of `baselines.txt`, for `refocusing.py`.
+"""Refocus and decode with plenpy and PlenoptiCam, in the environment of `baselines.txt`.
 
 One JSON object a line: on standard input {"tool", "views", "slopes", "out"} to get ready, refocus
 once and save the images, then {"tool"} to time a call. The first line out holds the versions.
@@ -65,6 +65,37 @@ class PlenoptiCam:
         return np.asarray(self.tool.refo_stack) / len(self.views)
 
 
+class PlenoptiCamDecoding:
+    """`LfpLocalResampler`: linear interpolation of every micro-image about its centre."""
+
+    def __init__(self, raw, centres, views):
+        from plenopticam.cfg import PlenopticamConfig
+
+        self.settings = PlenopticamConfig()
+        self.settings.params[self.settings.ptc_leng] = views
+        self.settings.params[self.settings.opt_prnt] = False
+        self.settings.calibs[self.settings.mic_list] = centres
+        self.settings.calibs[self.settings.pat_type] = "rec"
+        self.raw, self.views = raw[..., None], views
+
+    def make_ready(self):
+        """Set it up anew, as a call changes its state."""
+        from plenopticam.lfp_aligner.lfp_local_resampler import LfpLocalResampler
+
+        self.tool = LfpLocalResampler(lfp_img=self.raw, cfg=self.settings)
+
+    def refocus(self):
+        """Decode."""
+        self.tool.local_resampling()
+
+    def result(self):
+        """Order views as ours are."""
+        cells = self.tool.lfp_img_align[..., 0]
+        n = self.tool._size_pitch
+        rows, columns = (size // n for size in cells.shape)
+        return cells.reshape(rows, n, columns, n).transpose(1, 3, 0, 2)
+
+
 TOOLS = {"plenpy": Plenpy, "plenopticam": PlenoptiCam}
 
 
@@ -94,7 +125,10 @@ def main() -> None:
             return
         request = json.loads(line)
         name = request["tool"]
-        if "views" in request:
+        if "centres" in request:
+            raw = np.load(request["raw"])
+            ready[name] = PlenoptiCamDecoding(raw, request["centres"], request["views"])
+        elif "views" in request:
             ready[name] = TOOLS[name](np.load(request["views"]), request["slopes"])
         tool = ready[name]
         tool.make_ready()

@@ -206,6 +206,13 @@ class OtherPython:
         self._ask({"tool": package, "slopes": slopes, **path})
         return np.load(path["out"])
 
+    def decode(self, raw: np.ndarray, centres: list[list[float]], views: int) -> np.ndarray:
+        """Hand over a raw image with its lenslets, (y, x, row, column), and get views."""
+        path = {name: str(Path(self._folder.name, f"{name}.npy")) for name in ("raw", "out")}
+        np.save(path["raw"], raw)
+        self._ask({"tool": "decoding", "centres": centres, "views": views, **path})
+        return np.load(path["out"])
+
     def seconds(self, package: str) -> float:
         """Time that it takes to do so once more."""
         return self._ask({"tool": package})["seconds"]

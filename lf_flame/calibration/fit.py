@@ -37,12 +37,12 @@ NAMES = ("slope_at_infinity", "slope_mm", "slope_centre_mm", "scale", "scale_cen
 def fit_targets(
     depths_mm: Sequence[float], targets: Sequence[Target], *, square_mm: float
 ) -> LawFit:
-    """Fit the law of a camera to pictures of a target.
+    """Fit the law of a camera, slope and scale by depth, to pictures of a target.
 
     Parameters
     ----------
     depths_mm : sequence of float
-        Depth of each target in mm, increasing away from the camera, from any zero.
+        Depth of each target in mm, increasing away from the camera; the zero may be anywhere.
     targets : sequence of Target
         Results of `measure_target`, of the same camera.
     square_mm : float
@@ -55,8 +55,8 @@ def fit_targets(
     Raises
     ------
     InputError
-        If there are fewer than three distances, the targets are of different cameras, or they
-        follow no law.
+        If there are fewer than three distances, the targets are of different cameras, or no
+        law fits them.
 
     Examples
     --------

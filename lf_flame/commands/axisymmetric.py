@@ -4,7 +4,7 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import cloup
@@ -16,9 +16,10 @@ from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
+    from lf_flame._common.output_folders import OutputFolder
     from lf_flame.lightfield import LightField
     from lf_flame.optics.lens import Lens
-    from lf_flame.tomography import FlameAxis
+    from lf_flame.tomography import AxisymmetricFlame, AxisymmetricGrid, FlameAxis
 
 FLAME = cloup.option_group(
     "Where the flame is",
@@ -110,13 +111,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
       lf-flame abel raw.tif --bayer rggb --white white.tif --camera camera.toml \\
           --colours colours.toml
     """  # noqa: D301 - click reads the backspace
-    import numpy as np
-
-    from lf_flame._common.output_folders import output_folder
-    from lf_flame._common.recorded_paths import recorded_path
     from lf_flame.calibration import read_lens
     from lf_flame.formats.coding import notes_on_coding
-    from lf_flame.tomography import AxisymmetricGrid, reconstruct_axisymmetric
+    from lf_flame.tomography import AxisymmetricGrid
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.axisymmetric.soot import reconstruct_axisymmetric_soot
@@ -150,31 +147,47 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         "central" if central else "all",
         burner,
     )
-    notes = notes_on_coding(source)
-    if calibration is not None:
-        soot = reconstruct_axisymmetric_soot(
-            light_field, grid, calibration, absorbing=not thin, seed=seed, **options
-        )
-        write_soot(
-            soot,
-            split_colours(light_field, calibration),
-            calibration.responses.names,
-            out or Path("abel") / source.stem,
-            RECORD,
-            lambda found, _, folder: write_flame(found, axis, folder),
-            {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes},
-        )
+    out = out or Path("abel") / source.stem
+    facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes_on_coding(source)}
+    if calibration is None:
+        facts["source"] = source
+        _fit_grey(light_field, grid, axis, out, facts, options)
         return
-    with output_folder(out or Path("abel") / source.stem, RECORD) as folder:
-        rng = np.random.default_rng(seed)
-        found = reconstruct_axisymmetric(light_field, grid, rng=rng, **options)
+    soot = reconstruct_axisymmetric_soot(
+        light_field, grid, calibration, absorbing=not thin, seed=seed, **options
+    )
+    lights = split_colours(light_field, calibration)
+    names = calibration.responses.names
+
+    def write(found: "AxisymmetricFlame", _: "LightField", folder: "OutputFolder") -> None:
         write_flame(found, axis, folder)
-        folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
-        folder.facts |= {"bootstrap": options["bootstrap"], "warnings": found.warnings}
-        folder.facts |= {"notes": [*notes, *found.unseen]}
+
+    write_soot(soot, lights, names, out, RECORD, write, source, facts)
+
+
+def _fit_grey(
+    light_field: "LightField",
+    grid: "AxisymmetricGrid",
+    axis: "FlameAxis",
+    out: Path,
+    facts: dict[str, Any],
+    options: dict[str, Any],
+) -> None:
+    """Fit a grey light field, write the section, and print what was found."""
+    from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.tomography import reconstruct_axisymmetric
+    from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
+
+    with output_folder(out, RECORD) as folder:
+        found = reconstruct_axisymmetric(light_field, grid, rng=facts["seed"], **options)
+        write_flame(found, axis, folder)
+        notes = [*facts["notes"], *found.unseen]
+        source = recorded_path(facts["source"], folder.folder)
+        folder.facts |= facts | {"source": source, "warnings": found.warnings, "notes": notes}
     for warning in found.warnings:
         click.echo(f"Warning: {warning}", err=True)
-    for note in (*notes, *found.unseen):
+    for note in notes:
         click.echo(f"Note: {note}", err=True)
     click.echo(
         f"axis {grid.axis_mm:.2f} mm across, {grid.depth_mm:.2f} mm deep; noise "

@@ -40,6 +40,7 @@ def write_soot(
     out: Path,
     record: str,
     write: "Callable[[Any, LightField, OutputFolder], None]",
+    source: Path,
     facts: dict[str, Any],
 ) -> None:
     """Write a folder for each colour, and print warnings and where they are.
@@ -47,18 +48,22 @@ def write_soot(
     All records hold the same random `call`, as a call that is killed may leave colours of two.
     """
     from lf_flame._common.output_folders import output_folder
+    from lf_flame._common.recorded_paths import recorded_path
 
     call = secrets.token_hex(8)
     for number, (name, found, light) in enumerate(zip(names, soot.colours, lights, strict=True)):
         with output_folder(out / name, record) as folder:
             write(found, light, folder)
             folder.facts |= facts | {
+                "source": recorded_path(source, folder.folder),
                 "colour": name,
                 "call": call,
                 "greatest_optical_thickness": float(soot.total_thickness[number]),
             }
         for warning in found.warnings:
             click.echo(f"Warning: {name}: {warning}", err=True)
+    for note in facts["notes"]:
+        click.echo(f"Note: {note}", err=True)
     for warning in soot.warnings:
         click.echo(f"Warning: {warning}", err=True)
     thick = ", ".join(

@@ -67,7 +67,11 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.tomography.axisymmetric.section_folder import is_section, read_sections
+    from lf_flame.tomography.axisymmetric.section_folder import (
+        is_section,
+        read_draws,
+        read_sections,
+    )
     from lf_flame.tomography.emission_folder import read_emissions
     from lf_flame.tomography.pyrometry import soot_temperature
     from lf_flame.tomography.temperature_output import (
@@ -80,10 +84,13 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     every = _colour_folders(folders, colours.responses.names)
     read = read_sections if any(map(is_section, every)) else read_emissions
     emissions, sigmas, depths = read(*every)
+    # Colours of one call are drawn together.
+    together = len(folders) == 1 and all(map(is_section, every))
     found = soot_temperature(
         emissions,
         colours.responses,
         sigmas=sigmas,
+        draws=read_draws(*every) if together else None,
         gains=colours.gains,
         soot_exponent=soot_exponent,
     )

@@ -225,15 +225,10 @@ def reconstruct(
         soot = reconstruct_soot(
             light_field, grid, calibration, absorbing=not thin, seed=seed, **options
         )
-        write_soot(
-            soot,
-            split_colours(light_field, calibration),
-            calibration.responses.names,
-            out,
-            RECORD,
-            write_reconstruction,
-            {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes},
-        )
+        lights = split_colours(light_field, calibration)
+        names = calibration.responses.names
+        facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes}
+        write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)
         return
     with output_folder(out, RECORD) as folder:
         options["optical_thickness"] = thickness

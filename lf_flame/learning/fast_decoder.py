@@ -94,7 +94,7 @@ def training_view(decoder: keras.Model) -> keras.Model:
     for layer in decoder.layers[1:]:
         if layer.name == "basis":
             vectors, x = x, OffsetDense(layer)([x, offset])
-        elif isinstance(layer, layers.Conv2D) and layer.name != "planes":
+        elif isinstance(layer, layers.Conv2D) and layer.activation is keras.activations.linear:
             x = MatrixConvolution(layer)(x)
         else:
             x = layer(x)

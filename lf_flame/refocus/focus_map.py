@@ -167,8 +167,8 @@ def all_in_focus(
     Returns
     -------
     FocusMap
-        Slope map, confidence and image. Of views at positions of their own they are those of the
-        focal stack, `depth_from_focus`.
+        Slope map, confidence and image. For views on no grid (`LightField.positions`) they come
+        from the focal stack, as in `depth_from_focus`.
 
     Raises
     ------

@@ -103,8 +103,8 @@ def find_sharpest_slope(
         Views; colours are averaged to grey.
     slopes : sequence of float, optional
         Slopes to search, at least three, rising in equal steps. If the steps are wide for the
-        number of views, slopes between them are searched too. Default: -3 to 3, doubled up to 12
-        as long as the peak is not inside, or is no more than a ripple of unrelated views.
+        number of views, slopes between them are searched too. Default: -3 to 3, then -6 to 6 and
+        -12 to 12 if no clear peak lies inside.
     region : (int, int, int, int), optional
         Region ``(t_start, t_stop, s_start, s_stop)`` in lenslets, stops excluded; it should contain
         one layer. Default: the whole image.

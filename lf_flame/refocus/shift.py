@@ -41,16 +41,17 @@ def shift_and_sum(
 ) -> np.ndarray:
     """Refocus by shifting and averaging views, with coordinates clamped at the edges.
 
-    Interpolation is separable over the views: each row of views is first shifted and summed along
-    s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2. The light field is
-    read once for several slopes.
+    Interpolation is separable over the N x N views: each row of views is first shifted and summed
+    along s, then the row sums along t. This takes N^2 + N shifts instead of 2 N^2. The light field
+    is read once for several slopes.
 
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
         Views. Contiguous arrays of 8 or 16 bits, float32 or float64 are read without a copy.
     slopes : float or sequence of float
-        Slope of each refocused image, in lenslets per view step.
+        Slope of each refocused image, in lenslets per view step; positive for depths behind the
+        focal plane.
     interpolation : {"linear", "nearest", "cubic"}, optional
         Interpolation between lenslets. "nearest" rounds each view's shift to whole lenslets,
         halves up; "cubic" is Keys's convolution, which can overshoot at edges.
@@ -62,7 +63,7 @@ def shift_and_sum(
     -------
     ndarray of float32, shape (n, t, s) or (n, t, s, channels)
         One image for each slope; for a single number the image itself, without the first axis.
-        It has the unit of the views. Eight taps at a time are summed in float32, the rest in
+        It has the unit of the views. Eight terms at a time are summed in float32, these sums in
         float64: the error stays within some units of the last place for any number of views.
         (Views of float64 are summed in float64 throughout.)
 

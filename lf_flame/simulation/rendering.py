@@ -63,15 +63,16 @@ def render(
     camera : PlenopticCamera
     tolerance : float, optional
         Largest acceptable error: root mean square over the image, relative to its brightest pixel.
-        Effects that change the image by less are left out, and the numbers of rays, slabs and
-        colours are chosen accordingly.
+        Effects are left out, smallest bound first, while the sum of their bounds is within a
+        quarter of it; the numbers of rays, slabs (depth steps of thick layers) and colours are
+        chosen accordingly.
     integrator : {"auto", "exact", "rays"}, optional
         Method of integration: in closed form, or by rays. "auto" selects the fastest that can
         render all effects of the plan.
     rays : int, optional
         Number of rays per pixel along each axis for the ray integrator. Default: by the tolerance.
         With a fixed number, diffraction by the lenslets assumes that light is uniform over each
-        pixel, or over its sixteenth parts if pixels leave gaps.
+        pixel, or over each of 4 x 4 parts of it if pixels leave gaps.
     effects : mapping of str to bool, optional
         Effects to simulate (True) or leave out (False) regardless of their size, by name
         (`lf_flame.simulation.planning.effects.EFFECTS`).

@@ -140,7 +140,8 @@ def calibrate_colours(
     responses : SpectralResponses
         Spectral responses of the colours.
     exposures : sequence of float, optional
-        Exposure of each picture relative to that of the flame's, above 0. Default: the same.
+        Exposure of each picture relative to the exposure of the flame's picture, above 0. Default:
+        the same.
     emissivity : float, optional
         Emissivity of the source, above 0, at most 1; that of a furnace is 1.
 
@@ -161,7 +162,7 @@ def calibrate_colours(
     >>> curves = [np.exp(-(((nm - middle) / 40) ** 2)) for middle in (540, 610)]
     >>> camera = SpectralResponses(("green", "red"), nm, curves)
     >>> kelvin = [1300.0, 1500.0, 1700.0]
-    >>> signals = (camera.black_body(kelvin).T * [2e-5, 3e-5]).round(6)
+    >>> signals = camera.black_body(kelvin).T * [2e-5, 3e-5]
     >>> fit = calibrate_colours(kelvin, signals, camera)
     >>> np.round(fit.calibration.gains * 1e5, 3).tolist()
     [2.0, 3.0]

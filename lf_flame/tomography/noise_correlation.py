@@ -5,32 +5,31 @@ as every cell of a fit is, then has more noise than its number of pixels says.
 """
 
 import numpy as np
+from scipy import ndimage
 
-DARK = 0.02
-"""Light relative to the brightest pixel below which a residual is noise alone, and not the model's
-error too."""
+DARK = 0.01
+"""Brightness of the smoothed mean of the views, relative to its maximum, below which a pixel holds
+noise and little else."""
 
 FEWEST = 10_000
 """Smallest number of dark pixels with which correlation is measured: to about 5 %."""
 
-LEAST_POWER = 0.01
-"""Smallest mean square of the dark pixels' residual relative to that of all: below, there is no
-noise to speak of in the dark."""
-
-LEAST = 1.1
-"""Smallest factor of the variance that counts as correlation."""
+LEAST = 1.3
+"""Smallest factor of the variance that counts as correlation: faint light may look like less."""
 
 NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
 """One of each pair of opposite steps to a neighbour."""
 
 
-def correlation_factor(residual: np.ndarray, light: np.ndarray, counted: np.ndarray) -> float:
+def correlation_factor(views: np.ndarray, counted: np.ndarray) -> float:
     """Factor by which correlation raises the standard deviation of sums of a light field's noise.
+
+    It is measured where the field is dark, in differences of neighbouring pixels, so that faint
+    light does not count, and as the product of a factor of the views and one of the pixels.
 
     Parameters
     ----------
-    residual, light : ndarray, shape (v, u, t, s)
-        Part of the views that a fit does not explain, and the light that it does.
+    views : ndarray, shape (v, u, t, s)
     counted : ndarray of bool, shape (v, u)
         Views that are fitted.
 
@@ -44,36 +43,52 @@ def correlation_factor(residual: np.ndarray, light: np.ndarray, counted: np.ndar
     >>> import numpy as np
     >>> from lf_flame.tomography.noise_correlation import correlation_factor
     >>> noise = np.random.default_rng(1).standard_normal((6, 5, 40, 50))
-    >>> nothing, every = np.zeros((5, 5, 40, 50)), np.ones((5, 5), bool)
-    >>> correlation_factor(noise[1:], nothing, every)
+    >>> noise[..., 20, 25] = 1000.0  # a flame
+    >>> correlation_factor(noise[1:], np.ones((5, 5), bool))
     1.0
     >>> shared = (noise[1:] + noise[:-1]) / 2**0.5  # half of each view in the next one
-    >>> 1.35 < correlation_factor(shared, nothing, every) < 1.45  # of sums along v: 2**0.5
+    >>> 1.35 < correlation_factor(shared, np.ones((5, 5), bool)) < 1.45  # of sums along v: 2**0.5
     True
     """
-    dark = (light <= DARK * float(light.max())) & counted[:, :, None, None]
-    count = int(np.count_nonzero(dark))
-    noise = np.where(dark, residual, 0).astype(np.float32)
-    variance = float(np.sum(np.square(noise, dtype=np.float64))) / max(count, 1)
-    fitted = max(int(np.count_nonzero(counted)) * int(np.prod(residual.shape[2:])), 1)
-    whole = float(np.sum(np.square(residual, dtype=np.float64))) / fitted
-    if count < FEWEST or not variance > LEAST_POWER * whole:
+    photograph = np.einsum("vu,vuts->ts", counted / np.count_nonzero(counted), views)
+    smooth = ndimage.uniform_filter(photograph, 3)
+    dark = smooth <= DARK * float(smooth.max())
+    if np.count_nonzero(dark) * np.count_nonzero(counted) < FEWEST:
         return 1.0
-    factor = 1.0
-    for axis in (0, 2):  # neighbouring views, then neighbouring pixels
-        shares = (_correlation(noise, dark, axis, lag) for lag in NEIGHBOURS)
-        factor *= 1 + 2 * sum(shares) / variance
+    known = counted[:, :, None, None] & dark
+    across = _Differences(views, known, 3)
+    # Differences of noise change sign from one to the next; those of light do not.
+    if not across.variance or across.share((2, 3), (0, 1)) + across.share((2, 3), (0, 2)) > 0:
+        return 1.0
+    of_views = 1 + 2 * sum(across.share((0, 1), lag) for lag in NEIGHBOURS)
+    along = _Differences(views, known, 0)
+    of_pixels = 1.0
+    if along.variance:
+        of_pixels += 2 * sum(along.share((2, 3), lag) for lag in NEIGHBOURS)
+    factor = of_views * of_pixels
     return float(np.sqrt(factor)) if factor > LEAST else 1.0
 
 
-def _correlation(noise: np.ndarray, dark: np.ndarray, axis: int, lag: tuple[int, int]) -> float:
-    """Mean product of dark pixels that are a step apart along two axes from `axis` on."""
-    here, there = [slice(None)] * 4, [slice(None)] * 4
-    for at, step in zip((axis, axis + 1), lag, strict=True):
-        size = noise.shape[at]
-        here[at] = slice(max(step, 0), size + min(step, 0))
-        there[at] = slice(max(-step, 0), size + min(-step, 0))
-    one, other = tuple(here), tuple(there)
-    pairs = np.count_nonzero(dark[one] & dark[other])
-    total = np.einsum("vuts,vuts->", noise[one], noise[other], dtype=np.float64)
-    return float(total) / pairs if pairs else 0.0
+class _Differences:
+    """Differences of neighbours along an axis, where both are known, and their correlation."""
+
+    def __init__(self, views: np.ndarray, known: np.ndarray, axis: int):
+        first, second = ([slice(None)] * 4 for _ in range(2))
+        first[axis], second[axis] = slice(None, -1), slice(1, None)
+        one, other = tuple(first), tuple(second)
+        self._known = known[one] & known[other]
+        self._values = np.where(self._known, views[other] - views[one], 0).astype(np.float32)
+        count = max(int(np.count_nonzero(self._known)), 1)
+        self.variance = float(np.sum(np.square(self._values, dtype=np.float64))) / count
+
+    def share(self, axes: tuple[int, int], lag: tuple[int, int]) -> float:
+        """Correlation with the neighbour that is a step apart along two axes."""
+        here, there = [slice(None)] * 4, [slice(None)] * 4
+        for axis, step in zip(axes, lag, strict=True):
+            size = self._values.shape[axis]
+            here[axis] = slice(max(step, 0), size + min(step, 0))
+            there[axis] = slice(max(-step, 0), size + min(-step, 0))
+        one, other = tuple(here), tuple(there)
+        pairs = int(np.count_nonzero(self._known[one] & self._known[other]))
+        total = np.einsum("vuts,vuts->", self._values[one], self._values[other], dtype=np.float64)
+        return float(total) / pairs / self.variance if pairs else 0.0

@@ -186,9 +186,8 @@ class PlaneFit:
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
             measured = problem.measure_noise()
-            cells = problem.unpenalised()
-            uneven = noise_by_pixel(self.operator, views, cells)
-            shared = known.shared if known else self._correlation(views, cells)
+            uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
+            shared = known.shared if known else self._correlation(views)
         noise = measured if options.noise is None else float(options.noise)
         if known is not None:
             cells = self.again(problem, known, iterations or options.iterations)
@@ -287,12 +286,12 @@ class PlaneFit:
         rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
         return RangeFit(self.gram, stack, squared, rays)
 
-    def _correlation(self, views: np.ndarray, cells: np.ndarray) -> float:
-        """Measure how much correlation raises the noise of sums, from an unpenalised fit."""
+    def _correlation(self, views: np.ndarray) -> float:
+        """Measure how much correlation raises the noise of sums."""
         grid = self.gram.grid
-        light = self.operator.matvec(cells.ravel()).reshape(views.shape)
-        counted = grid.place(np.ones(views.shape[:2], bool), False)
-        return correlation_factor(grid.place(views - light), grid.place(light), counted)
+        return correlation_factor(
+            grid.place(views), grid.place(np.ones(views.shape[:2], bool), False)
+        )
 
     def _noise_share(self, draft: Explanation) -> np.ndarray:
         """Fraction of the noise in each cell of a plane, shape (rows, columns)."""
@@ -340,9 +339,10 @@ def average_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndar
     views = light_field.filled
     wanted = (camera.views, camera.views, *camera.lenslets)
     if views.shape != wanted:
+        hint = "; in colour, its colours need a calibration (--colours)" if views.ndim == 5 else ""
         raise InputError(
             f"The light field must be grey, of the camera's {wanted[0]} x {wanted[1]} views of "
-            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}."
+            f"{wanted[2]} x {wanted[3]} lenslets, got an array of shape {views.shape}{hint}."
         )
     if block == 1:
         return views

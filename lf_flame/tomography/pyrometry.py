@@ -174,6 +174,7 @@ def soot_temperature(
     responses: SpectralResponses,
     *,
     sigmas: Sequence[ArrayLike] | None = None,
+    draws: Sequence[ArrayLike] | None = None,
     gains: ArrayLike | None = None,
     soot_exponent: float = 1.0,
 ) -> Temperatures:
@@ -188,8 +189,13 @@ def soot_temperature(
     responses : SpectralResponses
         Spectral responses of these colours.
     sigmas : sequence of array_like, optional
-        Standard deviations of the emissions. Where one is not above three of its own standard
-        deviations, the temperature is undetermined. Default: unknown; all colours count alike.
+        Standard deviations of the emissions. Where an emission is not above three of its own
+        standard deviations, the temperature is undetermined. Default: unknown; all colours count
+        alike.
+    draws : sequence of array_like, one for each colour, each of shape (n, ...), optional
+        Bootstrap draws of the emissions, the same number in all colours and drawn together; with
+        `sigmas` only. The standard deviation of a temperature is then the scatter of theirs, in
+        which errors that the colours share cancel.
     gains : sequence of float, optional
         Signal of each colour over the integral of response and radiance, above 0, as
         `calibrate_colours` finds it. Default: 1 for all.
@@ -238,6 +244,10 @@ def soot_temperature(
         if errors is None:
             return Temperatures(kelvin, None, None, amount + undetermined)
         sigma = kelvin**2 * spread
+        if draws is not None:
+            drawn = [np.asarray(one, float) for one in draws]
+            sigma = _scatter(drawn, light, kelvin, sigma, curves, gain, relative**-2.0)
+            spread = sigma / kelvin**2
         freedom = len(light) - 2
         return Temperatures(
             kelvin,
@@ -246,6 +256,34 @@ def soot_temperature(
             amount + undetermined,
             apart / freedom + undetermined if freedom else None,
         )
+
+
+def _scatter(
+    drawn: list[np.ndarray],
+    light: np.ndarray,
+    kelvin: np.ndarray,
+    sigma: np.ndarray,
+    curves: "_LogCurves",
+    gain: np.ndarray,
+    weights: np.ndarray,
+) -> np.ndarray:
+    """Root-mean-square distance of the draws' temperatures, or `sigma` where most have none."""
+    if {one.shape for one in drawn} != {(len(drawn[0]), *light.shape[1:])} or len(drawn) != len(
+        light
+    ):
+        raise InputError(
+            f"draws must be as many for each of the {len(light)} colours, each of the emissions' "
+            f"shape {light.shape[1:]}, got {[one.shape for one in drawn]}."
+        )
+    squares, counts = np.zeros_like(kelvin), np.zeros(kelvin.shape, int)
+    for number in range(len(drawn[0])):
+        one = np.stack([colour[number] for colour in drawn])
+        known = np.all(one > 0, axis=0)
+        inverse, _ = curves.invert(np.log(np.where(known, one / gain, 1.0)), weights)
+        squares += np.where(known, np.square(1 / inverse - kelvin), 0.0)
+        counts += known
+    enough = counts > len(drawn[0]) / 2
+    return np.where(enough, np.sqrt(squares / np.maximum(counts, 1)), sigma)
 
 
 class _LogCurves:

@@ -183,11 +183,11 @@ def reconstruct(
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
-        Number of iterations of the splitting that keeps light from being negative.
+        Number of iterations (of the splitting method ADMM) that keep light from being negative.
     bootstrap : int, optional
-        Number of bootstrap redraws of the light field of the found emission, with the measured
-        dependence of noise on brightness, each fitted again for `Reconstruction.sigma`: 0, or 2
-        and more.
+        Number of bootstrap light fields, each made of the found emission and new noise, with the
+        measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
+        or 2 and more.
     rng : int, numpy.random.Generator or None, optional
         Seed or generator of the bootstrap; with None every call draws differently.
     optical_thickness : float, or array_like of shape (planes,) or (planes, rows, columns), optional
@@ -209,7 +209,7 @@ def reconstruct(
     Returns
     -------
     Reconstruction
-        Emission with error bars and warnings.
+        Emission with warnings, and with error bars if `bootstrap` is not 0.
 
     Raises
     ------

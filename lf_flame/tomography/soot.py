@@ -38,11 +38,20 @@ UNSETTLED = (
 
 
 class Emission(Protocol):
-    """Emission in one colour, as a fit finds it."""
+    """Emission in one colour, as a round under way finds it."""
 
     @property
     def emission(self) -> np.ndarray:
         """Emission without absorption."""
+        ...
+
+
+class Measured(Emission, Protocol):
+    """Emission in one colour with error bars."""
+
+    @property
+    def draws(self) -> np.ndarray:
+        """Bootstrap draws of the emission, shape (draws, ...)."""
         ...
 
     @property
@@ -51,7 +60,7 @@ class Emission(Protocol):
         ...
 
 
-Found = TypeVar("Found", bound=Emission)
+Found = TypeVar("Found", bound=Measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +214,8 @@ def reconstruct_soot(
     calibration : ColourCalibration
         Gains and spectral responses of the channels.
     absorbing : bool, optional
-        Whether the soot's own absorption is found and corrected; it needs absolute gains.
+        Whether the soot's own absorption is found and corrected. It needs gains that turn signals
+        into absolute radiance, as of a furnace's pictures with stated exposures.
     soot_exponent : float, optional
         Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     bootstrap : int, optional
@@ -218,12 +228,30 @@ def reconstruct_soot(
     Returns
     -------
     Soot
+        Emission of each colour without absorption, temperatures, and optical thickness.
 
     Raises
     ------
     InputError
         If light field, grid and calibration do not match, no cell has a temperature, or the flame
         is too thick.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, LightField
+    >>> from lf_flame.tomography import ColourCalibration, SpectralResponses
+    >>> colours = SpectralResponses.single((550, 650), ("green", "red"))
+    >>> calibration = ColourCalibration(colours, np.ones(2), np.zeros(2), (1200.0, 2000.0))
+    >>> from lf_flame.tomography import FrustumGrid, reconstruct_soot
+    >>> grid = FrustumGrid(replace(PAPER_CAMERA, views=3, lenslets=(20, 24)), [0.0])
+    >>> y, x = np.mgrid[-1:1:20j, -1:1:24j]
+    >>> glow = np.exp(-8 * (x**2 + y**2))[..., None] * 0.2 * colours.soot(1800.0)
+    >>> light_field = LightField(np.broadcast_to(glow, (3, 3, 20, 24, 2)))
+    >>> found = reconstruct_soot(light_field, grid, calibration, absorbing=False)
+    >>> round(float(found.temperatures.kelvin[0, 10, 12]), -1)
+    1800.0
     """
     lights = split_colours(light_field, calibration)
 
@@ -250,7 +278,7 @@ def reconstruct_soot(
 
 
 def temperatures_of(
-    colours: Sequence[Emission], calibration: ColourCalibration, soot_exponent: float = 1.0
+    colours: Sequence[Measured], calibration: ColourCalibration, soot_exponent: float = 1.0
 ) -> Temperatures:
     """Find the temperature of soot from its emission in the colours of a calibration."""
     sigmas = [one.sigma for one in colours]
@@ -258,6 +286,7 @@ def temperatures_of(
         [one.emission for one in colours],
         calibration.responses,
         sigmas=None if any(one is None for one in sigmas) else sigmas,  # type: ignore[arg-type]
+        draws=[one.draws for one in colours] if all(len(one.draws) for one in colours) else None,
         gains=calibration.gains,
         soot_exponent=soot_exponent,
     )

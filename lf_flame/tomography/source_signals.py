@@ -40,17 +40,22 @@ class SourceSignals:
 
 
 def measure_source(photographs: Sequence[np.ndarray]) -> SourceSignals:
-    """Average the even part of a source, which is in the same place in all pictures.
+    """Average the evenly bright part of a source, which is in the same place in all pictures.
 
     Parameters
     ----------
     photographs : sequence of ndarray, shape (rows, columns, colours)
         Photographs, linear in light, black subtracted.
 
+    Returns
+    -------
+    SourceSignals
+        Mean of each colour in each picture over the part that is evenly bright.
+
     Raises
     ------
     InputError
-        If the pictures differ in shape, or no even part is found.
+        If the pictures differ in shape, or no part of them is evenly bright.
 
     Examples
     --------

@@ -162,6 +162,11 @@ def _write_inputs(folder: Path) -> None:
         t, v, s, u = np.ogrid[:48, -1:2, :56, -1:2]
         wave = np.sin((t - slope * v) * np.pi / side) * np.sin((s - slope * u) * np.pi / side)
         images[name] = (127 + 120 * wave).reshape(144, 168)
+    # An evenly bright source in three colours, as lenslet images of 3 x 3 views.
+    for name, light in {"cold": (120, 60, 30), "warm": (146, 75, 40), "hot": (176, 94, 52)}.items():
+        images[name] = np.broadcast_to(light, (60, 72, 3))
+    rows = "wavelength_nm,red,green,blue", "450,0,0,1", "550,0,1,0", "650,1,0,0"
+    (folder / "colours.csv").write_text("\n".join(rows))
     (folder / "frames").mkdir()
     for name, pixels in images.items():
         Image.fromarray(np.rint(pixels).astype(np.uint8)).save(folder / f"{name}.png")

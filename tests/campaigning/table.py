@@ -44,6 +44,7 @@ class Call:
 LENS = "--camera simulated/simulation.json"
 PLANES = f"{LENS} --depth-mm 0 --depth-mm 5 --bootstrap 2"
 BOARDS = "near.png@-20 middle.png@0 far.png@25"
+SOURCES = "cold.png@1500 warm.png@1520 hot.png@1540"
 DATASET = "dataset shapes.toml --preset smoke"
 MODEL = "--backbone-weights random --backbone-depth conv4"
 TRAIN = f"train training.toml --preset smoke --data data.zarr {MODEL}"
@@ -90,6 +91,7 @@ CALLS = (
     Call("convert hci.h5 out.npy"),
     Call("convert toolbox.mat out.npy"),
     Call(f"calibrate {BOARDS} --square-mm 5 --views 3 --out out", "near.png middle.png far.png"),
+    Call(f"calibrate-colours {SOURCES} --responses colours.csv --views 3 --out out", "hot.png"),
     Call(f"resolution {LENS} --figure out.png"),
     Call(f"reconstruct light_field.npy {PLANES} --out out"),
     Call(f"abel light_field.npy {LENS} --bootstrap 2 --out out"),
@@ -137,6 +139,7 @@ CALLS = (
 UNTRIED = {
     "experiments results": "lists, and writes nothing",
     "experiments screenshots": "needs a browser",
+    "experiments soot": "traces rays for minutes; its files are those of experiments emission",
 }
 # Names of the parameters by which commands are told what to write.
 WRITING = {"out", "target", "figure", "single_file", "save", "work", "thumbnail"}

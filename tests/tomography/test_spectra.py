@@ -59,6 +59,24 @@ def test_errors_of_three_colours_are_those_of_draws(rng):
     assert np.std(even.kelvin) > 1.15 * np.std(found.kelvin)
 
 
+def test_errors_that_colours_share_cancel(rng):
+    """Draws whose errors are the same in all colours leave the temperature; others do not."""
+    light = CAMERA.soot(np.full(3, 1700.0))
+    errors = light * 0.05
+    shared = 1 + 0.05 * rng.standard_normal((300, 1))
+    alone = 1 + 0.05 * rng.standard_normal((3, 300, 1))
+    together = soot_temperature(light, CAMERA, sigmas=errors, draws=[shared * one for one in light])
+    apart = soot_temperature(
+        light, CAMERA, sigmas=errors, draws=[a * one for a, one in zip(alone, light, strict=True)]
+    )
+    linear = soot_temperature(light, CAMERA, sigmas=errors)
+    assert np.all(together.sigma < 1e-3 * linear.sigma)
+    assert apart.sigma == pytest.approx(linear.sigma, rel=0.12)
+    assert apart.relative_error == pytest.approx(linear.relative_error, rel=0.12)
+    with pytest.raises(InputError, match="draws must be as many for each of the 3 colours"):
+        soot_temperature(light, CAMERA, sigmas=errors, draws=[np.ones((2, 3))] * 2)
+
+
 def test_light_of_another_source_shows_as_misfit():
     light = CAMERA.soot(np.full(5, 1700.0))
     light[0] *= 1.3

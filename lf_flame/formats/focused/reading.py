@@ -37,8 +37,13 @@ def read_focused(
     calibration : str or Path
         Calibration of a Raytrix camera (``.xml``), or a white image, in which the micro-images are
         found, and by which the picture is divided.
-    virtual_depth, views, bayer : optional
-        As in `FocusedPlan`.
+    virtual_depth : float, optional
+        Virtual depth at which the views are rendered (`find_virtual_depth`). Default: the median
+        of those found in the picture.
+    views : int, optional
+        Number of views along each axis; 1 for one picture in which everything is sharp.
+    bayer : {"rggb", "bggr", "grbg", "gbrg"}, optional
+        Colours of the upper left 2 x 2 pixels of a mosaic, row by row.
     white, dark : str or Path, optional
         White image (flat field) and image without light.
 

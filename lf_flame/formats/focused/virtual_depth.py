@@ -77,6 +77,10 @@ class VirtualDepth:
 def find_virtual_depth(raw: ArrayLike, lenslets: FocusedLenslets) -> VirtualDepth:
     """Find the virtual depth of each lenslet from the displacement between micro-images.
 
+    The virtual depth is the distance from the lenslets to the image that the main lens forms, in
+    units of the distance from the lenslets to the sensor: a point is displaced by the pitch over
+    the virtual depth from one micro-image to the next (Perwass and Wietzke, Proc. SPIE 8291, 2012).
+
     The likeness of a micro-image to its neighbours is their covariance, over the places that both
     see, relative to the geometric mean of their variances. It is summed over all neighbours within
     1.8 pitches; in a hexagonal array those of another kind, which are blurred differently, count

@@ -38,7 +38,8 @@ def plan_effects(
     """Decide which optical effects to simulate for a scene, before anything is rendered.
 
     For each effect, an upper bound is computed on how much the image would change if the effect
-    were left out. Effects with small bounds are left out; the others are kept.
+    were left out. Effects are left out, smallest bound first, while the sum of their bounds is
+    within a quarter of the tolerance; the others are kept.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def plan_effects(
         Whether to estimate also the effects whose causes the camera does not state, such as noise
         without a sensor, at typical values; see `EffectPlan.typical`.
     stated : collection of str, optional
-        Fields of the camera that count as stated although they have the default value.
+        Fields of the camera that count as stated even if they have the default value.
 
     Returns
     -------

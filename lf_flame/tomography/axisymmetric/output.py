@@ -27,7 +27,8 @@ def write_flame(
     """Write the half section as tables and images.
 
     ``radial.csv`` has all heights and radii, ``axial.csv`` the axis, ``section.tif`` the half
-    section, heights by radii, and ``sigma.tif`` its standard deviation if there are draws.
+    section, heights by radii; ``sigma.tif`` its standard deviation and ``draws.tif`` the draws, if
+    there are any.
 
     Parameters
     ----------
@@ -68,6 +69,7 @@ def write_flame(
     tifffile.imwrite(folder.path("section.tif"), found.emission)
     if sigma is not None:
         tifffile.imwrite(folder.path("sigma.tif"), sigma.astype(np.float32))
+        tifffile.imwrite(folder.path("draws.tif"), found.draws, photometric="minisblack")
     figures.save(section_figure(found), folder.path("section.png"))
     folder.facts |= {
         "camera": to_json(grid.camera),

@@ -189,6 +189,7 @@ def explain_views(
     stated: bool,
     bootstrap: int,
     rng: np.random.Generator,
+    prior_rng: np.random.Generator | None = None,
 ) -> AxisymmetricFlame:
     """Solve a fit, draw its errors, and compare data and model.
 
@@ -203,12 +204,14 @@ def explain_views(
         Whether the noise was stated.
     bootstrap : int
     rng : numpy.random.Generator
+    prior_rng : numpy.random.Generator, optional
+        See `SectionFit.draw`.
     """
     grid, section, views = looked.grid, fit.solve(strength), fit.views
     residual = section.residual
     power = np.square(residual, dtype=np.float64).mean(axis=(2, 3))
     chi_squared = grid.place(power / noise_variance(fit.noise), np.nan)
-    draws = fit.draw(section, bootstrap, rng)
+    draws = fit.draw(section, bootstrap, rng, prior_rng)
     depth_ratio = fit.depth_ratio(section)
     departures = check_roundness(looked.axis) + check_stated(looked.axis, grid, views)
     # A wrong axis or radius would look like another depth ratio.

@@ -74,9 +74,9 @@ class SectionFit:
         self._problem = AxisymmetricFit(BandedGram(grid), back, squared, views.size, rng)
         self.measured = self._problem.measure_noise()
         self.noise = self.measured if noise is None else float(noise)
-        unpenalised = self._problem.unpenalised()
-        uneven = noise_by_pixel(self._operator, views, unpenalised)
-        self._shared = self._correlation(unpenalised)
+        uneven = noise_by_pixel(self._operator, views, self._problem.unpenalised())
+        counted = grid.place(np.ones(views.shape[:2], bool), False)
+        self._shared = correlation_factor(grid.place(views), counted)
         self.pixel_noise = self.noise * np.sqrt(uneven)
         # With photon noise, bright nodes see more noise than the mean pixel.
         seen = self._backproject(np.broadcast_to(uneven, views.shape))
@@ -106,8 +106,18 @@ class SectionFit:
         options = section.options._replace(iterations=ITERATIONS // 4)
         return self._problem.solve_for(self._backproject(views), options, section.cells)
 
-    def draw(self, section: Section, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw sections that views and penalty allow, float32, shape (count, heights, radii)."""
+    def draw(
+        self,
+        section: Section,
+        count: int,
+        rng: np.random.Generator,
+        prior_rng: np.random.Generator | None = None,
+    ) -> np.ndarray:
+        """Draw sections that views and penalty allow, float32, shape (count, heights, radii).
+
+        Fits of several colours of one flame share `prior_rng`, with the same seed: the penalty's
+        effect on a flame is alike in all colours. Default: `rng`.
+        """
         options = section.options._replace(iterations=ITERATIONS // 4)
         # The prior's scale is the noise inside the flame, for which the strength was chosen.
         light = max(float(np.sum(section.cells)), 1e-300)
@@ -117,7 +127,8 @@ class SectionFit:
         for _ in range(count):
             noise = self._shared * self.pixel_noise * rng.standard_normal(self.views.shape)
             back = self._backproject(noise)
-            draws.append(self._problem.draw(back, prior_noise, options, section.cells, rng))
+            of_prior = rng if prior_rng is None else prior_rng
+            draws.append(self._problem.draw(back, prior_noise, options, section.cells, of_prior))
         return np.array(draws, np.float32).reshape(-1, *self._operator.grid.shape)
 
     def depth_ratio(self, section: Section) -> DepthRatio:
@@ -125,12 +136,6 @@ class SectionFit:
         rest = self.views - self._project(self._problem.unpenalised())
         noise = self._shared * self.pixel_noise
         return DepthRatio(self._operator, self._problem, section.cells[0], rest, noise)
-
-    def _correlation(self, cells: np.ndarray) -> float:
-        """Measure how much correlation raises the noise of sums, from an unpenalised fit."""
-        grid, light = self._operator.grid, self._project(cells)
-        counted = grid.place(np.ones(light.shape[:2], bool), False)
-        return correlation_factor(grid.place(self.views - light), grid.place(light), counted)
 
     def _project(self, cells: np.ndarray) -> np.ndarray:
         return self._operator.matvec(cells.ravel()).reshape(self.views.shape)

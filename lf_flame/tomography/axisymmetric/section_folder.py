@@ -12,7 +12,7 @@ from lf_flame.errors import InputError
 from lf_flame.tomography.emission_folder import Colours
 
 RECORD = "abel.json"
-SECTION, SIGMA = "section.tif", "sigma.tif"
+SECTION, SIGMA, DRAWS = "section.tif", "sigma.tif", "draws.tif"
 
 
 @dataclass(frozen=True)
@@ -94,14 +94,29 @@ def read_sections(*folders: Path) -> tuple[Colours, Colours, list[float]]:
     return emissions, sigmas, [told.axis_depth_mm]
 
 
-def _read(folder: Path, name: str, record: SectionRecord) -> np.ndarray:
+def read_draws(*folders: Path) -> Colours | None:
+    """Read the draws of the half sections, (draws, 1, heights, radii); None if a folder has none.
+
+    Raises
+    ------
+    InputError
+        If a file was changed, or holds anything but finite numbers.
+    """
+    records = [load_record(SectionRecord, folder / RECORD) for folder in folders]
+    if not all(DRAWS in record.files for record in records):
+        return None
+    pairs = zip(folders, records, strict=True)
+    return tuple(_read(folder, DRAWS, record, axes=3)[0][:, np.newaxis] for folder, record in pairs)
+
+
+def _read(folder: Path, name: str, record: SectionRecord, axes: int = 2) -> np.ndarray:
     path = folder / name
     if name not in record.files:
         raise InputError(f"{folder} has no {name}; call lf-flame abel with --bootstrap 20.")
     if file_sha256(path) != record.files[name]:
         raise InputError(f"{path} is not the file that {RECORD} was written for.")
     stack = read_tiff(path)
-    if stack.ndim != 2 or stack.dtype != np.float32 or not np.isfinite(stack).all():
+    if stack.ndim != axes or stack.dtype != np.float32 or not np.isfinite(stack).all():
         raise InputError(
             f"{path} must hold a half section of finite float32, got shape {stack.shape} of "
             f"{stack.dtype}."

@@ -26,7 +26,6 @@ class _Round(NamedTuple):
     """Emission without error bars, in a round under way."""
 
     emission: np.ndarray
-    sigma: np.ndarray | None = None
 
 
 class _AbsorbingFit:
@@ -42,10 +41,12 @@ class _AbsorbingFit:
         looked: Looked,
         noise: float | None,
         strength: float | None,
-        seed: int,
+        seed: tuple[int, int],
     ):
         self._looked, self._noise, self._strength = looked, noise, strength
         self._rng = np.random.default_rng(seed)
+        # All colours draw the same prior.
+        self._prior_rng = np.random.default_rng(seed[0])
         self._operator = AxisymmetricOperator(looked.grid)
         self._fit = SectionFit(looked.grid, looked.views, noise, self._rng)
         self._thin = self._fit.solve(strength)
@@ -76,6 +77,7 @@ class _AbsorbingFit:
             stated=self._noise is not None,
             bootstrap=bootstrap,
             rng=self._rng,
+            prior_rng=self._prior_rng,
         )
         return replace(
             found,
@@ -118,7 +120,8 @@ def reconstruct_axisymmetric_soot(
     calibration : ColourCalibration
         Gains and spectral responses of the channels.
     absorbing : bool, optional
-        Whether the soot's own absorption is found and corrected; it needs absolute gains.
+        Whether the soot's own absorption is found and corrected. It needs gains that turn signals
+        into absolute radiance, as of a furnace's pictures with stated exposures.
     soot_exponent : float, optional
         Exponent a of soot's absorption, ``wavelength^-a``, from -1 to 5.
     noise, strength : float, optional
@@ -131,19 +134,41 @@ def reconstruct_axisymmetric_soot(
     Returns
     -------
     Soot
+        Emission of each colour without absorption, temperatures, and optical thickness.
 
     Raises
     ------
     InputError
         If light field, grid and calibration do not match, no cell has a temperature, or the flame
         is too thick.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from lf_flame import PAPER_CAMERA, LightField
+    >>> from lf_flame.tomography import ColourCalibration, SpectralResponses
+    >>> colours = SpectralResponses.single((550, 650), ("green", "red"))
+    >>> calibration = ColourCalibration(colours, np.ones(2), np.zeros(2), (1200.0, 2000.0))
+    >>> from lf_flame.tomography import AxisymmetricGrid, AxisymmetricOperator
+    >>> camera = replace(PAPER_CAMERA, views=3, lenslets=(24, 40))
+    >>> grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.5)
+    >>> soot = 0.02 * np.outer(np.ones(grid.shape[0]), np.exp(-4 * grid.radii_mm**2))
+    >>> glow = soot.ravel() * colours.soot(1800.0)[:, None]
+    >>> operator = AxisymmetricOperator(grid)
+    >>> views = [np.reshape(operator @ one, operator.dimsd) for one in glow]
+    >>> from lf_flame.tomography import reconstruct_axisymmetric_soot
+    >>> light_field = LightField(np.stack(views, axis=-1))
+    >>> found = reconstruct_axisymmetric_soot(light_field, grid, calibration, absorbing=False)
+    >>> round(float(found.temperatures.kelvin[12, 0]), -1)
+    1800.0
     """
     check_fit_options(noise, strength, bootstrap)
     fits = []
     for c, one in enumerate(split_colours(light_field, calibration)):
         looked = look_at(one, grid)
         check_range(looked.views, noise)
-        fits.append(_AbsorbingFit(looked, noise, strength, seed + c))
+        fits.append(_AbsorbingFit(looked, noise, strength, (seed, c)))
 
     def first(c: int) -> Emission:
         return fits[c].first()

@@ -30,16 +30,16 @@ export function command(metadata, state) {
 
 /** Lines of Python; JSON's strings are Python's. */
 export function python(metadata, state) {
-  const named = (name) => (name === "focused" ? "calibration" : name);
-  const options = Object.entries(metadata.reading).map(([name, x]) => `${named(name)}=${JSON.stringify(x)}`);
+  const { focused: calibration, ...given } = metadata.reading;
+  if (calibration) given.calibration = calibration;
+  const options = Object.entries(given).map(([name, x]) => `${name}=${JSON.stringify(x)}`);
   const called = [JSON.stringify(metadata.source), ...options].join(", ");
-  const focused = "focused" in metadata.reading;
-  const raw = !focused && ("white" in metadata.reading || "pitch" in metadata.reading);
-  const reader = focused ? "read_focused" : raw ? "read_raw" : "read_light_field";
+  const raw = given.white || given.pitch;
+  const reader = calibration ? "read_focused" : raw ? "read_raw" : "read_light_field";
   const lines = [
     `from lf_flame.formats import ${reader}`,
     "from lf_flame.refocus import refocus",
-    `light_field${raw ? ", _" : ""} = ${reader}(${called})`,
+    `light_field${reader === "read_raw" ? ", _" : ""} = ${reader}(${called})`,
   ];
   const all = state.overlay === "focus";
   let weights = "";

@@ -48,6 +48,13 @@ def rows(tmp_path_factory):
     return rows
 
 
+def test_raw_images_are_decoded_beside_their_rivals(tmp_path):
+    rows, _ = run("decoding", tmp_path)
+    assert [row["baseline"] for row in rows] == ["floor", "SciPy map_coordinates"]
+    assert float(rows[1]["correlation"]) > 0.999
+    assert all(float(row["ratio"]) > 0 for row in rows)
+
+
 @pytest.fixture(scope="module")
 def steps(tmp_path_factory):
     rows, _ = run("training", tmp_path_factory.mktemp("benchmarks"))

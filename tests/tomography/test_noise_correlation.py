@@ -1,0 +1,93 @@
+"""Noise that neighbouring views share, as after decoding, in error bars."""
+
+import numpy as np
+import pytest
+from own_rays import Lens, Sheet, record
+from scipy.ndimage import convolve1d
+
+from lf_flame import LightField, PlenopticCamera
+from lf_flame.tomography import (
+    AxisymmetricGrid,
+    AxisymmetricOperator,
+    FrustumGrid,
+    reconstruct,
+)
+from lf_flame.tomography.axisymmetric.section_fit import SectionFit
+from lf_flame.tomography.noise_correlation import correlation_factor
+
+KERNEL = np.array([0.25, 1.0, 0.25])
+
+
+def shared_noise(rng, shape):
+    """Noise of variance 1 that each view shares with its neighbours along v and u."""
+    v, u = shape[:2]
+    noise = rng.standard_normal((v + 2, u + 2, *shape[2:]))
+    for axis in (0, 1):
+        noise = convolve1d(noise, KERNEL / np.sqrt(np.sum(KERNEL**2)), axis)
+    return noise[1:-1, 1:-1]
+
+
+EVERY = np.ones((9, 9), bool)
+FLAME = 100.0 * np.pad(np.ones((8, 8)), ((10, 22), (20, 22)))
+
+
+def test_the_factor_is_that_of_a_mean_over_views(rng):
+    shape = (9, 9, 40, 50)
+    # Of a mean over an endless array of views: the kernel's sum over the root of its power.
+    wanted = np.sum(KERNEL) ** 2 / np.sum(KERNEL**2)
+    assert correlation_factor(FLAME + shared_noise(rng, shape), EVERY) == pytest.approx(
+        wanted, rel=0.1
+    )
+    white = rng.standard_normal(shape)
+    assert correlation_factor(FLAME + white, EVERY) == 1
+    beside = convolve1d(white, [1, 1], 3) / np.sqrt(2)
+    assert correlation_factor(FLAME + beside, EVERY) == pytest.approx(np.sqrt(2), rel=0.07)
+    # Views that do not count may hold anything.
+    some = EVERY.copy()
+    some[0] = False
+    worse = FLAME + white
+    worse[0] = worse[1]
+    assert correlation_factor(worse, some) == 1
+
+
+def test_light_is_no_correlation(rng):
+    y, x = np.mgrid[-1:1:40j, -1:1:50j]
+    faint = 1000 * np.exp(-8 * (x**2 + y**2))
+    assert correlation_factor(np.broadcast_to(faint, (9, 9, 40, 50)), EVERY) == 1
+    electrons = rng.poisson(5e-3 * np.broadcast_to(faint, (9, 9, 40, 50))).astype(float)
+    assert correlation_factor(electrons, EVERY) == 1
+    everywhere = 100 + shared_noise(rng, (9, 9, 40, 50))
+    assert correlation_factor(everywhere, EVERY) == 1
+
+
+def test_bars_of_a_section_are_wider_by_the_factor(rng):
+    camera = PlenopticCamera(
+        main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112, views=5, lenslets=(32, 36),
+    )  # fmt: skip
+    grid = AxisymmetricGrid(camera, axis_mm=0.0, depth_mm=0.0, radius_mm=1.0)
+    height, radius = np.meshgrid(grid.heights_mm, grid.radii_mm, indexing="ij")
+    glow = np.exp(-((height / 0.6) ** 2) - (radius / 0.4) ** 2)
+    views = (AxisymmetricOperator(grid) @ glow.ravel()).reshape(grid.view_shape)
+    bars = []
+    for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
+        fit = SectionFit(grid, (views + 0.02 * views.max() * noise).astype(np.float32), None, rng)
+        draws = fit.draw(fit.solve(0.1), 20, rng)
+        bars.append(draws.std(axis=0)[glow > 0.3].mean())
+    assert bars[1] / bars[0] == pytest.approx(np.sum(KERNEL) ** 2 / np.sum(KERNEL**2), rel=0.15)
+
+
+def test_bars_of_planes_are_wider_by_the_factor(rng):
+    lens = Lens(views=5, lenslets=(48, 56))
+    camera = PlenopticCamera(
+        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus,
+        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, views=5,
+        lenslets=lens.lenslets,
+    )  # fmt: skip
+    grid = FrustumGrid(camera, [4.0])
+    views = record(lens, [Sheet(4.0, (0.0, 0.0), (0.6, 0.6))])
+    errors = []
+    for noise in (rng.standard_normal(views.shape), shared_noise(rng, views.shape)):
+        light_field = LightField(views + 0.02 * noise)
+        errors.append(reconstruct(light_field, grid, strength=0.1).sigma_linear[0])
+    assert errors[1] / errors[0] == pytest.approx(np.sum(KERNEL) ** 2 / np.sum(KERNEL**2), rel=0.1)
