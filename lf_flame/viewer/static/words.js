@@ -30,8 +30,8 @@ export function command(metadata, state) {
 
 /** Lines of Python; JSON's strings are Python's. */
 export function python(metadata, state) {
-  const { focused: calibration, ...given } = metadata.reading;
-  if (calibration) given.calibration = calibration;
+  const { focused: calibration, ...others } = metadata.reading;
+  const given = calibration ? { calibration, ...others } : others;
   const options = Object.entries(given).map(([name, x]) => `${name}=${JSON.stringify(x)}`);
   const called = [JSON.stringify(metadata.source), ...options].join(", ");
   const raw = given.white || given.pitch;
