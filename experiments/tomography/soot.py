@@ -205,8 +205,26 @@ COLUMNS = {
     "held": ("in 95 % bars", ".0%"),
     "thickness": ("thickness / true", ".2f"),
     "warnings": ("warnings", "d"),
-    "seconds": ("seconds", ".1f"),
 }
+
+
+def body(record: dict) -> list[str]:
+    """Text and table of a record."""
+    held = record["bars"]
+    return [
+        f"One raw image of {LENSLETS[0] * rays.UNDER} x {LENSLETS[1] * rays.UNDER} pixels behind a "
+        f"round lens and a colour filter array (rggb, three overlapping bands of 67 nm at half "
+        f"height), with noise relative to the brightest pixel, 12 bits, and a furnace at "
+        f"{FURNACE_K[0]:g} to {FURNACE_K[-1]:g} K for calibration. Traced by rays that share "
+        f"nothing with the reconstruction. Temperatures count where emission in "
+        f"red is above {LIT:.0%} of its peak. One draw of the noise; noise {NOISE:.0%} where "
+        f"nothing else is said; {BARS} bootstrap draws of three colours.",
+        markdown(record["rows"], COLUMNS),
+        f"Over {held['draws']} draws of the noise of the first flame, bars of 95 % (1.96 standard "
+        f"deviations) hold the true temperature in {held['held']:.1%} (standard error "
+        f"{held['standard_error']:.1%}); the error is {held['rms_K']:.1f} K in the mean.",
+        "No real flame has been measured.",
+    ]
 
 
 def run_soot(out: Path, seed: int, draws: int) -> Path:
@@ -216,23 +234,9 @@ def run_soot(out: Path, seed: int, draws: int) -> Path:
         rows += [asdict(row) for row in measure(case, rng)]
     held = count_held(draws, rng)
     record = {"rows": rows, "bars": held, "seed": seed, "wall_s": time.perf_counter() - began}
-    body = [
-        f"One raw image of {LENSLETS[0] * rays.UNDER} x {LENSLETS[1] * rays.UNDER} pixels behind a "
-        f"round lens and a colour filter array (rggb, three overlapping bands of 67 nm at half "
-        f"height), with noise relative to the brightest pixel, 12 bits, and a furnace at "
-        f"{FURNACE_K[0]:g} to {FURNACE_K[-1]:g} K for calibration. Traced by rays that share "
-        f"nothing with the reconstruction. Temperatures count where emission in "
-        f"red is above {LIT:.0%} of its peak. One draw of the noise; noise {NOISE:.0%} where "
-        f"nothing else is said. Seconds with {BARS} bootstrap draws of three colours.",
-        markdown(rows, COLUMNS),
-        f"Over {held['draws']} draws of the noise of the first flame, bars of 95 % (1.96 standard "
-        f"deviations) hold the true temperature in {held['held']:.1%} (standard error "
-        f"{held['standard_error']:.1%}); the error is {held['rms_K']:.1f} K in the mean.",
-        "No real flame has been measured.",
-    ]
     pictures = {"soot": soot_figure(seed)}
     title = "Temperature of sooty flames from one exposure"
-    return write_report(out, "soot", title, record, body, pictures=pictures)
+    return write_report(out, "soot", title, record, body(record), pictures=pictures)
 
 
 def soot_figure(seed: int):

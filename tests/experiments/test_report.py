@@ -12,7 +12,7 @@ from experiments.paths import REFERENCE
 from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
-BENCHMARKS = ("busy", "busy_passive", "installing", "refocusing", "speed", "starting", "training",
+BENCHMARKS = ("busy", "busy_passive", "decoding", "installing", "refocusing", "speed", "starting", "training",
               "viewer")  # fmt: skip
 
 
@@ -69,6 +69,7 @@ REMADE = {
     ),
     "compare/compare": compare,
     **{f"tomography/{name}": lambda name=name: emission(name) for name in EMISSION},
+    "tomography/soot": lambda: body("tomography.soot", "tomography/soot"),
     "effects/absolute": lambda: body("effects.report", "effects/absolute"),
     "hard_cases/hard_cases": lambda: body("hard_cases.report", "hard_cases/hard_cases"),
     "slope_maps/slope_maps": lambda: body("slope_maps.report", "slope_maps/slope_maps"),
