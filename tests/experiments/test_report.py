@@ -12,8 +12,10 @@ from experiments.paths import REFERENCE
 from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
-BENCHMARKS = ("busy", "busy_passive", "decoding", "installing", "refocusing", "speed", "starting", "training",
-              "viewer")  # fmt: skip
+BENCHMARKS = (
+    "busy", "busy_passive", "decoding", "installing", "refocusing", "speed", "starting", "training",
+    "viewer",
+)  # fmt: skip
 
 
 EMISSION = ("emission", "bars", "networks")
