@@ -95,7 +95,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
         soot_exponent=soot_exponent,
     )
     with output_folder(out or Path("temperature") / folders[0].name, RECORD) as folder:
-        notes = temperature_notes(found, every, colours)
+        notes = temperature_notes(found, every, colours, soot_exponent)
         write_temperature(found, depths, folder, absolute=calibration_file is not None)
         folder.facts |= {
             "folders": [recorded_path(one, folder.folder) for one in every],

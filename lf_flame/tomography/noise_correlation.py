@@ -24,8 +24,8 @@ NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
 def correlation_factor(views: np.ndarray, counted: np.ndarray) -> float:
     """Factor by which correlation raises the standard deviation of sums of a light field's noise.
 
-    It is measured where the field is dark, in differences of neighbouring pixels, so that faint
-    light does not count, and as the product of a factor of the views and one of the pixels.
+    It is measured where the field is dark, in second differences of neighbouring pixels, so that
+    faint light does not count, and as the product of a factor of the views and one of the pixels.
 
     Parameters
     ----------
@@ -70,14 +70,12 @@ def correlation_factor(views: np.ndarray, counted: np.ndarray) -> float:
 
 
 class _Differences:
-    """Differences of neighbours along an axis, where both are known, and their correlation."""
+    """Second differences along an axis, where all three are known, and their correlation."""
 
     def __init__(self, views: np.ndarray, known: np.ndarray, axis: int):
-        first, second = ([slice(None)] * 4 for _ in range(2))
-        first[axis], second[axis] = slice(None, -1), slice(1, None)
-        one, other = tuple(first), tuple(second)
-        self._known = known[one] & known[other]
-        self._values = np.where(self._known, views[other] - views[one], 0).astype(np.float32)
+        every = np.moveaxis(known, axis, 0)
+        self._known = np.moveaxis(every[:-2] & every[1:-1] & every[2:], 0, axis)
+        self._values = np.where(self._known, np.diff(views, 2, axis), 0).astype(np.float32)
         count = max(int(np.count_nonzero(self._known)), 1)
         self.variance = float(np.sum(np.square(self._values, dtype=np.float64))) / count
 

@@ -27,6 +27,10 @@ from lf_flame.tomography.pyrometry import (
 RECORD = "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"
 
+UNSURE_EXPONENT = 0.3
+"""Error of the exponent of soot's absorption whose effect is told; measured exponents of flames
+spread by more."""
+
 MOST_MISFIT = 4.0
 """Largest chi-squared of the median cell without a note."""
 
@@ -45,7 +49,10 @@ class SourceRecord:
 
 
 def temperature_notes(
-    found: Temperatures, folders: Iterable[Path], calibration: ColourCalibration
+    found: Temperatures,
+    folders: Iterable[Path],
+    calibration: ColourCalibration,
+    soot_exponent: float,
 ) -> list[str]:
     """List the assumptions behind the temperatures, one or two sentences each."""
     notes = []
@@ -79,6 +86,13 @@ def temperature_notes(
             f"spectral responses, the gains, --soot-exponent, and whether a colour is saturated or "
             f"holds light of another source, such as a blue flame."
         )
+    other = soot_exponent + UNSURE_EXPONENT
+    change = _exponent_error(found, calibration, soot_exponent, other)
+    notes.append(
+        f"Soot is taken to absorb as wavelength^-{soot_exponent:g}. With {other:g} instead "
+        f"(--soot-exponent), temperatures would differ by about {change:+.0f} K; {SIGMA_FILE} does "
+        f"not hold this."
+    )
     error = _gain_error(found, calibration)
     if error > 1:
         notes.append(
@@ -86,6 +100,18 @@ def temperature_notes(
             f"same in all cells, which {SIGMA_FILE} does not hold."
         )
     return notes
+
+
+def _exponent_error(
+    found: Temperatures, calibration: ColourCalibration, exponent: float, other: float
+) -> float:
+    """Find by how many K another exponent changes the median temperature of thin soot."""
+    kelvin = float(np.nanmedian(found.kelvin))
+    light = calibration.gains * calibration.responses.soot(kelvin, exponent)
+    alike = soot_temperature(
+        list(light), calibration.responses, gains=calibration.gains, soot_exponent=other
+    )
+    return float(alike.kelvin) - kelvin
 
 
 def _gain_error(found: Temperatures, calibration: ColourCalibration) -> float:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 
 import numpy as np
 import pytest
@@ -64,6 +65,13 @@ def test_sections_of_abel_have_their_temperatures(colours, tmp_path):
     assert f"{HEIGHTS * RADII - 1} of {HEIGHTS * RADII} cells have a temperature" in result.output
     assert "single wavelength" in result.output
     assert "(Bayer), temperatures are off by tens to hundreds of kelvin" in result.output
+    # Wien: d(1 / T) = da ln(l2 / l1) / (c2 (1 / l1 - 1 / l2)), at 1,775 K -41 K for da = 0.3.
+    told = re.search(
+        r"With 1.3 instead .*, temperatures would differ by about (-\d+) K", result.output
+    )
+    by_wien = 0.3 * np.log(650 / 550) / (1.4388e7 * (1 / 550 - 1 / 650))
+    middle = np.median(kelvin_of_nodes())
+    assert int(told[1]) == pytest.approx(1 / (1 / middle + by_wien) - middle, abs=1)
     found = tifffile.imread(out / "temperature.tif").reshape(HEIGHTS, RADII)
     truth = kelvin_of_nodes()
     truth[0, -1] = np.nan

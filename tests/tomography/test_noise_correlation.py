@@ -56,6 +56,9 @@ def test_light_is_no_correlation(rng):
     assert correlation_factor(np.broadcast_to(faint, (9, 9, 40, 50)), EVERY) == 1
     electrons = rng.poisson(5e-3 * np.broadcast_to(faint, (9, 9, 40, 50))).astype(float)
     assert correlation_factor(electrons, EVERY) == 1
+    # Light of a wide flame that is as faint as the noise, and not white.
+    noisy = np.broadcast_to(faint, (9, 9, 40, 50)) + 4 * rng.standard_normal((9, 9, 40, 50))
+    assert correlation_factor(noisy, EVERY) == 1
     everywhere = 100 + shared_noise(rng, (9, 9, 40, 50))
     assert correlation_factor(everywhere, EVERY) == 1
 
