@@ -58,6 +58,7 @@ def write_soot(
                 "source": recorded_path(source, folder.folder),
                 "colour": name,
                 "call": call,
+                "warnings": list(found.warnings),
                 "greatest_optical_thickness": float(soot.total_thickness[number]),
             }
         for warning in found.warnings:

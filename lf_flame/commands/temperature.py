@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +85,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     every = _colour_folders(folders, colours.responses.names)
     read = read_sections if any(map(is_section, every)) else read_emissions
     emissions, sigmas, depths = read(*every)
+    _check_order(every, colours.responses.names)
     # Colours of one call are drawn together.
     together = len(folders) == 1 and all(map(is_section, every))
     found = soot_temperature(
@@ -103,6 +105,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
             "gains": colours.gains.tolist(),
             "wavelengths_nm": wavelengths,
             "soot_exponent": soot_exponent,
+            "unit_of_optical_thickness": "per mm" if is_section(every[0]) else "of each plane",
             "notes": notes,
         }
     known = int((found.kelvin > 0).sum())  # NaN is not
@@ -119,19 +122,32 @@ class _ColourRecord:
     """Content of the record of a colour on the call that made it."""
 
     call: str | None = None
+    colour: str | None = None
 
 
-def _check_one_call(folder: Path, inside: list[Path]) -> None:
-    """Refuse colours of two calls, as one that was killed leaves them."""
+def _record(folder: Path) -> _ColourRecord:
     from lf_flame._common.config import load_record
     from lf_flame.tomography import emission_folder
     from lf_flame.tomography.axisymmetric import section_folder
 
-    calls = set()
-    for one in inside:
-        kind = section_folder if section_folder.is_section(one) else emission_folder
-        calls.add(load_record(_ColourRecord, one / kind.RECORD).call)
-    if len(calls) > 1:
+    kind = section_folder if section_folder.is_section(folder) else emission_folder
+    return load_record(_ColourRecord, folder / kind.RECORD)
+
+
+def _check_order(folders: list[Path], names: Sequence[str]) -> None:
+    """Refuse folders that are not in the order of the calibration's colours, as far as they say."""
+    for folder, name in zip(folders, names, strict=True):
+        stated = _record(folder).colour
+        if stated not in (None, name):
+            raise InputError(
+                f"{folder} holds the colour {stated}, but the folders must be in the order of the "
+                f"calibration, {', '.join(names)}."
+            )
+
+
+def _check_one_call(folder: Path, inside: list[Path]) -> None:
+    """Refuse colours of two calls, as one that was killed leaves them."""
+    if len({_record(one).call for one in inside}) > 1:
         raise InputError(
             f"The colours in {folder} are not of one call of lf-flame reconstruct or lf-flame abel "
             f"with --colours, which may have been interrupted: call it again."

@@ -164,7 +164,8 @@ def solve_soot(
         raise InputError(
             f"The flame's optical thickness must be at most {MOST_THICKNESS:g} in each colour, and "
             f"comes out at {totals.max():.2g} or more in {name}: hardly any light leaves from "
-            f"behind, or the gains of the calibration are too small."
+            f"behind; or the flame was exposed longer than the furnace (--exposure of "
+            f"calibrate-colours), or the colours are in another order than the channels."
         )
     colours = tuple(steps.finish(c, thickness[c], found[c]) for c in range(count))
     temperatures = temperatures_of(colours, calibration, soot_exponent)
@@ -301,15 +302,15 @@ def _thickness(
         list(light), calibration.responses, gains=calibration.gains, soot_exponent=soot_exponent
     ).kelvin
     bright = light.sum(axis=0)
-    known = np.isfinite(kelvin) & (bright > 0)
+    known = np.isfinite(kelvin) & (bright > bright.max() / 5)
     if not known.any():
         raise InputError(
-            "No cell has a temperature: the ratios of the colours are not those of soot, see "
-            "whether the calibration's colours are in the order of the channels."
+            "No bright cell has a temperature: the ratios of the colours are not those of soot. "
+            "See whether the calibration's colours are in another order than the channels."
         )
     # Faint cells hold little soot; they count as being as hot as the flame's bright part.
-    typical = float(np.median(kelvin[known & (bright > bright.max() / 5)]))
-    faint = ~known | (bright < bright.max() / 20)
+    typical = float(np.median(kelvin[known]))
+    faint = ~np.isfinite(kelvin) | (bright < bright.max() / 20)
     kelvin = np.where(faint, typical, kelvin)
     shape = (-1, *[1] * kelvin.ndim)
     black = calibration.gains.reshape(shape) * calibration.responses.black_body(kelvin)

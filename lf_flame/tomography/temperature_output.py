@@ -43,9 +43,12 @@ class SourceRecord:
     ----------
     notes : list of str, optional
         Notes on how it was read.
+    warnings : list of str, optional
+        Warnings of its fit.
     """
 
     notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 def temperature_notes(
@@ -63,6 +66,11 @@ def temperature_notes(
         record = load_record(SourceRecord, folder / kind.RECORD)
         if any(CODED in note for note in record.notes):
             notes.append(f"{folder} was made of files that are not made for measuring. {CODED}")
+        if record.warnings:
+            notes.append(
+                f"The fit of {folder} has {len(record.warnings)} warnings, see its {kind.RECORD}: "
+                f"what they say of emission holds for its temperature."
+            )
     known = np.isfinite(found.kelvin)
     if not known.any():
         notes.append(

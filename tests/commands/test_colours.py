@@ -24,6 +24,7 @@ lenslet_pitch_mm = {LENS.pitch}
 views = {LENS.views}
 lenslets = [{LENS.lenslets[0]}, {LENS.lenslets[1]}]
 """
+CALIBRATION = "--colours", "colours/colours.toml"
 # Two narrow filters: triangles of 2 nm, whose area is 1 nm.
 RESPONSES = """wavelength_nm,blue,red
 478,0,0
@@ -82,6 +83,11 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     red = Path("abel/flame/red/abel.json")
     for folder in ("colours", "abel/flame/blue", "temperature/flame"):
         run("verify", folder)
+    wrong = run("temperature", "abel/flame/red", "abel/flame/blue", *CALIBRATION, code=1)
+    assert "abel/flame/red holds the colour red" in str(wrong.exception)
+    np.savez("swapped.npz", views=views[..., ::-1])
+    swapped = run("abel", "swapped.npz", *where, *CALIBRATION, "--bootstrap", 0, code=1)
+    assert "in another order than the channels" in str(swapped.exception)
     # A call that was killed between two colours.
     record_of_another = red.read_text().replace(json.loads(red.read_text())["call"], "another")
     red.write_text(record_of_another)
