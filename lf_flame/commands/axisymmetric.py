@@ -10,7 +10,13 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import COLOURS_HELP, THIN_HELP, refuse_thin, write_soot
+from lf_flame.commands.colour_fits import (
+    COLOURS_HELP,
+    EXPONENT_HELP,
+    THIN_HELP,
+    soot_options,
+    write_soot,
+)
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -79,6 +85,7 @@ FITTING = cloup.option_group(
     cloup.option("--seed", type=SEED, default=0, show_default=True, help="Seed of those draws."),
     cloup.option("--colours", type=FILE, help=COLOURS_HELP),
     cloup.option("--thin", is_flag=True, help=THIN_HELP),
+    cloup.option("--soot-exponent", type=float, help=EXPONENT_HELP),
 )
 
 
@@ -132,7 +139,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     out, seed = options.pop("out"), options.pop("seed")
     colours, thin = options.pop("colours"), options.pop("thin")
-    refuse_thin(colours, thin)
+    of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
     calibration = read_colours(colours) if colours else None
     light_field = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
@@ -154,8 +161,9 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         _fit_grey(light_field, grid, axis, out, facts, options)
         return
     soot = reconstruct_axisymmetric_soot(
-        light_field, grid, calibration, absorbing=not thin, seed=seed, **options
+        light_field, grid, calibration, **of_soot, seed=seed, **options
     )
+    facts |= of_soot
     lights = split_colours(light_field, calibration)
     names = calibration.responses.names
 

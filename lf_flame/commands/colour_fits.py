@@ -21,16 +21,23 @@ COLOURS_HELP = (
     "folder for each."
 )
 
+EXPONENT_HELP = (
+    "With --colours: exponent a of soot's absorption, wavelength^-a, from -1 to 5 (default: 1)."
+)
+
 THIN_HELP = (
     "With --colours: take the flame for optically thin, as with a calibration whose gains are not "
     "absolute."
 )
 
 
-def refuse_thin(colours: Path | None, thin: bool) -> None:
-    """Refuse --thin without --colours."""
-    if thin and colours is None:
-        raise InputError("--thin goes with --colours, and without it no absorption is found.")
+def soot_options(colours: Path | None, thin: bool, exponent: float | None) -> dict[str, Any]:
+    """Options of the fit of soot; --thin and --soot-exponent are refused without --colours."""
+    if colours is None:
+        for name, given in (("--thin", thin), ("--soot-exponent", exponent is not None)):
+            if given:
+                raise InputError(f"{name} goes with --colours, without which no soot is fitted.")
+    return {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
 
 
 def write_soot(

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--soot-exponent",
-    default=1.0,
-    show_default=True,
-    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5.",
+    type=float,
+    help="Exponent a of soot's absorption, wavelength^-a; from -1 to 5 (default: that of the "
+    "folder, or 1).",
 )
 @click.option(
     "--calibration",
@@ -86,6 +86,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     read = read_sections if any(map(is_section, every)) else read_emissions
     emissions, sigmas, depths = read(*every)
     _check_order(every, colours.responses.names)
+    soot_exponent = _exponent(every, soot_exponent)
     # Colours of one call are drawn together.
     together = len(folders) == 1 and all(map(is_section, every))
     found = soot_temperature(
@@ -123,6 +124,8 @@ class _ColourRecord:
 
     call: str | None = None
     colour: str | None = None
+    absorbing: bool = False
+    soot_exponent: float | None = None
 
 
 def _record(folder: Path) -> _ColourRecord:
@@ -132,6 +135,20 @@ def _record(folder: Path) -> _ColourRecord:
 
     kind = section_folder if section_folder.is_section(folder) else emission_folder
     return load_record(_ColourRecord, folder / kind.RECORD)
+
+
+def _exponent(folders: list[Path], stated: float | None) -> float:
+    """Exponent as stated, or with which the absorption was found; both must agree."""
+    record = _record(folders[0])
+    used = record.soot_exponent
+    if stated is None:
+        return 1.0 if used is None else used
+    if record.absorbing and used is not None and used != stated:
+        raise InputError(
+            f"--soot-exponent must be that with which the absorption in {folders[0]} was found, "
+            f"{used:g}, got {stated:g}: call lf-flame reconstruct or lf-flame abel with it."
+        )
+    return stated
 
 
 def _check_order(folders: list[Path], names: Sequence[str]) -> None:

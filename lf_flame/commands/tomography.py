@@ -9,7 +9,13 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.colour_fits import COLOURS_HELP, THIN_HELP, refuse_thin, write_soot
+from lf_flame.commands.colour_fits import (
+    COLOURS_HELP,
+    EXPONENT_HELP,
+    THIN_HELP,
+    soot_options,
+    write_soot,
+)
 from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
@@ -148,6 +154,7 @@ FITTING = cloup.option_group(
     ),
     cloup.option("--colours", type=FILE, help=COLOURS_HELP),
     cloup.option("--thin", is_flag=True, help=THIN_HELP),
+    cloup.option("--soot-exponent", type=float, help=EXPONENT_HELP),
 )
 
 
@@ -211,7 +218,7 @@ def reconstruct(
         )
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
-    refuse_thin(colours, thin)
+    of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
     if colours and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
     calibration = read_colours(colours) if colours else None
@@ -222,12 +229,11 @@ def reconstruct(
     if l_curve:
         options["penalty"] = Roughness(whole_curve=True)
     if calibration is not None:
-        soot = reconstruct_soot(
-            light_field, grid, calibration, absorbing=not thin, seed=seed, **options
-        )
+        soot = reconstruct_soot(light_field, grid, calibration, **of_soot, seed=seed, **options)
         lights = split_colours(light_field, calibration)
         names = calibration.responses.names
         facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes}
+        facts |= of_soot
         write_soot(soot, lights, names, out, RECORD, write_reconstruction, source, facts)
         return
     with output_folder(out, RECORD) as folder:

@@ -91,7 +91,7 @@ class ColourCalibration:
         """Give the calibration as a TOML file, which `read_colours` reads."""
         responses = self.responses
         rows = ",\n  ".join(_numbers(curve) for curve in responses.values)
-        names = ", ".join(f'"{_plain(name)}"' for name in responses.names)
+        names = ", ".join(f'"{name}"' for name in responses.names)
         return (
             f"[{TABLE}]\n"
             f"names = [{names}]\n"
@@ -273,8 +273,3 @@ def read_colours(path: str | Path) -> ColourCalibration:
 
 def _numbers(values: ArrayLike) -> str:
     return f"[{', '.join(repr(float(value)) for value in np.asarray(values))}]"
-
-
-def _plain(name: str) -> str:
-    """Leave out of a name what a TOML string cannot hold as it is."""
-    return "".join(letter for letter in name if letter.isprintable() and letter not in '"\\')

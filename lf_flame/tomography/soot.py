@@ -89,7 +89,7 @@ class Soot(Generic[Found]):
 
 @dataclass(frozen=True)
 class Steps(Generic[Found]):
-    """What the rounds need of a geometry.
+    """Fits and sums of one geometry that the rounds call.
 
     Attributes
     ----------

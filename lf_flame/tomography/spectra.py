@@ -7,6 +7,7 @@ equation of transfer and on particulate media).
 """
 
 import csv
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,9 @@ LEAST_EXPONENT, MOST_EXPONENT = -1.0, 5.0
 STEP_NM, GAUSS_POINTS = 10.0, 3
 """Largest step of the integration over a curve, and number of points in it."""
 
+PLAIN_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 _.-]{0,38}[A-Za-z0-9_-])?")
+"""Names of colours: results of each lie in a folder of its name, so no name may be a path."""
+
 MOST_ROWS = 20_000
 """Largest number of wavelengths of a curve."""
 
@@ -46,7 +50,7 @@ class SpectralResponses:
     Parameters
     ----------
     names : tuple of str
-        Name of each colour, in the order of the camera's channels.
+        Name of each colour, in the order of the camera's channels; plain and all different.
     wavelengths_nm : array_like, shape (n,)
         Wavelengths in nm, increasing, from 100 to 100,000.
     values : array_like, shape (colours, n)
@@ -96,7 +100,14 @@ class SpectralResponses:
                 f"Responses must be finite, 0 or above, got values from {values.min():g} to "
                 f"{values.max():g}."
             )
+        if len({name.casefold() for name in names}) < len(names):
+            raise InputError(f"Colours must have different names, got {', '.join(names)!r}.")
         for name, curve in zip(names, values, strict=True):
+            if not PLAIN_NAME.fullmatch(name):
+                raise InputError(
+                    f"The name of a colour must be 1 to 40 letters, digits, spaces, -, _ or dots "
+                    f"after a first letter or digit, as it names a folder, got {name[:80]!r}."
+                )
             if not curve.any():
                 raise InputError(f"The colour {name!r} responds to no wavelength.")
         for name, value in (("names", names), ("wavelengths_nm", lengths), ("values", values)):

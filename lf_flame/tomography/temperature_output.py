@@ -101,7 +101,7 @@ def temperature_notes(
         f"(--soot-exponent), temperatures would differ by about {change:+.0f} K; {SIGMA_FILE} does "
         f"not hold this."
     )
-    error = _gain_error(found, calibration)
+    error = _gain_error(found, calibration, soot_exponent)
     if error > 1:
         notes.append(
             f"The errors of the calibration's gains add a standard deviation of {error:.0f} K, the "
@@ -122,15 +122,19 @@ def _exponent_error(
     return float(alike.kelvin) - kelvin
 
 
-def _gain_error(found: Temperatures, calibration: ColourCalibration) -> float:
+def _gain_error(found: Temperatures, calibration: ColourCalibration, exponent: float) -> float:
     """Find the standard deviation in K of the median temperature due to the errors of the gains."""
     kelvin = float(np.nanmedian(found.kelvin))
-    light = calibration.gains * calibration.responses.soot(kelvin)
+    light = calibration.gains * calibration.responses.soot(kelvin, exponent)
     if not calibration.relative_errors.any():
         return 0.0
     errors = np.minimum(calibration.relative_errors, 0.3) * light
     alike = soot_temperature(
-        list(light), calibration.responses, sigmas=list(errors), gains=calibration.gains
+        list(light),
+        calibration.responses,
+        sigmas=list(errors),
+        gains=calibration.gains,
+        soot_exponent=exponent,
     )
     return 0.0 if alike.sigma is None else float(alike.sigma)
 

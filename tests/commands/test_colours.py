@@ -83,6 +83,10 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     red = Path("abel/flame/red/abel.json")
     for folder in ("colours", "abel/flame/blue", "temperature/flame"):
         run("verify", folder)
+    other = run("temperature", "abel/flame", *CALIBRATION, "--soot-exponent", 1.4, code=1)
+    assert "with which the absorption in abel/flame/blue was found, 1, got 1.4" in str(
+        other.exception
+    )
     wrong = run("temperature", "abel/flame/red", "abel/flame/blue", *CALIBRATION, code=1)
     assert "abel/flame/red holds the colour red" in str(wrong.exception)
     np.savez("swapped.npz", views=views[..., ::-1])
@@ -119,6 +123,8 @@ def test_what_does_not_go_with_colours_is_refused(furnace, tmp_path):
     words = ["abel", "grey.npz", "--camera", "camera.toml", "--axis-depth", 0]
     grey = run(*words, "--colours", "colours/colours.toml", code=1)
     assert "a channel for each of the calibration's 2 colours" in str(grey.exception)
+    alone = run(*words, "--soot-exponent", 1.4, code=1)
+    assert "--soot-exponent goes with --colours" in str(alone.exception)
     assert "--thin goes with --colours" in str(run(*words, "--thin", code=1).exception)
     colours = ["--colours", "colours/colours.toml"]
     both = run("temperature", "colours", *colours, "--wavelengths", 500, 600, code=1)
