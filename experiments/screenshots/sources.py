@@ -14,7 +14,7 @@ from lf_flame.formats import write_light_field
 from lf_flame.lightfield import LightField
 from lf_flame.scenes.dead_leaves import DeadLeaves
 
-SCENE = EXPERIMENTS.parent / "data_gen" / "scenes" / "example.toml"
+SCENES = EXPERIMENTS.parent / "data_gen" / "scenes"
 
 PROGRAM = (sys.executable, "-m", "lf_flame")
 
@@ -28,16 +28,24 @@ SHOWN = {
         ["simulated/light_field.npz", "--camera=simulated/simulation.json"],
         "#slope=-2.08&shape=round&width=0.9",
     ),
+    "viewer_emission.png": (["emission"], ""),
 }
 """What `lf-flame view` is called with for each picture, and the state in the address."""
 
 
 def make_sources(folder: Path) -> None:
-    """Make a folder of views in colour, and a simulated scene with its lenslet image."""
+    """Make views in colour, a simulated scene with its lenslet image, and emission by depth."""
     leaves = DeadLeaves(leaves=250, smallest=6.0).draw((9, 9), (200, 300), np.random.default_rng(3))
     colours = leaves.views.clip(0, 1)[..., None] ** np.float32(TINT)
     write_light_field(LightField(colours), folder / "views", 8)
-    words = ["simulate", str(SCENE), "--out", "simulated"]
+    _run(folder, "simulate", str(SCENES / "example.toml"), "--out", "simulated")
+    _run(folder, "simulate", str(SCENES / "flames_by_depth.toml"), "--out", "flames")
+    depths = ("--depths", "-14", "24", "2")
+    camera = ("--camera", "flames/simulation.json")
+    _run(folder, "reconstruct", "flames/light_field.npz", *camera, *depths, "--out", "emission")
+
+
+def _run(folder: Path, *words: str) -> None:
     subprocess.run([*PROGRAM, *words], cwd=folder, capture_output=True, check=True)
 
 

@@ -20,7 +20,7 @@ NEAR, FAR = (DEMO_CAMERA.depth_to_slope(depth) for depth in (BURNER_MM, WALL_MM)
 
 SERVED = {
     "viewer_near.png": f"#slope={NEAR}",
-    "viewer_far.png": f"#slope={FAR}&gain=1.5",
+    "viewer_far.png": f"#slope={FAR}&gain=1.5&colours=inferno",
     "viewer_slope_map.png": f"#slope={FAR}&overlay=slope&opacity=0.7",
 }
 """Pictures of the served page, and the address of each."""
@@ -36,7 +36,7 @@ CELLS = [
 ]
 """Of the notebook."""
 
-PLACE = {"x": 350, "y": 430}
+PLACE = {"x": 350, "y": 400}
 """Of the pointer, in the picture."""
 
 
@@ -86,7 +86,7 @@ def _written(exhibit: Exhibit) -> Iterator[str]:
 
 
 def _take(browser, url: str, path: Path) -> None:
-    page = browser.new_page(viewport={"width": 1100, "height": 720})
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.goto(url)
     page.wait_for_function("() => globalThis.lfViewer")
     page.evaluate("() => lfViewer.ready.then(() => lfViewer.drawn())")

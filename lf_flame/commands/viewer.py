@@ -85,14 +85,15 @@ MAKING = cloup.option_group(
 def view(source, slopes, no_map, title, camera, interpolation, network, **options) -> None:
     """Look at a light field in the browser: drag its focus, its aperture, its viewpoint.
 
-    SOURCE is read as by `lf-flame refocus`. This machine serves the page to itself alone, until
-    Ctrl-C.
+    SOURCE is read as by `lf-flame refocus`, or is a folder of `lf-flame reconstruct`, through whose
+    depth planes one drags. This machine serves the page to itself alone, until Ctrl-C.
 
     \b
       lf-flame view buddha                             a folder of views
       lf-flame view raw.png --white white.png          any plenoptic camera
       lf-flame view buddha --single-file buddha.html   to be mailed, or put on any site
       lf-flame view buddha --network RUN               each picture by a trained network
+      lf-flame view results/emission                   emission, plane by plane
     """  # noqa: D301 - click reads the backspace
     from lf_flame.calibration import read_lens
     from lf_flame.viewer.exhibit import Exhibit
@@ -100,8 +101,12 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     beside = (options[name] for name in ("white", "dark", "focused"))
     _check_single_file(options["single_file"], (source, camera, *beside))
     _check_making(options["single_file"], network, interpolation)
-    lens = read_lens(camera) if camera else None
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
+    if is_emission(source):
+        _refuse_given(reading.given() | {"slopes": slopes, "camera": camera, "network": network})
+        show(emission_exhibit(source, title), **options)
+        return
+    lens = read_lens(camera) if camera else None
     system = open_network(network)
     reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
@@ -121,6 +126,44 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
         network_source=str(network) if network else None,
     )
     show(exhibit, **options)
+
+
+def is_emission(source: Path) -> bool:
+    """Whether a path is a folder of `lf-flame reconstruct`."""
+    from lf_flame.tomography.emission_folder import RECORD
+
+    return (source / RECORD).is_file()
+
+
+def emission_exhibit(source: Path, title: str | None) -> "Exhibit":
+    """Show a folder of `lf-flame reconstruct`, its planes in the order of their depths."""
+    import numpy as np
+
+    from lf_flame.lightfield import LightField
+    from lf_flame.tomography import EmissionFolder
+    from lf_flame.viewer.exhibit import Exhibit
+
+    folder = EmissionFolder(source)
+    order = np.argsort(folder.depths_mm)
+    depths, emission = np.array(folder.depths_mm)[order], folder.emission()[order]
+    brightest = depths[np.argmax(emission.sum(axis=(1, 2)))]
+    return Exhibit(
+        LightField(emission[None]),
+        title or f"{source.resolve().name}: emission by depth",
+        (depths[0], depths[-1]),
+        brightest,
+        with_map=False,
+        depths_mm=depths.tolist(),
+    )
+
+
+def _refuse_given(options: dict) -> None:
+    """Refuse options that do not apply to planes of emission."""
+    asked = [name for name, value in options.items() if value is not None]
+    if asked:
+        raise InputError(
+            f"--{asked[0].replace('_', '-')} does not apply to planes of `lf-flame reconstruct`."
+        )
 
 
 def _check_making(single_file: Path | None, network: Path | None, interpolation: str) -> None:

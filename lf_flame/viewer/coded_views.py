@@ -64,7 +64,9 @@ def shown_white(light_field: LightField) -> float:
     return max(white_level(light_field.views), DARKEST)
 
 
-def encode_views(light_field: LightField, most_bytes: int | None = None) -> CodedViews:
+def encode_views(
+    light_field: LightField, most_bytes: int | None = None, *, white: float | None = None
+) -> CodedViews:
     """Encode views with 8 bits if that is exact, else with 16 bits.
 
     Parameters
@@ -73,6 +75,9 @@ def encode_views(light_field: LightField, most_bytes: int | None = None) -> Code
         Grey light field, or one of three channels.
     most_bytes : int, optional
         Largest size of the codes in bytes. Default: `MOST_BYTES`.
+    white : float, optional
+        Radiance that is shown as white, and the highest that has a code. Default: that of the
+        pictures that the program writes.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def encode_views(light_field: LightField, most_bytes: int | None = None) -> Code
         raise InputError(
             f"A page holds {most:,} pixels at most, but this light field has {views.size:,}."
         )
-    white = shown_white(light_field)
+    white = shown_white(light_field) if white is None else white
     low, high = min(0.0, float(views.min())), white
     positions = tuple(centred(n) for n in views.shape[:2])
     weights = as_weights(None, light_field)

@@ -23,6 +23,7 @@ from lf_flame.refocus import (
 from lf_flame.refocus.focus_map import MAP_STEPS, TRUSTED
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.viewer.coded_views import (
+    DARKEST,
     MOST_BYTES,
     CodedViews,
     check_channels,
@@ -65,11 +66,15 @@ class Exhibit:
         Path of the network in a copied command.
     most_bytes : int
         Largest size of a page's views in bytes; for a larger light field the program refocuses.
+    depths_mm : sequence of float, optional
+        Depths of planes that stand in the place of views, shape (1, planes, t, s): the slider moves
+        through them, `slopes` and `slope` are depths in mm, and there is no slope map.
 
     Raises
     ------
     InputError
-        If the slopes are not two finite numbers that rise, or shift a view by more than the image;
+        If planes are not as many as their depths, rising and two or more, or too large for a page;
+        if the slopes are not two finite numbers that rise, or shift a view by more than the image;
         if the light field is neither grey nor of three channels, or its views are not the
         camera's; if the interpolation is unknown, or the network cannot take the light field or
         the slopes.
@@ -87,10 +92,14 @@ class Exhibit:
     network: Any = None
     network_source: str | None = None
     most_bytes: int = MOST_BYTES
+    depths_mm: Sequence[float] | None = None
 
     def __post_init__(self):
         refuse_placed(self.light_field, "A viewer")
         check_channels(self.light_field)
+        if self.depths_mm is not None:
+            self._check_planes(self.depths_mm)
+            return
         if self.camera is not None:
             self.camera.check_views(self.light_field.views.shape)
         check_interpolation(self.interpolation, (*INTERPOLATIONS, "sinc"))
@@ -105,10 +114,23 @@ class Exhibit:
                 raise InputError("An interpolation does not apply to a network.")
             self.network.check(self.light_field, self.slopes)
 
+    def _check_planes(self, depths_mm: Sequence[float]) -> None:
+        shape = self.light_field.views.shape
+        if shape[:2] != (1, len(depths_mm)) or len(depths_mm) < 2 or min(np.diff(depths_mm)) <= 0:
+            raise InputError(
+                f"A stack of planes needs two or more, and a depth for each, rising; got "
+                f"{shape[:2]} planes and depths {list(depths_mm)}."
+            )
+        if self.light_field.views.size > self.most_bytes:
+            raise InputError(
+                f"A page holds {self.most_bytes:,} cells at most, but these planes have "
+                f"{self.light_field.views.size:,}."
+            )
+
     @cached_property
     def coded(self) -> CodedViews:
         """Views as codes."""
-        return encode_views(self.light_field, self.most_bytes)
+        return encode_views(self.light_field, self.most_bytes, white=self.white)
 
     @property
     def why_planes(self) -> str:
@@ -129,7 +151,9 @@ class Exhibit:
     @cached_property
     def white(self) -> float:
         """Radiance that is shown as white."""
-        return shown_white(self.light_field)
+        if self.depths_mm is None:
+            return shown_white(self.light_field)
+        return max(float(self.light_field.views.max()), DARKEST)
 
     @cached_property
     def focus_map(self) -> FocusMap:
@@ -203,6 +227,8 @@ class Exhibit:
             "reading": dict(self.reading),
             "making": {name: x for name, x in making.items() if x not in (None, "linear")},
             "has_map": self.with_map,
+            "depths_mm": None if self.depths_mm is None else list(map(float, self.depths_mm)),
+            "colours": "grey" if self.depths_mm is None else "inferno",
         }
 
 

@@ -62,7 +62,8 @@ def single_page(exhibit: Exhibit, most_bytes: int) -> tuple[str, str]:
     script = f'<script type="module">import "{script_url("page.js")}";</script>'
     style = read_static("viewer.css")
     carried = len(script) + len(style) + _base64_length(slope_map) + 8192
-    shrunk = shrink(exhibit.coded, most_bytes, carried)
+    is_stack = exhibit.depths_mm is not None
+    shrunk = shrink(exhibit.coded, most_bytes, carried, exact=is_stack)
     metadata = exhibit.describe(shrunk.coded, shrunk.pieces, shrunk.coding)
     blocks = [_json_block(metadata)]
     blocks += [_data_block(f"lf-piece-{k}", data) for k, data in enumerate(shrunk.data)]
@@ -98,6 +99,10 @@ def refuse_planes_in_one_file(network: bool, interpolation: str) -> None:
 def describe(metadata: dict, quality: str) -> str:
     """Describe the views in one line."""
     (v, u), (t, s) = metadata["views"], metadata["size"]
+    if metadata["depths_mm"]:
+        first, last = metadata["slopes"]
+        depths = f"from {first:g} to {last:g} mm"
+        return f"{u} planes of {t} × {s} cells, {depths}: light that each plane adds"
     kind = "grey" if metadata["channels"] == 1 else "colour"
     return f"{v} × {u} views of {t} × {s} pixels, {kind}" + (f"; {quality}" if quality else "")
 

@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from PIL import Image
@@ -46,7 +47,7 @@ class ShrunkViews:
         return sum(-(-len(piece) // 3) * 4 + 64 for piece in self.data)
 
 
-def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
+def shrink(coded: CodedViews, most_bytes: int, carried: int, *, exact: bool = False) -> ShrunkViews:
     """Pack views as exactly as there is room for.
 
     Parameters
@@ -56,6 +57,8 @@ def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
         Largest size of the page in bytes.
     carried : int
         Size of the page in bytes without the views.
+    exact : bool, optional
+        Whether nothing may be lost.
 
     Returns
     -------
@@ -66,13 +69,14 @@ def shrink(coded: CodedViews, most_bytes: int, carried: int) -> ShrunkViews:
     InputError
         If no form is small enough.
     """
-    for shrunk in _ways(coded):
+    for shrunk in islice(_ways(coded), 1 if exact else None):
         if shrunk.length <= most_bytes - carried:
             return shrunk
     needed = math.ceil((shrunk.length + carried) / 1e5) / 10
+    what = "all planes" if exact else "a few of the views as coarse JPEG images"
     raise InputError(
-        f"A page with a few of the views as coarse JPEG images needs {needed:.1f} MB, but "
-        f"{most_bytes / 1e6:g} MB are allowed; allow that many (--megabytes {needed:.1f})."
+        f"A page with {what} needs {needed:.1f} MB, but {most_bytes / 1e6:g} MB are allowed; allow "
+        f"that many (--megabytes {needed:.1f})."
     )
 
 

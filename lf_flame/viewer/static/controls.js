@@ -10,10 +10,26 @@ export class Controls {
     this.form = viewer.find(".lf-controls");
     this.ranges = {};
     this.count = 0;
-    const { views, slopes, source, own_aperture } = viewer.metadata;
+    const { views, channels, slopes, source, own_aperture, depths_mm } = viewer.metadata;
+    const focus = this.group(depths_mm ? "Plane" : "Focus");
+    this.range(focus, depths_mm ? "Depth" : "Slope", "slope", slopes[0], slopes[1], 0.01);
+    if (!depths_mm) this.offerAperture(views, own_aperture);
+    const shown = (this.shown = this.group("Display"));
+    this.range(shown, "Gain", "gain", 0.1, 8, 0.05);
+    this.range(shown, "Gamma", "gamma", 0.2, 5, 0.05);
+    if (channels === 1) this.choice(shown, "Colours", "colours", { grey: "grey", inferno: "inferno" });
+    const buttons = this.group("This picture");
+    if (source) {
+      this.button(buttons, "Copy command", () => this.copy(command));
+      this.button(buttons, "Copy Python", () => this.copy(python));
+    }
+    this.button(buttons, "Start again", () => viewer.set(viewer.first));
+    this.code = buttons.appendChild(document.createElement("code"));
+    this.form.addEventListener("submit", (event) => event.preventDefault());
+  }
+
+  offerAperture(views, own_aperture) {
     const least = 1 / Math.max(...views);
-    const focus = this.group("Focus");
-    this.range(focus, "Slope", "slope", slopes[0], slopes[1], 0.01);
     const aperture = this.group("Aperture");
     this.choice(aperture, "Shape", "shape", { square: "square", round: "round" });
     this.range(aperture, "Width", "width", least, 1, 0.01);
@@ -28,21 +44,10 @@ export class Controls {
       const why = aperture.appendChild(document.createElement("p"));
       why.textContent = "The network has an aperture and a viewpoint of its own.";
     }
-    const shown = (this.shown = this.group("Display"));
-    this.range(shown, "Gain", "gain", 0.1, 8, 0.05);
-    this.range(shown, "Gamma", "gamma", 0.2, 5, 0.05);
-    const buttons = this.group("This picture");
-    if (source) {
-      this.button(buttons, "Copy command", () => this.copy(command));
-      this.button(buttons, "Copy Python", () => this.copy(python));
-    }
-    this.button(buttons, "Start again", () => viewer.set(viewer.first));
-    this.code = buttons.appendChild(document.createElement("code"));
-    this.form.addEventListener("submit", (event) => event.preventDefault());
   }
 
   offerOverlays() {
-    const overlays = { none: "none", slope: "slope map; grey: unsure", focus: "everything in focus" };
+    const overlays = { none: "none", slope: "slope map", focus: "everything in focus" };
     this.choice(this.shown, "Overlay", "overlay", overlays);
     this.range(this.shown, "Opacity", "opacity", 0, 1, 0.05);
   }
@@ -63,6 +68,7 @@ export class Controls {
     const input = Object.assign(document.createElement("input"), { type: "range", min, max });
     input.step = step;
     const label = this.labelled(group, text, input);
+    label.classList.toggle("lf-wide", name === "slope"); // its value is long, and it is used most
     const output = label.appendChild(document.createElement("span"));
     output.setAttribute("aria-hidden", "true"); // aria-valuetext says it
     this.ranges[name] = { input, output };
@@ -113,16 +119,12 @@ export class Controls {
       output.textContent = this.describe(field, value, metadata, state);
       input.setAttribute("aria-valuetext", output.textContent);
     }
-    const scale = this.viewer.find(".lf-scale");
-    scale.hidden = state.overlay !== "slope" || !metadata.map;
-    scale.querySelectorAll("span").forEach((end, i) => {
-      end.textContent = this.describe("slope", metadata.slopes[i], metadata, state);
-    });
     const image = this.viewer.find(".lf-image");
     image.setAttribute("aria-label", `${metadata.title}, refocused at slope ${signed(state.slope, 2)}`);
   }
 
   describe(field, value, { camera } = this.viewer.metadata, state = this.viewer.state) {
+    if (field === "slope" && this.viewer.metadata.depths_mm) return `${signed(value, 2)} mm`;
     if (field === "slope" && camera) {
       const depth = depthOf(camera, value);
       const unknown = Number.isNaN(depth) ? "outside the calibration" : "beyond infinity";

@@ -1,5 +1,6 @@
 // What lies over the picture: slope map, everything in focus, box and place.
 
+import { colourOf, VIRIDIS } from "./colours.js";
 import { display, showable } from "./display.js";
 
 /** Slope map as it comes: slopes in float32, whether they are certain, the image in focus. */
@@ -12,20 +13,6 @@ export function readMap(buffer, { size, channels }) {
     focus: new Uint8Array(buffer, 5 * pixels, pixels * channels), // 255 is white
   };
 }
-
-/** Viridis (matplotlib) at nine places. */
-const VIRIDIS = [
-  [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],
-  [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
-];
-
-export function viridis(part) {
-  const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1);
-  const below = Math.min(Math.floor(at), VIRIDIS.length - 2);
-  return VIRIDIS[below].map((x, c) => x + (at - below) * (VIRIDIS[below + 1][c] - x));
-}
-
-export const SCALE = `linear-gradient(90deg,${VIRIDIS.map((x) => `rgb(${x})`)})`;
 
 /** Median slope of the certain pixels of a box, or nothing where there are none. */
 export function slopeOfRegion(map, [top, bottom, left, right]) {
@@ -43,7 +30,7 @@ function mapColours({ slope, certain, width }, [low, high]) {
   const height = slope.length / width;
   const image = new ImageData(width, height);
   slope.forEach((value, i) => {
-    const colour = certain[i] ? viridis((value - low) / (high - low)) : [128, 128, 128];
+    const colour = certain[i] ? colourOf(VIRIDIS, (value - low) / (high - low)) : [128, 128, 128];
     image.data.set([...colour, 255], 4 * i);
   });
   return image;

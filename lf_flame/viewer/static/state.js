@@ -4,10 +4,10 @@ const number = (text) => (text.trim() === "" ? NaN : Number(text));
 
 const WHOLE = { shape: "square", width: 1, ring: 0, centre: [0, 0] };
 
-export function initialState({ slope }) {
+export function initialState({ slope, colours }) {
   return {
     slope, ...WHOLE,
-    gain: 1, gamma: 1, overlay: "none", opacity: 0.6, region: null,
+    gain: 1, gamma: 1, colours: colours ?? "grey", overlay: "none", opacity: 0.6, region: null,
   };
 }
 
@@ -33,6 +33,7 @@ export function checked(state, before, metadata) {
     }),
     gain: within("gain", 0.1, 32),
     gamma: within("gamma", 0.2, 5),
+    colours: state.colours === "inferno" && metadata.channels === 1 ? "inferno" : "grey",
     overlay: ["slope", "focus"].includes(state.overlay) && metadata.has_map ? state.overlay : "none",
     opacity: within("opacity", 0, 1),
     region: regionWithin(state.region, size),

@@ -1,25 +1,27 @@
 // The viewer: a picture refocused while one drags, and its sources.
 
 import { apertureWeights } from "./aperture.js";
+import { filterOf, gradient, INFERNO, VIRIDIS } from "./colours.js";
 import { Controls } from "./controls.js";
 import { display } from "./display.js";
 import { drawSlices, readSlices, slicesOf } from "./epi.js";
 import { Latest } from "./latest.js";
-import { drawOverlay, readMap, SCALE, slopeOfRegion } from "./overlay.js";
+import { drawOverlay, readMap, slopeOfRegion } from "./overlay.js";
 import { PlaneRenderer } from "./planes.js";
 import { Pointing } from "./pointing.js";
 import { SoftwareRenderer } from "./software.js";
 import { load } from "./source.js";
+import { brightestDepth, planeWeights, valueAt } from "./stack.js";
 import { checked, fromAddress, initialState } from "./state.js";
 import { hasFastWebGL, WebGLRenderer } from "./webgl.js";
 
 const MARKUP = `
   <div class="lf-stage">
-    <div class="lf-picture">
+    <div class="lf-frame"><div class="lf-picture">
       <canvas class="lf-image" role="img"></canvas>
       <canvas class="lf-over" tabindex="0" role="application"
         aria-label="Place in the picture: arrow keys move it, Enter focuses there"></canvas>
-    </div>
+    </div></div>
     <progress class="lf-progress" max="1" value="0" aria-label="Loading the views"></progress>
     <p class="lf-scale" hidden><span></span><i></i><span></span></p>
     <p class="lf-hint"></p>
@@ -31,11 +33,12 @@ const MARKUP = `
         <figcaption>Column under the pointer, in the views above each other</figcaption></figure>
     </div>
   </div>
-  <form class="lf-controls" aria-label="Focus, aperture and display"></form>`;
+  <form class="lf-controls" aria-label="Focus, aperture and display"></form>
+  ${filterOf(INFERNO, "lf-inferno")}`;
 
 /** What is drawn before all views are there: the middle one, or what has come in. */
-function weightsOf(loaded, { views, weights: own }, state) {
-  const aperture = apertureWeights(views, state);
+function weightsOf(loaded, { views, weights: own, depths_mm }, state) {
+  const aperture = depths_mm ? planeWeights(depths_mm, state.slope) : apertureWeights(views, state);
   const both = own ? aperture.map((weight, i) => weight * own[i]) : aperture;
   const weights = both.some((weight) => weight > 0) ? both : aperture;
   if (!loaded.includes(false)) return weights;
@@ -65,8 +68,12 @@ export class Viewer {
     Object.assign(this.find(".lf-over"), { height: size[0], width: size[1] });
     const picture = this.find(".lf-picture").style;
     picture.aspectRatio = `${size[1]} / ${size[0]}`;
-    picture.width = `min(100%, ${(75 * size[1]) / size[0]}vh)`; // a tall one fits the window too
-    this.find(".lf-scale i").style.background = SCALE;
+    picture.width = `calc(var(--room) * ${size[1] / size[0]})`; // a tall one fits the window too
+    if (metadata.depths_mm) {
+      this.find(".lf-row + figcaption").textContent = "Row under the pointer, planes above each other";
+      this.find(".lf-column").parentNode.hidden = true;
+      this.find(".lf-slices").style.gridTemplateColumns = "1fr";
+    }
     this.hint();
     this.controls = new Controls(this);
     this.pointing = new Pointing(this);
@@ -91,10 +98,16 @@ export class Viewer {
     return this.element.querySelector(selector);
   }
 
-  /** Say what a click does, and what the slope map says of the place under the pointer. */
+  /** Say what a click does, and what is known of the place under the pointer. */
   hint(place) {
-    const { map, has_map } = this.metadata;
-    let words = "Drag the slope to focus.";
+    const { map, has_map, depths_mm } = this.metadata;
+    let words = depths_mm
+      ? "Drag the depth; a click goes to the brightest plane of the place."
+      : "Drag the slope to focus.";
+    if (depths_mm && place) {
+      const value = valueAt(this.codes, this.metadata, place, this.state.slope);
+      words = `Here: ${value.toPrecision(3)}. ${words}`;
+    }
     if (has_map) words += " Or click a place, or drag a box: the focus goes there.";
     if (map && place) {
       const slope = slopeOfRegion(map, boxOf(place));
@@ -159,15 +172,34 @@ export class Viewer {
       this.frame = undefined;
       const { state, metadata } = this;
       this.renderer.draw({
-        slope: state.slope,
+        slope: metadata.depths_mm ? 0 : state.slope,
         weights: weightsOf(this.loaded, metadata, state),
         aperture: state,
         show: this.displayed(),
         dragging: this.dragging,
       });
+      this.colour();
       drawOverlay(this.find(".lf-over"), metadata, state, this.pointing);
       this.controls.show();
     });
+  }
+
+  /** Colour the greys, and show the scale of what has one: the slope map, or false colours. */
+  colour() {
+    const { state, metadata, controls } = this;
+    const coloured = state.colours === "inferno";
+    for (const name of [".lf-image", ".lf-row", ".lf-column"]) {
+      this.find(name).style.filter = coloured ? "url(#lf-inferno)" : "";
+    }
+    const map = state.overlay === "slope" && metadata.map;
+    const scale = this.find(".lf-scale");
+    scale.hidden = !map && !coloured;
+    if (scale.hidden) return;
+    const ends = map
+      ? metadata.slopes.map((slope) => controls.describe("slope", slope))
+      : ["0", Number((metadata.white / state.gain).toPrecision(3))];
+    scale.querySelectorAll("span").forEach((end, i) => (end.textContent = ends[i]));
+    scale.querySelector("i").style.background = gradient(map ? VIRIDIS : INFERNO);
   }
 
   /** Mark the first picture and that of all views, for whoever measures. */
@@ -186,11 +218,14 @@ export class Viewer {
   }
 
   focusAt(...place) {
+    const { metadata, codes } = this;
+    if (metadata.depths_mm) return this.set({ slope: brightestDepth(codes, metadata, place) });
     this.focusOn(boxOf(place), "The slope of this place is not certain");
   }
 
   /** Focus on what a box holds, which is kept unless it is a place. */
   focusOn(box, unsure) {
+    if (this.metadata.depths_mm) return;
     const { map, has_map } = this.metadata;
     const slope = slopeOfRegion(map, box);
     const changes = unsure ? {} : { region: box };
