@@ -17,6 +17,10 @@ from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
 
+UNSURE = 0.3
+"""Confidence below which a search is said to be uncertain."""
+
+
 def _pick(kind, options: dict):
     """Make an options record from those of a command's options that belong to it."""
     return kind(**{name: options.pop(name) for name in kind.__dataclass_fields__})
@@ -105,6 +109,12 @@ def _write_pictures(job, focus: Focus, slopes: list[float], movie: str, folder) 
         found = output.write_search(job, folder)
         sharpest = with_depth(f"{found.slope:+.3f}", found.slope, job.camera)
         click.echo(f"sharpest at slope {sharpest}, confidence {found.confidence:.2f}")
+        if found.confidence < UNSURE:
+            click.echo(
+                "The slope is not certain: the picture holds several depths, or too little "
+                "texture. See which by --map auto, or by lf-flame view.",
+                err=True,
+            )
         slopes = [*slopes, found.slope]
     if slopes:
         output.write_refocused(job, slopes, folder)

@@ -45,6 +45,14 @@ RIPPLE = 0.02
 CLEAR = 3.0
 """Smallest height of a peak that is no ripple, relative to the value for unrelated views."""
 
+PARTS, SMALLEST_PART = 4, 6
+"""Largest number of parts of a region along each axis, and their smallest side in lenslets."""
+
+WORST_LOSS = 0.1
+"""Part of the sharpness that one slope for a whole region may cost, where parts of it would be
+sharper at slopes of their own; the confidence falls to 0 there. One layer in noise costs up to
+0.015, layers at +0.5 and -0.5 some 0.1 to 0.4."""
+
 MOST_NOISE = 0.5
 """Largest fraction of the energy that is subtracted as noise, so that enough remains as divisor."""
 
@@ -64,7 +72,9 @@ class SlopeSearch:
         Confidence in [0, 1]: ``1 - rival / peak``. The rival is the highest of three: the curve's
         other peaks, its lowest point, and 1/n, the value for n unrelated views. It is near 1 for
         one layer; near 0 for two layers of equal strength, for noise, and if there is too little
-        parallax to distinguish slopes.
+        parallax to distinguish slopes. `find_sharpest_slope` also compares 4 x 4 parts of the
+        region: the confidence falls to 0 where they lose a tenth of their sharpness at one slope,
+        as if the region holds layers whose peaks have merged, or a steep surface.
     region : (int, int, int, int)
         Region ``(t_start, t_stop, s_start, s_stop)`` in lenslets; stops are excluded.
     """
@@ -138,7 +148,8 @@ def find_sharpest_slope(
     views = as_views(light_field, placed=True)
     height, width = views.shape[2:4]
     whole = (0, height, 0, width)
-    curves = _measure(light_field, slopes, [whole if region is None else region], weights)
+    region = as_region(whole if region is None else region, (height, width))
+    curves = _measure(light_field, slopes, [region, *_parts(region)], weights, asked=1)
     if curves.flat[0]:
         raise InputError(
             "No slope is sharpest: the sharpness is the same at all of them, "
@@ -150,7 +161,9 @@ def find_sharpest_slope(
             f"The sharpness still rises at the end of the slopes searched, {curves.slopes[0]:g} to "
             f"{curves.slopes[-1]:g}; search a range that goes beyond {end:g}."
         )
-    return curves.search(0)
+    found = curves.search(0)
+    confidence = found.confidence * max(1 - curves.loss / WORST_LOSS, 0)
+    return replace(found, confidence=confidence)
 
 
 def find_sharpest_slopes(
@@ -224,6 +237,7 @@ class _Curves:
     semblance: np.ndarray
     energy: np.ndarray
     rounding: float
+    asked: int  # number of regions that are searched; further ones are parts of the first
     stride: int = 1  # every stride-th slope was requested
 
     @cached_property
@@ -253,8 +267,17 @@ class _Curves:
     @property
     def settled(self) -> bool:
         """Whether no curve rises at an end, and half of those that are not flat have a peak."""
-        high = self.semblance.max(axis=0)[~self.flat] > min(CLEAR / self.views, 0.5)
-        return not self.rising.any() and 2 * int(np.count_nonzero(high)) >= len(high)
+        some = slice(0, self.asked)
+        high = self.semblance.max(axis=0)[some][~self.flat[some]] > min(CLEAR / self.views, 0.5)
+        return not self.rising[some].any() and 2 * int(np.count_nonzero(high)) >= len(high)
+
+    @property
+    def loss(self) -> float:
+        """Part of the sharpness of the first region's parts that they lose at its slope."""
+        parts, at = slice(self.asked, None), self.top[0]
+        energy = self.energy[at, parts]
+        own = float((self.semblance[:, parts].max(axis=0) * energy).sum())
+        return 1 - float((self.semblance[at, parts] * energy).sum()) / own if own > 0 else 0.0
 
     def amid(self, outer: "_Curves") -> "_Curves":
         """Join these curves with those at slopes on both sides."""
@@ -303,7 +326,7 @@ def _confidence(curve: np.ndarray, unrelated: float) -> float:
 
 def _measure(
     light_field: Views, slopes: ArrayLike | None, regions: list[Region], weights: np.ndarray,
-    progress=None,
+    progress=None, asked: int | None = None,
 ) -> _Curves:  # fmt: skip
     """Measure the regions at the slopes, and between them if the number of views requires it."""
     views, places = as_views(light_field, placed=True), view_places(light_field)
@@ -320,7 +343,7 @@ def _measure(
             measured = placed_semblance(views, places, slopes, regions, counts)
         else:
             measured = region_semblance(views, slopes, regions, counts, progress)
-        return _Curves(regions, effective, slopes, *measured, stride)
+        return _Curves(regions, effective, slopes, *measured, asked or len(regions), stride)
 
     if slopes is not None:
         return curves(*_between(as_slopes(slopes), step, limit))
@@ -346,6 +369,15 @@ def _between(slopes: np.ndarray, step: float, limit: float) -> tuple[np.ndarray,
     filled = np.linspace(slopes[0], slopes[-1], (len(slopes) - 1) * stride + 1)
     filled[::stride] = slopes
     return filled, stride
+
+
+def _parts(region: Region) -> list[Region]:
+    """Cut a region into parts, unless it is small."""
+    top, bottom, left, right = region
+    size = (bottom - top, right - left)
+    rows, columns = (max(min(PARTS, side // SMALLEST_PART), 1) for side in size)
+    parts = _tiles((rows, columns), size)
+    return [(top + a, top + b, left + c, left + d) for a, b, c, d in parts]
 
 
 def _tiles(tiles: tuple[int, int], size: tuple[int, int]) -> list[Region]:

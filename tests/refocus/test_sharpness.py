@@ -226,6 +226,18 @@ def test_confidence_tells_one_layer_from_two_and_from_noise(rng):
     assert 0 <= confidence["noise"] < 0.35
 
 
+@pytest.mark.parametrize("halves", [(0.3, 0.3), (0.35, 0.25), (0.5, -0.5), (1.0, 0.0)])
+def test_confidence_falls_where_halves_have_merged_into_one_peak(halves, rng):
+    """Two depths side by side have one peak between them if their parallax is small."""
+    texture = band_limited(rng, (64, 96), 0.12)
+    near, far = (planted(texture, slope, (5, 5)) for slope in halves)
+    views = np.concatenate([near[..., :48], far[..., 48:]], axis=-1)
+    views += rng.normal(scale=0.02, size=views.shape)
+    found = find_sharpest_slope(views, np.linspace(-2, 2, 41))
+    apart = halves[0] - halves[1]
+    assert found.confidence > 0.9 - 2 * apart if apart < 0.2 else found.confidence < 0.1
+
+
 def test_confidence_is_low_without_parallax(rng):
     """Three views of a broad blob change little over the slopes searched."""
     size = (96, 96)
