@@ -16,7 +16,6 @@ from lf_flame.commands.refocus_options import APPEARANCE, SLOPES, Appearance, Fo
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
-
 UNSURE = 0.3
 """Confidence below which a search is said to be uncertain."""
 
