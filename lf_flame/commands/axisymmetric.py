@@ -14,6 +14,7 @@ from lf_flame.commands.colour_fits import (
     COLOURS_HELP,
     EXPONENT_HELP,
     THIN_HELP,
+    read_exposed_colours,
     soot_options,
     write_soot,
 )
@@ -124,7 +125,6 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     from lf_flame.tomography.axisymmetric.output import RECORD, write_flame
     from lf_flame.tomography.axisymmetric.reconstruction import check_fit_options
     from lf_flame.tomography.axisymmetric.soot import reconstruct_axisymmetric_soot
-    from lf_flame.tomography.colour_calibration import read_colours
     from lf_flame.tomography.data_checks import check_range
     from lf_flame.tomography.soot import split_colours
 
@@ -140,7 +140,7 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
     out, seed = options.pop("out"), options.pop("seed")
     colours, thin = options.pop("colours"), options.pop("thin")
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
-    calibration = read_colours(colours) if colours else None
+    calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
     light_field = _read_views(source, reading, lens)
     check_range(light_field.views, options["noise"])
     grey = light_field if calibration is None else light_field.grey()
@@ -155,7 +155,11 @@ def abel(source, camera, axis_mm, axis_depth, radius, burner, block, central, **
         burner,
     )
     out = out or Path("abel") / source.stem
-    facts = {"seed": seed, "bootstrap": options["bootstrap"], "notes": notes_on_coding(source)}
+    facts = {
+        "seed": seed,
+        "bootstrap": options["bootstrap"],
+        "notes": notes + notes_on_coding(source),
+    }
     if calibration is None:
         facts["source"] = source
         _fit_grey(light_field, grid, axis, out, facts, options)

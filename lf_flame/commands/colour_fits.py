@@ -13,6 +13,7 @@ from lf_flame.errors import InputError
 if TYPE_CHECKING:
     from lf_flame._common.output_folders import OutputFolder
     from lf_flame.lightfield import LightField
+    from lf_flame.tomography.colour_calibration import ColourCalibration
     from lf_flame.tomography.soot import Soot
 
 COLOURS_HELP = (
@@ -38,6 +39,35 @@ def soot_options(colours: Path | None, thin: bool, exponent: float | None) -> di
             if given:
                 raise InputError(f"{name} goes with --colours, without which no soot is fitted.")
     return {"absorbing": not thin, "soot_exponent": 1.0 if exponent is None else exponent}
+
+
+def read_exposed_colours(path: Path, source: Path) -> "tuple[ColourCalibration, list[str]]":
+    """Read a calibration of colours with its gains for the exposure of a flame's picture.
+
+    Returns
+    -------
+    ColourCalibration
+    list of str
+        A sentence where one exposure is known and not the other, or they differ.
+    """
+    from lf_flame.formats import read_exposure
+    from lf_flame.tomography.colour_calibration import read_colours
+
+    calibration, exposure = read_colours(path), read_exposure(source)
+    if calibration.exposure is None:
+        return calibration, []
+    if exposure is None:
+        return calibration, [
+            f"{source} states no exposure: it is taken as that of the furnace's first picture, "
+            f"{calibration.exposure:.3g} s at ISO 100."
+        ]
+    times = exposure / calibration.exposure
+    if abs(times - 1) < 1e-6:
+        return calibration, []
+    return calibration.exposed(exposure), [
+        f"{source} was exposed {times:.3g} times as the furnace's first picture, as their files "
+        f"state; this is taken into account."
+    ]
 
 
 def write_soot(

@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +45,7 @@ MOST_UNKNOWN = 0.01
     multiple=True,
     type=FiniteRange(min=0, min_open=True),
     help="Exposure of each picture over that of the flame's, in the order of the pictures "
-    "(default: the same).",
+    "(default: as the files state their times; if they do not, the same).",
 )
 @cloup.option(
     "--emissivity",
@@ -75,6 +76,7 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
+    from lf_flame.formats import read_exposure
     from lf_flame.tomography import colour_output
     from lf_flame.tomography.colour_calibration import calibrate_colours as fit_colours
     from lf_flame.tomography.source_signals import MOST_UNEVEN, measure_source
@@ -90,11 +92,16 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
     reading = Reading(**options)
     with output_folder(out or Path("colours"), colour_output.RECORD) as folder:
         sources = [path for path, _ in placed]
+        in_files = [] if exposures else list(filter(None, map(read_exposure, sources)))
+        # Gains are those of the first picture's exposure, to which that of the flame is compared.
+        first = in_files[0] if len(in_files) == len(sources) else None
+        exposures = [one / first for one in in_files] if first else exposures
         photographs = _photographs(reading, sources, len(curves.names))
         source = measure_source(photographs)
         fit = fit_colours(
             kelvin, source.signals, curves, exposures=exposures or None, emissivity=emissivity
         )
+        fit = replace(fit, calibration=replace(fit.calibration, exposure=first))
         colour_output.write_colours(fit, kelvin, folder)
         folder.facts |= {
             "pictures": [recorded_path(path, folder.folder) for path, _ in placed],
@@ -109,6 +116,12 @@ def calibrate_colours(placed, responses, exposures, emissivity, out, **options) 
         click.echo(
             f"Warning: the source is uneven, by {source.uneven:.0%} within the part that is "
             f"averaged; the gains are those of its mean.",
+            err=True,
+        )
+    if not exposures:
+        click.echo(
+            "Note: the pictures' files state no exposure. All are taken as exposed as the flame "
+            "is; if not, say so by --exposure, or its absorption comes out wrong.",
             err=True,
         )
     for warning in fit.warnings:

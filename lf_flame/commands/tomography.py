@@ -13,6 +13,7 @@ from lf_flame.commands.colour_fits import (
     COLOURS_HELP,
     EXPONENT_HELP,
     THIN_HELP,
+    read_exposed_colours,
     soot_options,
     write_soot,
 )
@@ -201,7 +202,6 @@ def reconstruct(
     from lf_flame.formats.coding import notes_on_coding
     from lf_flame.tomography import FrustumGrid, Roughness
     from lf_flame.tomography import reconstruct as find_emission
-    from lf_flame.tomography.colour_calibration import read_colours
     from lf_flame.tomography.emission_folder import RECORD
     from lf_flame.tomography.output import write_reconstruction
     from lf_flame.tomography.reconstruction import planes_between
@@ -221,10 +221,10 @@ def reconstruct(
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
     if colours and optical_thickness is not None:
         raise InputError("--optical-thickness does not apply with --colours, which finds it.")
-    calibration = read_colours(colours) if colours else None
+    calibration, notes = read_exposed_colours(colours, source) if colours else (None, [])
     reading = Reading(**{name: options.pop(name) for name in Reading.__dataclass_fields__})
     light_field = reading.for_camera(source, grid.camera if camera else None).read(source)
-    notes = notes_on_coding(source)
+    notes += notes_on_coding(source)
     out = out or Path("reconstructed") / source.stem
     if l_curve:
         options["penalty"] = Roughness(whole_curve=True)

@@ -7,7 +7,7 @@ temperatures; ratios of gains serve the temperature of soot, gains themselves it
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,7 @@ class _ColoursTable:
     temperature_range_K: tuple[float, float]
     wavelengths_nm: tuple[float, ...]
     responses: tuple[tuple[float, ...], ...]
+    exposure: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,8 @@ class ColourCalibration:
         Relative standard error of each gain, 0 or above.
     temperature_range_K : (float, float)
         Lowest and highest temperature of the calibration.
+    exposure : float, optional
+        Exposure to which the gains apply (`lf_flame.formats.read_exposure`), above 0.
 
     Raises
     ------
@@ -70,8 +73,11 @@ class ColourCalibration:
     gains: np.ndarray
     relative_errors: np.ndarray
     temperature_range_K: tuple[float, float]  # noqa: N815 - the unit's own letter
+    exposure: float | None = None
 
     def __post_init__(self):
+        if self.exposure is not None and not 0 < self.exposure < math.inf:
+            raise InputError(f"exposure must be above 0, got {self.exposure:g}.")
         count = len(self.responses.names)
         for name, least in (("gains", np.nextafter(0, 1)), ("relative_errors", 0.0)):
             values = np.asarray(getattr(self, name), float)
@@ -87,6 +93,12 @@ class ColourCalibration:
                 f"temperature_range_K must be two increasing temperatures, got {low:g}, {high:g}."
             )
 
+    def exposed(self, exposure: float) -> "ColourCalibration":
+        """Gains for another exposure; these apply to any exposure if theirs is not known."""
+        if self.exposure is None:
+            return self
+        return replace(self, gains=self.gains * exposure / self.exposure, exposure=exposure)
+
     def to_toml(self) -> str:
         """Give the calibration as a TOML file, which `read_colours` reads."""
         responses = self.responses
@@ -100,6 +112,7 @@ class ColourCalibration:
             f"temperature_range_K = {_numbers(self.temperature_range_K)}\n"
             f"wavelengths_nm = {_numbers(responses.wavelengths_nm)}\n"
             f"responses = [\n  {rows},\n]\n"
+            + (f"exposure = {self.exposure!r}\n" if self.exposure else "")
         )
 
 
@@ -266,7 +279,9 @@ def read_colours(path: str | Path) -> ColourCalibration:
         lengths_nm, curves = np.array(table.wavelengths_nm), np.array(table.responses)
         responses = SpectralResponses(table.names, lengths_nm, curves)
         gains, errors = np.array(table.gains), np.array(table.relative_errors)
-        return ColourCalibration(responses, gains, errors, table.temperature_range_K)
+        return ColourCalibration(
+            responses, gains, errors, table.temperature_range_K, table.exposure
+        )
     except InputError as error:
         raise InputError(f"{path}: {TABLE}: {error}") from None
 

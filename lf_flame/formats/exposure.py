@@ -1,0 +1,89 @@
+"""Exposure of a picture, as its file states it (EXIF 2.32, or the metadata of a Lytro camera)."""
+
+from pathlib import Path
+from typing import Any
+
+from lf_flame._common.pixels import FORMATS, PILLOW_ERRORS
+from lf_flame._common.tiff_files import TIFF_SUFFIXES, open_image, open_tiff
+from lf_flame.errors import InputError
+from lf_flame.formats.lytro.decoding import is_lytro
+from lf_flame.formats.lytro.picture import LytroFile
+
+EXIF, TIME, SPEED = 0x8769, 0x829A, 0x8827
+"""Tags of the EXIF table, the exposure time in s and the ISO speed."""
+
+
+def read_exposure(path: str | Path) -> float | None:
+    """Read the exposure that a file states: its time in s, times its ISO speed over 100, if given.
+
+    Signals are proportional to it as long as the aperture is the same.
+
+    Parameters
+    ----------
+    path : str or Path
+        Picture (TIFF, PNG, JPEG), or a picture of a Lytro camera.
+
+    Returns
+    -------
+    float or None
+        Exposure above 0; None where the file states none, or is no picture.
+
+    Examples
+    --------
+    >>> from PIL import Image
+    >>> from lf_flame.formats import read_exposure
+    >>> picture = Image.new("L", (4, 3))
+    >>> exif = picture.getexif()
+    >>> exif[0x8769] = {0x829A: 0.004, 0x8827: 200}
+    >>> picture.save("picture.png", exif=exif)
+    >>> read_exposure("picture.png")
+    0.008
+    """
+    path = Path(path)
+    if not path.is_file():
+        return None
+    try:
+        time, speed = _lytro(path) if is_lytro(path) else _exif(path)
+    except InputError:
+        return None
+    exposure = time * (speed or 100.0) / 100
+    return exposure if 0 < exposure < float("inf") else None
+
+
+def _lytro(path: Path) -> tuple[float, float]:
+    metadata = LytroFile(path).metadata
+    if metadata is None:
+        return 0.0, 0.0
+    return metadata.exposure_s or 0.0, metadata.iso or 0.0
+
+
+def _exif(path: Path) -> tuple[float, float]:
+    """Exposure time and speed, 0 where there are none."""
+    if path.suffix.lower() in TIFF_SUFFIXES:
+        with open_tiff(path) as file:
+            tags = file.pages.first.tags
+            table = tags[EXIF].value if EXIF in tags else {}
+            names = {TIME: "ExposureTime", SPEED: "ISOSpeedRatings"}
+            found = [
+                table.get(names[tag]) or (tags[tag].value if tag in tags else 0)
+                for tag in (TIME, SPEED)
+            ]
+    else:
+        try:
+            with open_image(path, FORMATS) as image:
+                table = image.getexif().get_ifd(EXIF)
+                found = [table.get(tag, 0) for tag in (TIME, SPEED)]
+        except PILLOW_ERRORS:
+            return 0.0, 0.0
+    time, speed = (_number(value) for value in found)
+    return time, speed
+
+
+def _number(value: Any) -> float:
+    """Turn a number, a fraction as two of them, or the first of several into a float, else 0."""
+    try:
+        if isinstance(value, tuple) and len(value) == 2:
+            return float(value[0]) / float(value[1])
+        return float(value[0] if isinstance(value, tuple) else value)
+    except (TypeError, ValueError, ArithmeticError, LookupError):
+        return 0.0
