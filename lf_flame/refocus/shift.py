@@ -84,15 +84,24 @@ def shift_and_sum(
     (3, 24, 30)
     """
     weights = as_weights(weights, light_field)
-    views, steps = as_readable(as_views(light_field, placed=True)), as_slopes(slopes)
-    places = view_places(light_field)
+    views, steps = as_views(light_field, placed=True), as_slopes(slopes)
+    stack = shift_views(views, steps, interpolation, weights, view_places(light_field))
+    return for_slopes(stack, slopes)
+
+
+def shift_views(
+    views: np.ndarray, slopes: np.ndarray, interpolation: str, weights: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:  # fmt: skip
+    """Refocus views at places of their own, see `plan_shifts`: float32, one image each slope."""
+    views = as_readable(views)
     channels = views.shape[4] if views.ndim == 5 else 1
     lines = views.reshape(*views.shape[:3], -1)  # the channels of a lenslet are adjacent
-    stack = np.empty((len(steps), *lines.shape[2:]), np.float32)
-    for first in range(0, len(steps), SLOPES_AT_ONCE):
+    stack = np.empty((len(slopes), *lines.shape[2:]), np.float32)
+    for first in range(0, len(slopes), SLOPES_AT_ONCE):
         some = slice(first, first + SLOPES_AT_ONCE)
-        _shift_and_sum(lines, channels, steps[some], interpolation, weights, places, stack[some])
-    return for_slopes(stack.reshape(len(steps), *views.shape[2:]), slopes)
+        _shift_and_sum(lines, channels, slopes[some], interpolation, weights, places, stack[some])
+    return stack.reshape(len(slopes), *views.shape[2:])
 
 
 class ShiftPlan(NamedTuple):
