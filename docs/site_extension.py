@@ -129,9 +129,30 @@ def _mathml(self: SphinxTranslator, node: nodes.math, block: bool) -> None:
     raise nodes.SkipNode
 
 
+ACCESSIBLE = {
+    'role="heading">': 'role="heading" aria-level="2">',
+    '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="All pages">',
+    '<aside class="toc-drawer">': '<aside class="toc-drawer" aria-label="This page">',
+    "<pre>": '<pre tabindex="0">',
+    'display="block">': 'display="block" tabindex="0">',
+}
+"""What theme and Sphinx write, and what keyboards and screen readers need."""
+
+
+def make_accessible(app: Sphinx, error: Exception | None) -> None:
+    """Mend the pages that were written."""
+    for page in Path(app.outdir).glob("**/*.html") if error is None else ():
+        text = before = page.read_text(encoding="utf-8")
+        for written, needed in ACCESSIBLE.items():
+            text = text.replace(written, needed)
+        if text != before:
+            page.write_text(text, encoding="utf-8")
+
+
 def setup(app: Sphinx) -> dict:
     """Register the parts."""
     app.connect("builder-inited", write_reference)
+    app.connect("build-finished", make_accessible)
     app.add_transform(RepositoryLinks)
     app.add_html_math_renderer(
         "mathml",
