@@ -49,7 +49,7 @@ endif
 .PHONY: help install installs weights dataset slopes train-shapes train-flame tables costs benchmarks baselines
 .PHONY: train-aperturenet train-refocusnet train-refnet train-volumetric compare
 .PHONY: latency variation scenes ablations pretraining encodings learning-costs test test-all test-jit-off
-.PHONY: flames flames-by-networks error-bars viewer-benchmark mutants campaign lint types clean
+.PHONY: flames flames-by-networks error-bars viewer-benchmark mutants campaign lint types docs report clean
 # The program writes aside and renames, so no file is ever half there, and make must not remove one
 # (a data set, say) because a later command failed or Ctrl-C came.
 .PRECIOUS: $(DATA)/%.zarr/zarr.json $(RUNS)/%/model.keras $(RESULTS)/%.csv
@@ -190,6 +190,13 @@ $(BASELINES)/installed: experiments/benchmarks/baselines.txt
 	$(BASELINES)/bin/python -m pip install --disable-pip-version-check --no-deps -r $<
 	@touch $@
 
+report: | $(INSTALLED)  ## write a report of results as one HTML file (FOLDER=...; default: those of RUN)
+	$(LF) report $(or $(FOLDER),$(RESULTS)) --out $(or $(FOLDER),$(RESULTS))/report.html
+
+docs: | $(INSTALLED)  ## build the documentation site, build/site/index.html; a warning ends it
+	MPLBACKEND=agg $(BIN)/python -m sphinx -W --keep-going -q -c docs -d build/doctrees . build/site
+	@echo 'The site is $(CURDIR)/build/site/index.html'
+
 test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (some minutes)
 	$(BIN)/python -m pytest -m 'not slow' $(TEST_JOBS)
 
@@ -237,5 +244,5 @@ types: | $(INSTALLED)  ## check types with mypy
 	$(BIN)/mypy
 
 clean:  ## remove caches; data sets, runs and results stay
-	rm -rf build *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf build docs/generated *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

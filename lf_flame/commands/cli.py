@@ -18,6 +18,7 @@ from lf_flame.commands import (
     networks,
     profiles,
     program,
+    report,
     simulation,
     systems,
     temperature,
@@ -74,7 +75,7 @@ SECTIONS = [
         [networks.weights, networks.train, networks.export, networks.predict],
     ),
     cloup.Section("Refocusing systems", [systems.train_system]),
-    cloup.Section("Results", [verify.verify]),
+    cloup.Section("Results", [verify.verify, report.report]),
 ]
 
 

@@ -108,6 +108,7 @@ CALLS = (
     Call("predict picture.png --model net.keras --out out", "net.json", learns=True),
     Call("verify data.zarr refocused simulated emission"),
     Call("verify runs net.keras", "net.json", learns=True),
+    Call("report emission --out out.html"),
     Call("experiments slopes shapes.toml --out out"),
     Call(f"{EVALUATE} --out out", "data.zarr", learns=True),
     Call("experiments tables results --out out.md", learns=True),

@@ -1,0 +1,43 @@
+"""The command that writes a report of results.
+
+As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
+"""
+
+from pathlib import Path
+
+import click
+import cloup
+
+from lf_flame._common.printable import printable
+from lf_flame.commands.options import PATH, RUN
+from lf_flame.errors import InputError
+
+
+@cloup.command()
+@click.argument("folder", type=RUN)
+@click.option("--out", type=PATH, default=Path("report.html"), show_default=True, help="HTML file.")
+def report(folder: Path, out: Path) -> None:
+    """Write a report of a folder of results: one HTML file to read, print or mail.
+
+    FOLDER is what a command has written: a training run, a data set, emission, temperatures,
+    flicker, refocused images, or the tables of a reproduction. The report holds a verdict, the
+    tables, curves and pictures of the folder, a paragraph for the methods part of a paper, the
+    commands to repeat it, and where it comes from. It has 5 MB at most, needs neither a network nor
+    JavaScript, and is the same for the same files.
+
+    \b
+      lf-flame report reconstructed/flame
+      lf-flame report results/paper --out paper.html
+    """  # noqa: D301 - click reads the backspace
+    from lf_flame._common.atomic_files import write_text
+    from lf_flame._common.locks import exclusive
+    from lf_flame.commands import verification
+    from lf_flame.commands.report_page import report_page
+
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out must end in .html, got {printable(out)}.")
+    findings = [one for one in verification.verify(folder) if one.path == folder]
+    findings = [one for one in findings if not one.text.startswith("it holds nothing")]
+    with exclusive(out):
+        write_text(out, report_page(folder, findings))
+    click.echo(f"{printable(out)} is written")
