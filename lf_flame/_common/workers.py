@@ -3,12 +3,17 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from threading import Thread
+from typing import TypeVar
+
+from lf_flame._common.threads import one_thread
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -60,3 +65,43 @@ def _end_with_parent() -> None:
     if parent is not None:
         wait([parent.sentinel])
         os._exit(1)
+
+
+def carry_out(
+    tasks: Sequence[Callable[[], Iterable[T]]], workers: int, executor: Executor | None
+) -> Iterator[T]:
+    """Carry out tasks, and yield the results of each when it is done, in any order.
+
+    Parameters
+    ----------
+    tasks : sequence of callable
+        Tasks that can be pickled.
+    workers : int
+        Number of processes; 1 works in this one, on all threads.
+    executor : concurrent.futures.Executor or None
+        Executor to use instead.
+    """
+    if executor is not None:
+        yield from _submit(tasks, executor)
+    elif workers == 1:
+        for task in tasks:
+            yield from task()
+    else:
+        with worker_pool(workers) as pool:
+            yield from _submit(tasks, pool)
+
+
+def _submit(tasks: Sequence[Callable[[], Iterable[T]]], executor: Executor) -> Iterator[T]:
+    jobs = [executor.submit(_alone, task) for task in tasks]
+    try:
+        for job in as_completed(jobs):
+            yield from job.result()
+    finally:
+        for job in jobs:
+            job.cancel()
+
+
+def _alone(task: Callable[[], T]) -> T:
+    """Carry out a task on one thread, because others run in parallel."""
+    with one_thread():
+        return task()

@@ -16,6 +16,7 @@ from lf_flame.commands import (
     info,
     light_fields,
     networks,
+    process,
     profiles,
     program,
     simulation,
@@ -68,6 +69,7 @@ SECTIONS = [
             flicker.flicker,
         ],
     ),
+    cloup.Section("Videos", [process.process, process.status]),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section(
         "The paper's network",

@@ -1,4 +1,5 @@
 from .arrays import read_array as read_array
+from .exposure import read_exposure as read_exposure
 from .focused.lenslets import FocusedLenslets as FocusedLenslets
 from .focused.raytrix import read_raytrix as read_raytrix
 from .focused.reading import read_focused as read_focused
