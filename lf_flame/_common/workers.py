@@ -32,14 +32,15 @@ def worker_pool(
     Yields
     ------
     ProcessPoolExecutor
-        Pool of the processes; work that has not begun is cancelled if the block ends early.
+        Pool of the processes; work that has not begun is cancelled if the block ends early. Ctrl-C
+        ends the processes at once: what they write is whole or not there.
 
     Raises
     ------
     ChildProcessError
         If a process is killed, for example because memory is exhausted.
     """
-    context = multiprocessing.get_context("spawn")
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with ProcessPoolExecutor(workers, context, _start, (setup, arguments)) as pool:
         try:
             yield pool
@@ -48,6 +49,11 @@ def worker_pool(
                 "A worker process was killed, perhaps for its memory; what is finished is kept, "
                 "and the same command goes on from there"
             ) from None
+        except (KeyboardInterrupt, GeneratorExit):
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.kill()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
 

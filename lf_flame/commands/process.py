@@ -46,6 +46,11 @@ STEPS = cloup.option_group(
         help="Strength of the penalty of emission (default: chosen for each frame; one that is "
         "stated is faster).",
     ),
+    cloup.option(
+        "--background",
+        type=click.Choice(["fit"]),
+        help="fit: subtract an even background from the emission, see `lf-flame reconstruct`.",
+    ),
     *SHAPE,
 )
 
@@ -153,7 +158,7 @@ class Said:
         least = 1 if done.state == WHOLE else NAMED
         said = done.said or ((f"frame {done.frame} is missing",) if done.state == MISSING else ())
         for sentence in said:
-            kind = re.sub(r"[\d.]+", "#", sentence.rpartition(": ")[2])
+            kind = re.sub(r"-?\d[\d.e-]*", "#", sentence.partition(": ")[2] or sentence)
             self._counts[kind] += 1
             if self._counts[kind] <= least:
                 tell(f"Warning: {sentence}")

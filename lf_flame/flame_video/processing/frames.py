@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import pickle
+import re
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -293,7 +294,7 @@ def _request(
         "kind": KIND,
         "steps": [repr(step) for step in steps],
         "camera": repr(camera),
-        "reading": getattr(read, "description", getattr(read, "__qualname__", repr(read))),
+        "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
         "frames_sha256": hashlib.sha256(names.encode() + times.tobytes()).hexdigest(),
     }
 

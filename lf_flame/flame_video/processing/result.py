@@ -76,6 +76,11 @@ def create_coordinate(group: zarr.Group, name: str, values: Values) -> None:
     array[:] = along
 
 
+def is_video(path: Path) -> bool:
+    """Whether a Zarr group says that it is a processed video."""
+    return load_record(GroupFile, path / METADATA).attributes.get("kind") == KIND
+
+
 def open_video(path: Path) -> zarr.Group:
     """Open the group of a processed video, finished or not, after checks of its metadata.
 
@@ -84,8 +89,7 @@ def open_video(path: Path) -> zarr.Group:
     InputError
         If it is something else, or damaged.
     """
-    attributes = load_record(GroupFile, path / METADATA).attributes
-    if attributes.get("kind") != KIND:
+    if not is_video(path):
         raise InputError(f"{path} is no {KIND}.")
     with readable(path / METADATA, ZARR_ERRORS):
         group = zarr.open_group(path, mode="r")

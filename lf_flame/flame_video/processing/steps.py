@@ -138,7 +138,7 @@ class Emission:
     camera : Lens
     depths_mm : tuple of float
         Depths of the planes.
-    block, noise, strength
+    block, noise, strength, background
         As for `FrustumGrid` and `reconstruct`.
     """
 
@@ -147,6 +147,7 @@ class Emission:
     block: int = 1
     noise: float | None = None
     strength: float | None = None
+    background: str | None = None
 
     @cached_property
     def _grid(self):
@@ -236,6 +237,7 @@ def find_steps(
     block: int = 1,
     noise: float | None = None,
     strength: float | None = None,
+    background: str | None = None,
     level: float = 0.5,
     pixel_mm: float | None = None,
     burner_row: float | None = None,
@@ -253,7 +255,7 @@ def find_steps(
         Camera; needed for depths.
     depths_mm : tuple of float, optional
         Depths of the planes of ``emission``.
-    block, noise, strength
+    block, noise, strength, background
         Options of ``emission``, see `Emission`.
     level, pixel_mm, burner_row
         Options of ``height`` and ``contour``, see `Height`. Default of `pixel_mm`: by the camera at
@@ -294,7 +296,7 @@ def find_steps(
         elif word == "emission":
             if camera is None or not depths_mm:
                 raise InputError("The step emission needs the camera, and depths of its planes.")
-            steps.append(Emission(camera, tuple(depths_mm), block, noise, strength))
+            steps.append(Emission(camera, tuple(depths_mm), block, noise, strength, background))
         elif word == "height":
             steps.append(Height(level, side, burner_row))
         elif word == "contour":
