@@ -9,10 +9,12 @@ import pytest
 import zarr
 from click.testing import CliRunner
 from PIL import Image
+from zarr.storage import LocalStore
 
 from lf_flame import InputError, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import times_by_names, with_gaps
+from lf_flame.datasets.hashes import set_attributes
 from lf_flame.flame_video import find_steps, look_at, process_frames
 
 ROWS, COLUMNS, SLOPE = 24, 20, 1
@@ -137,9 +139,7 @@ def test_processes_make_the_same_bytes(tmp_path):
         np.save(path, bar(4 + number % 6))
     steps = find_steps("refocus@1,height,contour")
     for workers in (1, 2):
-        process_frames(
-            paths, tmp_path / f"by{workers}", steps, times_s=range(20), workers=workers
-        )
+        process_frames(paths, tmp_path / f"by{workers}", steps, times_s=range(20), workers=workers)
     assert files(tmp_path / "by1") == files(tmp_path / "by2")
 
 
@@ -163,6 +163,19 @@ def test_verify_finds_damage_and_loss(made):
     facts["attributes"]["steps"] = ["another"]
     (made / "zarr.json").write_text(json.dumps(facts))
     assert "attributes" in run("verify", made).output
+
+
+def test_attributes_and_their_hash_are_written_at_once(made, monkeypatch):
+    """A kill between two writes would leave a group that no call goes on with."""
+    written, write = [], LocalStore.set
+
+    async def set_one(self, key, *rest):
+        written.append(key)
+        await write(self, key, *rest)
+
+    monkeypatch.setattr(LocalStore, "set", set_one)
+    set_attributes(zarr.open_group(made, mode="r+"), {"one": 1, "two": 2})
+    assert written == ["zarr.json"]
 
 
 @pytest.mark.parametrize(
