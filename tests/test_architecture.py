@@ -27,6 +27,7 @@ FLOORS = [
     ["calibration", "flame_video"],
     ["projection", "tomography", "viewer"],
     ["datasets"],
+    ["flame_video.processing"],
     ["learning"],
     ["models", "systems"],
     ["commands"],

@@ -79,6 +79,6 @@ def step_bar(finished: Iterable[T], done: int, total: int) -> Iterable[T]:
     return tqdm(finished, "measuring", total, initial=done, unit="step")
 
 
-def frame_bar(frames: Iterable[T], total: int) -> Iterable[T]:
-    """Progress bar over the frames of a video."""
-    return tqdm(frames, "measuring", total, unit="frame")
+def frame_bar(frames: Iterable[T], total: int, done: int = 0) -> Iterable[T]:
+    """Progress bar over the frames of a video; `done` of them are measured already."""
+    return tqdm(frames, "measuring", total, initial=done, unit="frame", smoothing=0.1)

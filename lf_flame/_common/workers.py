@@ -3,12 +3,17 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from threading import Thread
+from typing import TypeVar
+
+from lf_flame._common.threads import one_thread
+
+T = TypeVar("T")
 
 
 @contextmanager
@@ -27,14 +32,15 @@ def worker_pool(
     Yields
     ------
     ProcessPoolExecutor
-        Pool of the processes; work that has not begun is cancelled if the block ends early.
+        Pool of the processes; work that has not begun is cancelled if the block ends early. Ctrl-C
+        ends the processes at once: what they write is whole or not there.
 
     Raises
     ------
     ChildProcessError
         If a process is killed, for example because memory is exhausted.
     """
-    context = multiprocessing.get_context("spawn")
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with ProcessPoolExecutor(workers, context, _start, (setup, arguments)) as pool:
         try:
             yield pool
@@ -43,6 +49,11 @@ def worker_pool(
                 "A worker process was killed, perhaps for its memory; what is finished is kept, "
                 "and the same command goes on from there"
             ) from None
+        except (KeyboardInterrupt, GeneratorExit):
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.kill()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -60,3 +71,43 @@ def _end_with_parent() -> None:
     if parent is not None:
         wait([parent.sentinel])
         os._exit(1)
+
+
+def carry_out(
+    tasks: Sequence[Callable[[], Iterable[T]]], workers: int, executor: Executor | None
+) -> Iterator[T]:
+    """Carry out tasks, and yield the results of each when it is done, in any order.
+
+    Parameters
+    ----------
+    tasks : sequence of callable
+        Tasks that can be pickled.
+    workers : int
+        Number of processes; 1 works in this one, on all threads.
+    executor : concurrent.futures.Executor or None
+        Executor to use instead.
+    """
+    if executor is not None:
+        yield from _submit(tasks, executor)
+    elif workers == 1:
+        for task in tasks:
+            yield from task()
+    else:
+        with worker_pool(workers) as pool:
+            yield from _submit(tasks, pool)
+
+
+def _submit(tasks: Sequence[Callable[[], Iterable[T]]], executor: Executor) -> Iterator[T]:
+    jobs = [executor.submit(_alone, task) for task in tasks]
+    try:
+        for job in as_completed(jobs):
+            yield from job.result()
+    finally:
+        for job in jobs:
+            job.cancel()
+
+
+def _alone(task: Callable[[], T]) -> T:
+    """Carry out a task on one thread, because others run in parallel."""
+    with one_thread():
+        return task()

@@ -16,6 +16,7 @@ from lf_flame.commands import (
     info,
     light_fields,
     networks,
+    process,
     profiles,
     program,
     report,
@@ -69,6 +70,7 @@ SECTIONS = [
             flicker.flicker,
         ],
     ),
+    cloup.Section("Videos", [process.process, process.status]),
     cloup.Section("Data sets", [datasets.dataset]),
     cloup.Section(
         "The paper's network",

@@ -4,7 +4,6 @@ As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +11,7 @@ import click
 import cloup
 
 from lf_flame.commands.options import FILE, FOLDER
+from lf_flame.commands.workers import WORKERS, Crew
 from lf_flame.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,21 +40,12 @@ class FolderOrUrl(click.ParamType):
     help="Folder of the Zarr group to make; or s3://BUCKET/NAME, which needs the extra [s3].",
 )
 @click.option(
-    "--workers", default=0, show_default=True, help="Number of processes; 0: one per core."
-)
-@click.option(
     "--route",
     type=click.Choice(["direct", "exact", "rays"]),
     help="Route, in place of CONFIG's: directly from the scene; or through a light field, in "
     "closed form (exact) or by traced rays.",
 )
-@click.option("--scheduler", help="Dask scheduler of the workers to use: tcp://HOST:PORT.")
-@click.option(
-    "--local-cluster",
-    type=click.IntRange(1, 1024),
-    metavar="N",
-    help="Start a Dask cluster of N processes here.",
-)
+@WORKERS
 def dataset(
     config: Path,
     preset: str,
@@ -77,14 +68,10 @@ def dataset(
     folders: first copy a data set from its store, and check it by `lf-flame verify`.
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.progress import progress_bar
-    from lf_flame._common.provenance import cpu_count
     from lf_flame.datasets.config import read_config
     from lf_flame.datasets.making import make_dataset
 
-    if workers < 0:
-        raise InputError(f"workers must be 0 (one per core) or more, got {workers}.")
-    if scheduler and local_cluster:
-        raise InputError("--scheduler and --local-cluster exclude each other.")
+    crew = Crew(workers, scheduler, local_cluster)
     settings = read_config(config)
     if route:
         settings = replace(settings, route=route)
@@ -95,14 +82,8 @@ def dataset(
         click.echo(f"{out} is complete: {samples} samples.")
         return
     click.echo(f"{samples} samples into {out}; first, the slopes of sharpest focus", err=True)
-    make = partial(make_dataset, settings, samples, out, workers or cpu_count(), progress_bar)
-    if scheduler or local_cluster:
-        from lf_flame.datasets.clusters import cluster_executor
-
-        with cluster_executor(scheduler, local_cluster) as executor:
-            make(executor)
-    else:
-        make()
+    with crew.executor() as executor:
+        make_dataset(settings, samples, out, crew.processes, progress_bar, executor)
     if isinstance(out, Path):
         (out / "zarr.json").touch()
 

@@ -30,18 +30,7 @@ TIMES = cloup.option_group(
     ),
 )
 
-MEASURES = cloup.option_group(
-    "How the flame is measured",
-    cloup.option("--slope", type=float, help="Refocus each frame at this slope."),
-    cloup.option(
-        "--depth-mm", type=float, help="Refocus each frame at this depth; needs --camera."
-    ),
-    cloup.option(
-        "--camera",
-        type=FILE,
-        help="Calibration, TOML file with a [camera] table, or simulation.json; lengths are then "
-        "in mm.",
-    ),
+SHAPE = (
     cloup.option(
         "--level",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),
@@ -60,6 +49,22 @@ MEASURES = cloup.option_group(
         type=float,
         help="Row from which the height is measured; 0 is the top row (default: the bottom edge).",
     ),
+)
+"""Options for how a flame is measured in an image."""
+
+MEASURES = cloup.option_group(
+    "How the flame is measured",
+    cloup.option("--slope", type=float, help="Refocus each frame at this slope."),
+    cloup.option(
+        "--depth-mm", type=float, help="Refocus each frame at this depth; needs --camera."
+    ),
+    cloup.option(
+        "--camera",
+        type=FILE,
+        help="Calibration, TOML file with a [camera] table, or simulation.json; lengths are then "
+        "in mm.",
+    ),
+    *SHAPE,
 )
 
 

@@ -88,6 +88,23 @@ def times_by_names(paths: Sequence[Path], frames_per_second: float) -> FrameTime
     return FrameTimes(counts / frames_per_second, tuple(notes))
 
 
+def with_gaps(
+    paths: Sequence[Path], times: FrameTimes, frames_per_second: float
+) -> tuple[list[Path | None], np.ndarray]:
+    """Give missing frames times of their own, None in place of a path.
+
+    If more are missing than there, as with numbers that are dates, gaps stay without frames.
+    """
+    counts = np.round(times.seconds * frames_per_second).astype(int)
+    counts //= max(1, int(np.gcd.reduce(np.diff(counts)))) if len(counts) > 1 else 1
+    if counts[-1] + 1 > 2 * len(counts):
+        return list(paths), times.seconds
+    rows: list[Path | None] = [None] * (counts[-1] + 1)
+    for path, count in zip(paths, counts, strict=True):
+        rows[count] = path
+    return rows, np.interp(np.arange(len(rows)), counts, times.seconds)
+
+
 def _frame_numbers(names: list[Parts]) -> list[Decimal] | None:
     """Find the only number that differs from name to name; None if there is no such."""
     if len({name[::2] for name in names}) > 1:

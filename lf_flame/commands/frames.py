@@ -1,13 +1,18 @@
 """Frames of a video of light fields: their files in order, and reading them one at a time."""
 
 import glob
+import io
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import click
 
 from lf_flame import formats
+from lf_flame._common.checksums import file_sha256
 from lf_flame.commands.frame_times import number_key
 from lf_flame.commands.reading_options import Reading
 from lf_flame.errors import InputError
@@ -126,3 +131,52 @@ def _reader(path: Path, reading: Reading) -> tuple[Callable[[Path], LightField],
 
         return read, read(path)
     return reading.read_stored, reading.read_stored(path)
+
+
+@dataclass(frozen=True)
+class FrameReader:
+    """Reader of frames in other processes, which repeat the searches in the same frame, in silence.
+
+    Attributes
+    ----------
+    model : Path
+        Frame in which lenslets or the order of views are found.
+    reading : Reading
+        Options.
+    """
+
+    model: Path
+    reading: Reading
+
+    @classmethod
+    def by_first_sound(cls, paths: Sequence[Path], reading: Reading) -> "FrameReader":
+        """Make a reader with the first of some frames that can be read."""
+        refusal = InputError("There is no frame.")
+        for number, path in enumerate(paths):
+            try:
+                read, _ = _reader(path, reading)
+            except InputError as error:
+                refusal = refusal if number else error
+                continue
+            reader = cls(path, reading)
+            reader.__dict__["_read"] = read
+            return reader
+        raise refusal
+
+    @property
+    def description(self) -> str:
+        """Options and the contents of the files that they name, as text."""
+        hashes = [file_sha256(path) for path in self.reading.files if path.is_file()]
+        return f"{self.reading.given()} {hashes}"
+
+    @cached_property
+    def _read(self) -> Callable[[Path], LightField]:
+        with redirect_stderr(io.StringIO()):
+            return _reader(self.model, self.reading)[0]
+
+    def __call__(self, path: Path) -> LightField:
+        """Read a frame."""
+        return self._read(path)
+
+    def __reduce__(self):
+        return FrameReader, (self.model, self.reading)

@@ -125,7 +125,8 @@ MOST_THREADS = 1024
 
 LEARNING = "This needs what learning needs: pip install 'lf_flame[learn]'"
 OPTIONAL = {
-    **dict.fromkeys(("keras", "tensorflow", "pandas", "zarr"), LEARNING),
+    **dict.fromkeys(("keras", "tensorflow", "pandas"), LEARNING),
+    "zarr": f"{LEARNING}, or for videos alone: pip install 'lf_flame[video]'",
     **dict.fromkeys(("dask", "distributed"), "This needs Dask: pip install 'lf_flame[dask]'"),
     **dict.fromkeys(("fsspec", "s3fs"), "This needs object stores: pip install 'lf_flame[s3]'"),
     **dict.fromkeys(

@@ -1,7 +1,7 @@
 """Dask clusters for making data sets on other machines, or in other processes on this one."""
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import CancelledError, Executor
 from contextlib import contextmanager
 
 from lf_flame.errors import InputError
@@ -35,23 +35,31 @@ def cluster_executor(scheduler: str | None = None, local: int | None = None) -> 
     ------
     InputError
         If the scheduler does not answer, or has no workers.
+    ChildProcessError
+        If the scheduler ends, or a task kills worker after worker.
     ModuleNotFoundError
         Without ``distributed``.
     """
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client, KilledWorker, LocalCluster
 
     settings = {"distributed.scheduler.allowed-failures": RETRIES}
-    with dask.config.set(settings):
-        if local is None:
-            with _connect(scheduler) as client:
+    try:
+        with dask.config.set(settings):
+            if local is None:
+                with _connect(scheduler) as client:
+                    yield client.get_executor()
+                return
+            with (
+                LocalCluster(local, threads_per_worker=1, dashboard_address=ANY_PORT) as cluster,
+                Client(cluster) as client,
+            ):
                 yield client.get_executor()
-            return
-        with (
-            LocalCluster(local, threads_per_worker=1, dashboard_address=ANY_PORT) as cluster,
-            Client(cluster) as client,
-        ):
-            yield client.get_executor()
+    except (CancelledError, KilledWorker):
+        raise ChildProcessError(
+            "The cluster's scheduler has ended, or its workers were killed again and again; what "
+            "is finished is kept, and the same command goes on from there"
+        ) from None
 
 
 @contextmanager

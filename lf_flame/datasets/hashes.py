@@ -66,7 +66,8 @@ def hash_parameters(group: zarr.Group) -> str:
 def set_attributes(group: zarr.Group, attributes: dict[str, Any]) -> None:
     """Set attributes and their hash in one write."""
     attributes = json.loads(json.dumps(attributes))
-    group.attrs.update({**attributes, ATTRIBUTES_SHA256: _hash_attributes(group, attributes)})
+    sealed = {**attributes, ATTRIBUTES_SHA256: _hash_attributes(group, attributes)}
+    group.update_attributes(sealed)  # `group.attrs.update` would write the file for each of them
 
 
 def check_attributes(group: zarr.Group, path: str | Path) -> None:

@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,8 +21,7 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from lf_flame._common import provenance
-from lf_flame._common.threads import one_thread
-from lf_flame._common.workers import worker_pool
+from lf_flame._common.workers import carry_out
 from lf_flame.datasets.config import DatasetConfig, config_from_json, config_to_json
 from lf_flame.datasets.hashes import (
     check_attributes,
@@ -83,11 +82,6 @@ class Task:
             _store(group, slice(self.samples.start, self.samples.stop), made)
         return self.samples
 
-    def alone(self) -> range:
-        """Do the same on one thread, because other tasks run in parallel."""
-        with one_thread():
-            return self()
-
 
 @lru_cache(maxsize=4)
 def _open(config: str, address: str) -> tuple[DatasetConfig, zarr.Group]:
@@ -146,7 +140,7 @@ def make_dataset(
             for first, last in _open_shards(place, group)
         ]
         missing = sum(len(task.samples) for task in tasks)
-        finished = _carry_out(tasks, workers, executor)
+        finished = carry_out(tasks, workers, executor)
         for _ in finished if progress is None else progress(finished, samples - missing, samples):
             pass
         made = {
@@ -234,28 +228,6 @@ def _open_shards(place: Place, group: zarr.Group) -> Iterator[tuple[int, int]]:
     for first in range(0, done.size, count):
         if not done[first : first + count].all():
             yield first, min(first + count, done.size)
-
-
-def _carry_out(tasks: Sequence[Task], workers: int, executor: Executor | None) -> Iterator[int]:
-    """Yield each sample when its shard is written."""
-    if executor is not None:
-        yield from _submit(tasks, executor)
-    elif workers == 1:
-        for task in tasks:
-            yield from task()
-    else:
-        with worker_pool(workers) as pool:
-            yield from _submit(tasks, pool)
-
-
-def _submit(tasks: Sequence[Task], executor: Executor) -> Iterator[int]:
-    jobs = [executor.submit(task.alone) for task in tasks]
-    try:
-        for job in as_completed(jobs):
-            yield from job.result()
-    finally:
-        for job in jobs:
-            job.cancel()
 
 
 def _store(group: zarr.Group, place: slice, samples: Sequence[dict[str, Any]]) -> None:

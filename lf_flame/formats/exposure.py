@@ -71,8 +71,9 @@ def _exif(path: Path) -> tuple[float, float]:
     else:
         try:
             with open_image(path, FORMATS) as image:
-                table = image.getexif().get_ifd(EXIF)
-                found = [table.get(tag, 0) for tag in (TIME, SPEED)]
+                tags = image.getexif()
+                table = tags.get_ifd(EXIF)
+                found = [table.get(tag) or tags.get(tag, 0) for tag in (TIME, SPEED)]
         except PILLOW_ERRORS:
             return 0.0, 0.0
     time, speed = (_number(value) for value in found)

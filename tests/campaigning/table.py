@@ -58,6 +58,7 @@ MADE = (
     Call("convert views lenslets.tif"),
     Call("refocus views --slope 0.5 --out refocused"),
     Call(f"reconstruct light_field.npy {PLANES} --out emission"),
+    Call("process frames --views 3 --steps refocus@0,height --workers 1 --out video"),
     Call(f"{DATASET} --workers 1 --out data.zarr"),
     Call(f"{TRAIN} --out runs/shapes", learns=True),
     Call(f"{SYSTEM} --out runs/refocusnet", learns=True),
@@ -98,6 +99,12 @@ CALLS = (
     Call("profiles emission --out out"),
     Call("temperature emission emission --wavelengths 550 650 --out out"),
     Call("flicker frames --views 3 --frames-per-second 100 --out out"),
+    Call("process frames --views 3 --steps height --workers 1 --out out", goes_on=True),
+    Call(
+        "process frames --views 3 --frames-per-second 100 --steps refocus@0,height,contour "
+        "--workers 2 --out out --film out.gif", goes_on=True,
+    ),
+    Call("status video"),
     Call(f"{DATASET} --workers 1 --out out", goes_on=True),
     Call(f"{DATASET} --workers 2 --out out", goes_on=True),
     Call(f"weights training.toml --preset smoke {MODEL}", learns=True),
@@ -106,7 +113,7 @@ CALLS = (
     Call("export runs/shapes --out out.keras", learns=True),
     Call("predict picture.png --model runs/shapes --out out", learns=True),
     Call("predict picture.png --model net.keras --out out", "net.json", learns=True),
-    Call("verify data.zarr refocused simulated emission"),
+    Call("verify data.zarr refocused simulated emission video"),
     Call("verify runs net.keras", "net.json", learns=True),
     Call("report emission --out out.html"),
     Call("experiments slopes shapes.toml --out out"),
@@ -143,7 +150,7 @@ UNTRIED = {
     "experiments soot": "traces rays for minutes; its files are those of experiments emission",
 }
 # Names of the parameters by which commands are told what to write.
-WRITING = {"out", "target", "figure", "single_file", "save", "work", "thumbnail"}
+WRITING = {"out", "target", "figure", "film", "single_file", "save", "work", "thumbnail"}
 
 
 def registered() -> dict:

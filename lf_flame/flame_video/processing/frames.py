@@ -1,0 +1,374 @@
+"""Processing of the frames of a video by processes or machines, into one Zarr group.
+
+Every frame is processed by itself, and every task writes whole chunks of its own. Therefore the
+bytes do not depend on the workers, and a run that was interrupted continues with what is missing.
+"""
+
+import hashlib
+import json
+import math
+import pickle
+import re
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import zarr
+
+from lf_flame._common import progress as bars
+from lf_flame._common import provenance
+from lf_flame._common.atomic_files import atomic_folder
+from lf_flame._common.locks import exclusive
+from lf_flame._common.workers import carry_out
+from lf_flame.datasets.hashes import ATTRIBUTES_SHA256, set_attributes
+from lf_flame.errors import InputError
+from lf_flame.flame_video.processing import result
+from lf_flame.flame_video.processing.result import KIND, Progress
+from lf_flame.flame_video.processing.steps import Frame, Step, Values
+from lf_flame.formats.exposure import read_exposure
+from lf_flame.formats.reading import read_light_field
+from lf_flame.lightfield import LightField
+from lf_flame.optics.lens import Lens
+
+LEAST_TOGETHER, MOST_TASKS = 8, 1000
+"""Smallest number of frames in a task, and largest number of tasks, and of files of a series."""
+
+TRIED = 8
+"""Number of frames from the start among which one must be sound."""
+
+SAME_EXPOSURE = 0.01
+"""Largest relative difference of equal exposures; cameras round theirs."""
+
+
+class Done(NamedTuple):
+    """What became of a frame: its number, its state, and sentences on it."""
+
+    frame: int
+    state: int
+    said: tuple[str, ...]
+
+
+@dataclass
+class Job:
+    """Everything needed to process a frame, on any machine; what it learns is kept.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+    read : callable
+        Reader of a frame.
+    model : Path
+        Frame whose shape and exposure the others must have.
+    """
+
+    steps: tuple[Step, ...]
+    read: Callable[[Path], LightField]
+    model: Path
+
+    def __post_init__(self):
+        self.shape: tuple[int, ...] | None = None
+        self.exposure = read_exposure(self.model)
+
+    def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
+        """Process a frame: its state, the values that were found, and sentences."""
+        if path is None:
+            return result.MISSING, {}, ()
+        if not path.exists():
+            return result.MISSING, {}, (f"{path} is gone",)
+        try:
+            exposure = read_exposure(path)
+            light_field = self.read(path)
+        except (InputError, OSError) as error:
+            return result.UNREADABLE, {}, (str(error),)
+        if light_field.shape != self._shape():
+            said = f"{path} has the shape {light_field.shape}, the first frame {self._shape()}"
+            return result.UNREADABLE, {}, (said,)
+        if exposure and self.exposure and abs(exposure / self.exposure - 1) > SAME_EXPOSURE:
+            said = f"{path} was exposed for {exposure:g} s, the first frame for {self.exposure:g} s"
+            return result.OTHER_EXPOSURE, {}, (said,)
+        return self.apply(Frame(light_field), path)
+
+    def apply(self, frame: Frame, path: Path) -> tuple[int, dict[str, Values], tuple[str, ...]]:
+        """Apply the steps to a frame; one that is refused leaves the others."""
+        values: dict[str, Values] = {}
+        state = result.WHOLE
+        for step in self.steps:
+            try:
+                values |= step(frame)
+            except InputError as error:
+                state = result.REFUSED
+                frame.warnings.append(str(error))
+        return state, values, tuple(f"{path.name}: {said}" for said in frame.warnings)
+
+    def _shape(self) -> tuple[int, ...]:
+        if self.shape is None:
+            self.shape = self.read(self.model).shape
+        return self.shape
+
+
+@lru_cache(maxsize=2)
+def _load(job: bytes) -> Job:
+    """Unpack a job once in each process: plans and compiled programs stay for all its tasks."""
+    return pickle.loads(job)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some frames of a job, whole chunks of all arrays.
+
+    Attributes
+    ----------
+    job : bytes
+        The job, pickled.
+    folder : str
+        Folder of the group.
+    first : int
+        Number of the first frame.
+    paths : tuple of Path or None
+        Paths of the frames; None for a missing one.
+    """
+
+    job: bytes
+    folder: str
+    first: int
+    paths: tuple[Path | None, ...]
+
+    def __call__(self) -> list[Done]:
+        """Process the frames, one at a time in memory, and write them."""
+        job, group = _load(self.job), zarr.open_group(self.folder, mode="r+")
+        arrays = {name: array for name, array in group.arrays() if "time" in _axes(array)}
+        last = self.first + len(self.paths)
+        series = {
+            name: np.full(len(self.paths), array.fill_value, array.dtype)
+            for name, array in arrays.items()
+            if array.ndim == 1 and name != "time"
+        }
+        done = []
+        for frame, path in enumerate(self.paths, self.first):
+            state, values, said = job(path)
+            for name, array in arrays.items():
+                if name in series and name in values:
+                    series[name][frame - self.first] = values[name].values
+                elif array.ndim > 1:
+                    # NaN too, which removes what an earlier run may have written.
+                    array[frame] = values[name].values if name in values else np.nan
+            series["state"][frame - self.first] = state
+            done.append(Done(frame, state, said))
+        whole = series.pop("state")
+        for name, numbers in series.items():
+            arrays[name][self.first : last] = numbers
+        arrays["state"][self.first : last] = whole  # last: a chunk without it is made again
+        return done
+
+
+def _axes(array: zarr.Array) -> tuple:
+    return array.metadata.dimension_names or ()  # type: ignore[union-attr]
+
+
+def process_frames(
+    paths: Sequence[Path | None],
+    out: str | Path,
+    steps: Sequence[Step],
+    *,
+    times_s: Sequence[float],
+    time_unit: str = "s",
+    read: Callable[[Path], LightField] = read_light_field,
+    camera: Lens | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[Iterable, int, int], Iterable] | None = None,
+    tell: Callable[[Done], None] | None = None,
+) -> Progress:
+    """Process the frames of a video into a Zarr group, or finish one that was interrupted.
+
+    A frame that is missing, damaged, or of another size or exposure than the first sound one
+    becomes NaN in all arrays, and the array ``state`` says so. Images have one chunk for each
+    frame. The bytes do not depend on the workers.
+
+    Parameters
+    ----------
+    paths : sequence of Path or None
+        Frames in the order of time; None for a missing one.
+    out : str or Path
+        Folder of the finished group; until then it is made as NAME.part.
+    steps : sequence of Step
+        Steps, as from `find_steps`.
+    times_s : sequence of float
+        Time of each frame.
+    time_unit : str, optional
+        Unit of the times, for the record.
+    read : callable, optional
+        Reader of a frame, which can be pickled; an attribute ``description`` states its options.
+    camera : Lens, optional
+        Camera of the frames, which is checked and recorded.
+    workers : int, optional
+        Number of processes; 1 works in this one.
+    executor : concurrent.futures.Executor, optional
+        Executor to use instead, perhaps on other machines, which see all folders by the same names.
+    progress : callable, optional
+        Function ``progress(finished, done, total)`` that wraps the iterable of finished frames.
+    tell : callable, optional
+        Function of `Done` that is called for each frame.
+
+    Returns
+    -------
+    Progress
+        Number of frames in each state.
+
+    Raises
+    ------
+    InputError
+        If none of the first frames can be processed, the folder holds something else, or was made
+        of other frames, by other steps or with another camera.
+    OSError
+        If a file cannot be written; finished frames are kept.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import find_steps, process_frames
+    >>> rng = np.random.default_rng(1)
+    >>> for k in range(3):
+    ...     np.save(f"{k}.npy", rng.uniform(size=(3, 3, 20, 30)))
+    >>> paths = [Path("0.npy"), None, Path("2.npy")]
+    >>> steps = find_steps("refocus@0.5,height")
+    >>> process_frames(paths, "flame.zarr", steps, times_s=[0.0, 0.01, 0.02]).describe()
+    '3 frames: 2 whole, 1 missing'
+    """
+    out, steps = Path(out), tuple(steps)
+    times = _checked(paths, steps, times_s)
+    together = max(LEAST_TOGETHER, math.ceil(len(paths) / MOST_TASKS))
+    request = _request(paths, steps, times, read, camera)
+    part = out.with_name(out.name + ".part")
+    with exclusive(out):
+        if out.is_symlink() or out.exists():
+            group = result.open_video(out)
+            _check_same(group, request, out)
+            return result.count_states(result.read_states(group, out))
+        if not part.exists():
+            with bars.stage("Processing the first frame"):
+                model, values = _try_out(paths, steps, read, camera)
+            facts = {"names": [path and path.name for path in paths], "model": model}
+            _lay_out(
+                part, request | facts, Values(times, (), {"units": time_unit}), values, together
+            )
+        group = result.open_video(part)
+        _check_same(group, request, part)
+        job = pickle.dumps(Job(steps, read, paths[group.attrs["model"]]))
+        states = result.read_states(group, part)
+        tasks = [
+            Task(job, str(part.resolve()), first, tuple(paths[first : first + together]))
+            for first in range(0, len(paths), together)
+            if (states[first : first + together] == result.TO_DO).any()
+        ]
+        missing = sum(len(task.paths) for task in tasks)
+        finished = carry_out(tasks, workers, executor)
+        for done in progress(finished, len(paths) - missing, len(paths)) if progress else finished:
+            if tell is not None:
+                tell(done)
+        return _finish(part, out)
+
+
+def _checked(
+    paths: Sequence[Path | None], steps: tuple[Step, ...], times_s: Sequence[float]
+) -> np.ndarray:
+    times = np.asarray(times_s, np.float64)
+    if not steps or not any(paths):
+        raise InputError(f"There must be a frame and a step, got {len(paths)} and {len(steps)}.")
+    if times.shape != (len(paths),) or not (np.diff(times) > 0).all() or not np.isfinite(times[-1]):
+        raise InputError(f"times_s must hold a rising time for each of the {len(paths)} frames.")
+    return times
+
+
+def _request(
+    paths: Sequence[Path | None], steps: tuple[Step, ...], times: np.ndarray, read, camera
+) -> dict[str, Any]:
+    """State what decides about the result, in words that can be compared."""
+    names = json.dumps([path and path.name for path in paths])
+    return {
+        "kind": KIND,
+        "steps": [repr(step) for step in steps],
+        "camera": repr(camera),
+        "reading": getattr(read, "description", re.sub(" at 0x[0-9a-f]+", "", repr(read))),
+        "frames_sha256": hashlib.sha256(names.encode() + times.tobytes()).hexdigest(),
+    }
+
+
+WHAT = {
+    "steps": "by other steps", "camera": "with another camera", "reading": "by another reading",
+    "frames_sha256": "of other frames or times",
+}  # fmt: skip
+"""Words for the entries of a request that differ."""
+
+
+def _check_same(group: zarr.Group, request: dict[str, Any], place: Path) -> None:
+    """Refuse a group that was made of something else."""
+    other = [words for key, words in WHAT.items() if group.attrs.get(key) != request[key]]
+    if other:
+        raise InputError(
+            f"{place} was made {', '.join(other)}; remove it, or choose another folder."
+        )
+
+
+def _try_out(
+    paths: Sequence[Path | None], steps: tuple[Step, ...], read, camera: Lens | None
+) -> tuple[int, dict[str, Values]]:
+    """Find the first sound frame, by which others are judged, and its values."""
+    first: InputError | None = None
+    some = [number for number, path in enumerate(paths) if path is not None][:TRIED]
+    for number in some:
+        try:
+            light_field = read(paths[number])
+            if camera is not None:
+                camera.check_views(light_field.shape)
+            frame, values = Frame(light_field), {}
+            for step in steps:
+                values |= step(frame)
+            return number, values
+        except InputError as error:
+            first = first or error
+    raise first or InputError("There is no frame.")
+
+
+def _lay_out(
+    part: Path, facts: dict[str, Any], times: Values, values: dict[str, Values], together: int
+) -> None:
+    """Create the group with empty arrays; it appears as a whole."""
+    frames = len(times.values)
+    with atomic_folder(part) as aside:
+        group = zarr.open_group(aside, mode="w", zarr_format=3)
+        result.create_coordinate(group, "time", times)
+        for name, found in values.items():
+            if found.axes == (name,):
+                result.create_coordinate(group, name, found)
+            else:
+                result.create_array(group, name, frames, found, together)
+        flags = {"flag_values": list(range(len(result.STATES)))}
+        flags |= {"flag_meanings": " ".join(result.STATES)}
+        state = Values(np.uint8(result.TO_DO), (), flags)
+        result.create_array(group, "state", frames, state, together)
+        set_attributes(group, facts)
+
+
+def _finish(part: Path, out: Path) -> Progress:
+    """Record what became of the frames, and give the group its final name."""
+    for left in part.rglob("*.partial"):  # of a write of Zarr's that was killed
+        left.unlink(missing_ok=True)
+    group = zarr.open_group(part, mode="r+")
+    states = result.read_states(group, part)
+    counts, names = result.count_states(states), group.attrs["names"]
+    skipped = {
+        word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
+        for state, word in enumerate(result.STATES)
+        if state > result.WHOLE and (states == state).any()
+    }
+    facts = {key: x for key, x in group.attrs.items() if key != ATTRIBUTES_SHA256}
+    facts |= {"counts": counts.counts, "skipped": skipped, "provenance": provenance.environment()}
+    set_attributes(group, facts)
+    part.rename(out)
+    return counts

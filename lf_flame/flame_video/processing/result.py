@@ -1,0 +1,178 @@
+"""Zarr group of a processed video: its arrays, their states, and checks before it is read.
+
+Arrays have the axis ``time`` first, and one chunk a frame; series of numbers have one chunk for the
+frames of a task. ``state`` says of each frame what became of it; a frame that is not whole is NaN.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from lf_flame._common.config import build_record, load_record
+from lf_flame._common.input_files import readable
+from lf_flame._common.memory import check_memory
+from lf_flame.datasets.hashes import check_attributes, describe_arrays, open_array
+from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, ArrayFile, GroupFile
+from lf_flame.errors import InputError
+from lf_flame.flame_video.processing.steps import Values
+
+KIND = "processed video of light fields"
+"""Value of the attribute ``kind``, by which such a group is known."""
+
+STATES = ("to_do", "whole", "missing", "unreadable", "other_exposure", "refused")
+"""Meanings of the numbers in ``state``: a missing frame has no file; an unreadable one is damaged,
+or of another size; of a refused one, a step could not find its result."""
+
+TO_DO, WHOLE, MISSING, UNREADABLE, OTHER_EXPOSURE, REFUSED = range(len(STATES))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Number of frames in each state, by its name in `STATES`."""
+
+    counts: dict[str, int]
+
+    @property
+    def frames(self) -> int:
+        """Number of all frames."""
+        return sum(self.counts.values())
+
+    def describe(self) -> str:
+        """Describe the counts in a sentence."""
+        some = [f"{n} {name.replace('_', ' ')}" for name, n in self.counts.items() if n]
+        return f"{self.frames} frames: {', '.join(some)}"
+
+
+def create_array(
+    group: zarr.Group, name: str, frames: int, values: Values, together: int
+) -> zarr.Array:
+    """Create an empty array for a step's values of all frames."""
+    one = np.asarray(values.values)
+    return group.create_array(
+        name,
+        shape=(frames, *one.shape),
+        chunks=(1 if one.ndim else together, *one.shape),
+        dtype=one.dtype,
+        fill_value=np.nan if one.dtype.kind == "f" else 0,
+        compressors=[ZstdCodec(level=3), Crc32cCodec()],
+        dimension_names=("time", *values.axes),
+        attributes={name: x for name, x in values.attributes.items() if x is not None},
+    )
+
+
+def create_coordinate(group: zarr.Group, name: str, values: Values) -> None:
+    """Write a coordinate."""
+    along = np.asarray(values.values, np.float64)
+    array = group.create_array(
+        name, shape=along.shape, chunks=along.shape, dtype="float64", fill_value=np.nan,
+        compressors=[ZstdCodec(level=3), Crc32cCodec()], dimension_names=(name,),
+        attributes=values.attributes,
+    )  # fmt: skip
+    array[:] = along
+
+
+def is_video(path: Path) -> bool:
+    """Whether a Zarr group says that it is a processed video."""
+    return load_record(GroupFile, path / METADATA).attributes.get("kind") == KIND
+
+
+def open_video(path: Path) -> zarr.Group:
+    """Open the group of a processed video, finished or not, after checks of its metadata.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or damaged.
+    """
+    if not is_video(path):
+        raise InputError(f"{path} is no {KIND}.")
+    with readable(path / METADATA, ZARR_ERRORS):
+        group = zarr.open_group(path, mode="r")
+    for name, record in describe_arrays(group).items():
+        shape = build_record(ArrayFile, record, f"{path / name / METADATA}").shape
+        if len(shape) == 1:
+            check_memory(8 * shape[0], path / name)
+    check_attributes(group, path)
+    return group
+
+
+def find_video(path: Path) -> Path:
+    """Find a processed video, or the one that is being made under the name NAME.part.
+
+    Raises
+    ------
+    InputError
+        If there is neither.
+    """
+    for place in (path, path.with_name(path.name + ".part")):
+        if (place / METADATA).exists():
+            return place
+    raise InputError(f"There is no {KIND} at {path}, and none that was begun.")
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Name the folder if Zarr raises an error."""
+    with readable(path / METADATA, ZARR_ERRORS, "a frame is"):
+        yield
+
+
+def read_states(group: zarr.Group, path: Path) -> np.ndarray:
+    """Read the state of each frame, see `STATES`."""
+    with reading(path):
+        states = np.asarray(open_array(group, "state")[:])
+    if states.size and states.max() >= len(STATES):
+        raise InputError(f"{path} is damaged: a state is {states.max()}.")
+    return states
+
+
+def count_states(states: np.ndarray) -> Progress:
+    """Count the frames in each state."""
+    counts = np.bincount(states, minlength=len(STATES))
+    return Progress({name: int(n) for name, n in zip(STATES, counts, strict=True)})
+
+
+def look_at(path: str | Path) -> Progress:
+    """Count the frames of a processed video that are done, missing, damaged and to do.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder of the group; while it is made, its name is NAME.part.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is damaged.
+    """
+    place = find_video(Path(path))
+    return count_states(read_states(open_video(place), place))
+
+
+def verify_video(path: Path) -> Progress:
+    """Read every chunk of a processed video, each with a checksum, and look for lost ones.
+
+    Raises
+    ------
+    InputError
+        If a chunk is damaged, or a whole frame's is lost.
+    """
+    group = open_video(path)
+    states = read_states(group, path)
+    for name in describe_arrays(group):
+        array = open_array(group, name)
+        if array.ndim == 1:
+            with reading(path):
+                array[:]
+            continue
+        for row in np.flatnonzero(states == WHOLE):
+            with reading(path):
+                image = np.asarray(array[int(row)])
+            if name != "contour" and not np.isfinite(image).any():
+                raise InputError(f"{path} is damaged: {name} of frame {row} is lost.")
+    return count_states(states)

@@ -1,0 +1,203 @@
+"""Videos of light fields: what the steps find, gaps, and runs that were cut."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from click.testing import CliRunner
+from PIL import Image
+from zarr.storage import LocalStore
+
+from lf_flame import InputError, read_light_field
+from lf_flame.commands.cli import commands
+from lf_flame.commands.frame_times import times_by_names, with_gaps
+from lf_flame.datasets.hashes import set_attributes
+from lf_flame.flame_video import find_steps, look_at, process_frames
+
+ROWS, COLUMNS, SLOPE = 24, 20, 1
+TOPS = (5, 7, 6, 9, 8, 4)
+
+
+def bar(top, rows=ROWS):
+    """Views of a column of light from row `top` to 17, which moves by a pixel from view to view."""
+    v, u, t, s = np.ogrid[-1:2, -1:2, :rows, :COLUMNS]
+    y, x = t - SLOPE * v, s - SLOPE * u
+    return ((y >= top) & (y < 18) & (x >= 7) & (x < 12)).astype(np.float32)
+
+
+@pytest.fixture
+def video(tmp_path):
+    """Frames 1 to 7: the third is missing, the fifth damaged, the seventh of another size."""
+    folder = tmp_path / "video"
+    folder.mkdir()
+    for number, top in zip((1, 2, 4, 6), TOPS, strict=False):
+        np.save(folder / f"frame{number}.npy", bar(top))
+    (folder / "frame5.npy").write_bytes((folder / "frame1.npy").read_bytes()[:300])
+    np.save(folder / "frame7.npy", bar(5, rows=30))
+    return folder
+
+
+def run(*words):
+    return CliRunner().invoke(commands, [str(word) for word in words])
+
+
+def files(folder):
+    """Bytes of all files but the attributes, which hold a date."""
+    found = {str(x.relative_to(folder)): x for x in folder.rglob("*") if x.is_file()}
+    return {name: x.read_bytes() for name, x in found.items() if name != "zarr.json"}
+
+
+def test_heights_contours_and_gaps_with_named_axes(video, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    out = tmp_path / "out.zarr"
+    words = ["--frames-per-second", 100, "--workers", 1, "--out", out, "--film", tmp_path / "a.gif"]
+    done = run("process", video, "--steps", "refocus@1,height,contour", *words)
+    assert done.exit_code == 0, done.output
+    assert "7 frames: 4 whole, 1 missing, 2 unreadable" in done.output
+    for said in ("frame 2 is missing", "frame5.npy cannot be read", "frame7.npy has the shape"):
+        assert said in done.output
+    found = xarray.open_zarr(out, consolidated=False, decode_times=False)
+    sound = [0, 1, 3, 5]
+    assert found["time"].values == pytest.approx(np.arange(7) / 100)
+    assert found["refocus_1"].dims == ("time", "y", "x")
+    # The level of a half lies midway between rows, above the first that is lit.
+    truth = np.full(7, np.nan)
+    truth[sound] = ROWS - np.array(TOPS[:4])
+    assert found["height"].values == pytest.approx(truth, abs=1e-5, nan_ok=True)
+    assert found["width"].values[sound] == pytest.approx(5, abs=1e-5)
+    assert found["refocus_1"][3].values == pytest.approx(bar(TOPS[2])[1, 1], abs=1e-6)
+    rows, columns = found["contour"].values[3].T
+    assert (rows.min(), rows.max()) == pytest.approx((TOPS[2] - 0.5, 17.5), abs=0.2)
+    assert (columns.min(), columns.max()) == pytest.approx((6.5, 11.5), abs=0.2)
+    assert np.isnan(found["contour"].values[[2, 4, 6]]).all()
+    assert np.isnan(found["refocus_1"].values[[2, 4, 6]]).all()
+    assert found["state"].values.tolist() == [1, 1, 2, 1, 3, 1, 3]
+    assert found.attrs["skipped"] == {
+        "missing": ["frame 2"], "unreadable": ["frame5.npy", "frame7.npy"]
+    }  # fmt: skip
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.size[1] >= 240
+    assert "7 frames: 4 whole" in run("status", out).output
+    again = run("process", video, "--steps", "refocus@1,height,contour", *words)
+    assert again.exit_code == 0, again.output
+    other = run("process", video, "--steps", "refocus@0,height,contour", *words)
+    assert other.exit_code != 0
+    assert "was made by other steps; remove it" in str(other.exception)
+
+
+def test_a_frame_of_another_exposure_is_a_gap(tmp_path):
+    for number, seconds in enumerate((0.004, 0.00401, 0.002, None)):
+        tags = Image.Exif()
+        if seconds:
+            tags[0x829A] = seconds
+        levels = np.full((24, 24), 100, np.uint8)
+        Image.fromarray(levels).save(tmp_path / f"{number}.png", exif=tags)
+    paths = [tmp_path / f"{number}.png" for number in range(4)]
+    read = partial(read_light_field, views=3)
+    said = []
+    process_frames(
+        paths, tmp_path / "a", find_steps("decode"), times_s=range(4), read=read, tell=said.append
+    )
+    group = zarr.open_group(tmp_path / "a", mode="r")
+    assert group["state"][:].tolist() == [1, 1, 4, 1]
+    assert group["views"].metadata.dimension_names == ("time", "v", "u", "t", "s")
+    assert np.isnan(group["views"][2]).all()
+    assert not np.isnan(group["views"][3]).any()
+    assert said[2].said[0].endswith("2.png was exposed for 0.002 s, the first frame for 0.004 s")
+
+
+def test_a_run_that_was_cut_goes_on_to_the_same_bytes(tmp_path):
+    paths = [tmp_path / f"{number}.npy" for number in range(20)]
+    for number, path in enumerate(paths):
+        np.save(path, bar(4 + number % 6))
+    process = partial(process_frames, paths, times_s=np.arange(20) / 50)
+    steps = find_steps("refocus@1,height")
+    process(tmp_path / "whole", steps)
+
+    def cut(done):
+        if done.frame == 9:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        process(tmp_path / "cut", steps, tell=cut)
+    assert look_at(tmp_path / "cut").counts["to_do"] == 4
+    with pytest.raises(InputError, match=r"cut\.part was made by other steps; remove it"):
+        process(tmp_path / "cut", find_steps("refocus@0,height"))
+    times = []
+    process(tmp_path / "cut", steps, tell=lambda done: times.append(done.frame))
+    assert times == [16, 17, 18, 19]
+    assert files(tmp_path / "cut") == files(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_processes_make_the_same_bytes(tmp_path):
+    paths = [tmp_path / f"{number}.npy" for number in range(20)]
+    for number, path in enumerate(paths):
+        np.save(path, bar(4 + number % 6))
+    steps = find_steps("refocus@1,height,contour")
+    for workers in (1, 2):
+        process_frames(paths, tmp_path / f"by{workers}", steps, times_s=range(20), workers=workers)
+    assert files(tmp_path / "by1") == files(tmp_path / "by2")
+
+
+@pytest.fixture
+def made(tmp_path):
+    np.save(tmp_path / "0.npy", bar(5))
+    out = tmp_path / "made"
+    process_frames([tmp_path / "0.npy"], out, find_steps("refocus@1,height"), times_s=[0.0])
+    return out
+
+
+def test_verify_finds_damage_and_loss(made):
+    assert "1 frames: 1 whole" in run("verify", made).output
+    chunk = made / "refocus_1" / "c" / "0" / "0" / "0"
+    whole = chunk.read_bytes()
+    chunk.write_bytes(whole[:-3] + bytes([whole[-3] ^ 4]) + whole[-2:])
+    assert "DAMAGED" in run("verify", made).output
+    chunk.unlink()
+    assert "refocus_1 of frame 0 is lost" in run("verify", made).output
+    facts = json.loads((made / "zarr.json").read_text())
+    facts["attributes"]["steps"] = ["another"]
+    (made / "zarr.json").write_text(json.dumps(facts))
+    assert "attributes" in run("verify", made).output
+
+
+def test_attributes_and_their_hash_are_written_at_once(made, monkeypatch):
+    """A kill between two writes would leave a group that no call goes on with."""
+    written, write = [], LocalStore.set
+
+    async def set_one(self, key, *rest):
+        written.append(key)
+        await write(self, key, *rest)
+
+    monkeypatch.setattr(LocalStore, "set", set_one)
+    set_attributes(zarr.open_group(made, mode="r+"), {"one": 1, "two": 2})
+    assert written == ["zarr.json"]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ("refocus@10mm", r"refocus@10mm needs the camera"),
+        ("refocus@x", r"at a depth, as refocus@10mm, or a slope, as refocus@0\.5, got 'x'"),
+        ("height,decode", "decode must be the first"),
+        ("height,height", "once, got 'height' twice"),
+        ("emission", "needs the camera, and depths"),
+        ("../height", r"Steps must be of .*, got '\.\./height'"),
+    ],
+)
+def test_steps_that_cannot_be(names, message):
+    with pytest.raises(InputError, match=message):
+        find_steps(names)
+
+
+def test_missing_numbers_are_gaps_but_dates_are_not():
+    paths = [Path(f"f{number}.png") for number in (2, 4, 8)]
+    rows, times = with_gaps(paths, times_by_names(paths, 10.0), 10.0)
+    assert rows == [paths[0], paths[1], None, paths[2]]
+    assert times == pytest.approx([0.0, 0.2, 0.4, 0.6])
+    dates = [Path(f"f{number}.png") for number in (20261126, 20261127, 20270101)]
+    assert with_gaps(dates, times_by_names(dates, 10.0), 10.0)[0] == dates
