@@ -121,6 +121,6 @@ def _write_depths(path: Path, found: "Reconstruction", light: np.ndarray, error)
 
 
 def _focal_stack(found: "Reconstruction", light_field: LightField) -> np.ndarray:
-    stack = shift_and_sum(light_field, found.grid.slopes)
+    stack = shift_and_sum(found.grid.camera.corrected(light_field), found.grid.slopes)
     (rows, columns), block = found.grid.pixels, found.grid.block
     return stack.reshape(len(stack), rows, block, columns, block).mean(axis=(2, 4))
