@@ -47,7 +47,7 @@ class Fitting:
 
 
 def find_foreground(
-    problem: RangeFit, noise_alone: RangeFit, first: Fit, fitting: Fitting
+    problem: RangeFit, brightest: float, first: Fit, fitting: Fitting
 ) -> tuple[np.ndarray | None, Fit]:
     """Find the cells that may emit light.
 
@@ -59,8 +59,8 @@ def find_foreground(
     ----------
     problem : RangeFit
         Problem of the light field.
-    noise_alone : RangeFit
-        Problem of a draw of its noise, without light.
+    brightest : float
+        Largest light that its noise alone makes, see `brightest_noise`.
     first : Fit
         Fit to the light field in which all cells may emit.
     fitting : Fitting
@@ -74,15 +74,20 @@ def find_foreground(
         Start of the next fit: the trial that was kept, or the first.
     """
     options = (fitting.strength, fitting.order, True, TRIAL)
-    level = float(ndimage.uniform_filter(noise_alone.solve(*options).cells, (1, 3, 3)).max())
-    together = ndimage.uniform_filter(first.cells, (1, 3, 3))
+    together = ndimage.uniform_filter(first.cells, NEIGHBOURS.shape)
     before = _risk(problem, first, fitting)
     for factor in FACTORS:
-        foreground = ndimage.binary_dilation(together > factor * level, NEIGHBOURS)
+        foreground = ndimage.binary_dilation(together > factor * brightest, NEIGHBOURS)
         trial = problem.solve(*options, first.state, foreground)
         if _risk(problem, trial, fitting) < before:
             return foreground, trial
     return None, first
+
+
+def brightest_noise(noise_alone: RangeFit, fitting: Fitting) -> float:
+    """Largest light, averaged over neighbours, in a fit to a draw of noise without light."""
+    cells = noise_alone.solve(fitting.strength, fitting.order, True, TRIAL).cells
+    return float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
 
 
 def _risk(problem: RangeFit, fit: Fit, fitting: Fitting) -> float:

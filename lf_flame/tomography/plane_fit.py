@@ -18,7 +18,7 @@ from lf_flame.tomography.error_bars import (
     noise_variance,
     standard_errors,
 )
-from lf_flame.tomography.foreground import Fitting, find_foreground
+from lf_flame.tomography.foreground import Fitting, brightest_noise, find_foreground
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.noise_correlation import correlation_factor
@@ -88,6 +88,8 @@ class Explanation:
         Whether the correction for absorption converged.
     state : ndarray of float32, or None
         State from which a similar fit starts.
+    brightest : float
+        Largest light that noise alone makes, relative to `summed_noise`.
     """
 
     cells: np.ndarray
@@ -100,6 +102,7 @@ class Explanation:
     tried: tuple[TriedStrength, ...]
     settled: bool = True
     state: np.ndarray | None = None
+    brightest: float = 0.0
 
     def with_fit(self, fit: Fit) -> "Explanation":
         """Take the cells of another fit."""
@@ -238,7 +241,7 @@ class PlaneFit:
     def _fit_smooth(self, problem: RangeFit, draft: Explanation, penalty: Roughness) -> Explanation:
         """Choose the strength, fit, find the dark cells, and fit again."""
         options, share = self.options, self._noise_share(draft)
-        few = min(options.iterations, max(20, options.iterations // 8))
+        few = min(options.iterations, max(40, options.iterations // 4))
         order, nonnegative = penalty.order, penalty.nonnegative
         variance = noise_variance(draft.summed_noise)
         search = StrengthSearch(problem, variance, share, order, nonnegative, few)
@@ -353,11 +356,16 @@ class PlaneFit:
         share: np.ndarray,
     ) -> Explanation:
         """Find the cells that may emit; the draw of the noise always has the same seed."""
-        rng = np.random.default_rng(0)
-        stack = draw_noise(self.operator, draft.pixel_noise, rng)
-        noise_alone = RangeFit(self.gram, stack, 0.0, 0)
         fitting = Fitting(draft.strength, order, noise_variance(draft.summed_noise), share)
-        foreground, fit = find_foreground(problem, noise_alone, first, fitting)
+        if self._start is not None and self._start.strength == draft.strength:
+            brightest = self._start.brightest
+        else:
+            stack = draw_noise(self.operator, draft.pixel_noise, np.random.default_rng(0))
+            noise_alone = RangeFit(self.gram, stack, 0.0, 0)
+            brightest = brightest_noise(noise_alone, fitting) / max(draft.summed_noise, 1e-30)
+        draft = replace(draft, brightest=brightest)
+        level = brightest * draft.summed_noise
+        foreground, fit = find_foreground(problem, level, first, fitting)
         return replace(draft, foreground=foreground).with_fit(fit)
 
 

@@ -40,9 +40,8 @@ from lf_flame.tomography.plane_fit import (
 from lf_flame.tomography.reconstruction_result import Reconstruction
 
 ITERATIONS = 160
-"""Number of iterations of the splitting for the solution. Each strength that is tried takes an
-eighth of them, starting from the previous one; each draw takes a quarter, starting from the
-solution, with a scatter that is within 5 % of that of half the iterations."""
+"""Largest number of iterations of the splitting for the solution, in two fits. Each strength that
+is tried, and each draw, takes at most a quarter, starting from the nearest solution."""
 
 FIT = "fit"
 """Value of `background` with which a background is fitted."""
@@ -87,7 +86,8 @@ def reconstruct(
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
-        Number of iterations (of the splitting method ADMM) that keep light from being negative.
+        Largest number of iterations (of the splitting method ADMM) that keep light from being
+        negative.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
@@ -278,7 +278,7 @@ class ReconstructionPlan:
 
     def _keep(self, grid: FrustumGrid) -> None:
         """Keep the operators of the views that count, made anew where others count."""
-        if not np.array_equal(grid.counted, self._operators.grid.counted):
+        if not grid.matches(self._operators.grid):
             self._operators, self._absorption = Operators(grid), None
         if self._absorption is None and self._thickness is not None and self._thickness.any():
             self._absorption = Absorption(self._operators.projection, grid, self._thickness)
@@ -286,7 +286,7 @@ class ReconstructionPlan:
 
 def _checked_start(start: Reconstruction, grid: FrustumGrid) -> Explanation:
     """Fit from which to start; refused if it is of another grid."""
-    if start.grid != grid or not np.array_equal(start.grid.counted, grid.counted):
+    if not grid.matches(start.grid):
         raise InputError(
             f"start must be a reconstruction on the plan's grid with the same views, got one of "
             f"{start.grid.view_count} views at the depths {list(start.grid.depths_mm)}."
