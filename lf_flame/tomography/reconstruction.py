@@ -202,7 +202,7 @@ class ReconstructionPlan:
         self._thickness = (
             None if optical_thickness is None else spread_thickness(grid, optical_thickness)
         )
-        self._operators = Operators(grid)
+        self.operators = Operators(grid)
         self._absorption: Absorption | None = None
 
     def reconstruct(
@@ -246,7 +246,7 @@ class ReconstructionPlan:
         left_out = (*left_out, *check_unknown(valid))
         self._keep(grid)
         first = None if start is None else _checked_start(start, grid)
-        fit = PlaneFit(self._operators, self._options, valid, first)
+        fit = PlaneFit(self.operators, self._options, valid, first)
         explain = Explainer(fit, self._absorption)
         level = explain.level(views) if self._background == FIT else Level(0.0, 0.0)
         views = views - np.float32(level.mean) if level.mean else views
@@ -278,10 +278,10 @@ class ReconstructionPlan:
 
     def _keep(self, grid: FrustumGrid) -> None:
         """Keep the operators of the views that count, made anew where others count."""
-        if not grid.matches(self._operators.grid):
-            self._operators, self._absorption = Operators(grid), None
+        if not grid.matches(self.operators.grid):
+            self.operators, self._absorption = Operators(grid), None
         if self._absorption is None and self._thickness is not None and self._thickness.any():
-            self._absorption = Absorption(self._operators.projection, grid, self._thickness)
+            self._absorption = Absorption(self.operators.projection, grid, self._thickness)
 
 
 def _checked_start(start: Reconstruction, grid: FrustumGrid) -> Explanation:
