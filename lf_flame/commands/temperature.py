@@ -55,7 +55,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     for each colour; or give the folders of the colours, of one camera and the same planes, or of
     one axis and radius. All need error bars, and images that are linear in light. Where an emission
     is not above three of its standard deviations, there is no temperature (NaN). It is the
-    temperature of the soot. See the error of the ratio beside it, as a temperature hides much.
+    temperature of the soot. Its picture shows the error beside it.
 
     --wavelengths is for two exposures through narrow filters, of flames that are thin: with a
     colour camera (Bayer) temperatures would be wrong by tens to hundreds of kelvin.

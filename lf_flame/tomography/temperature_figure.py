@@ -24,8 +24,8 @@ def temperature_figure(
 ):
     """Draw emission, temperature with isotherms, and its standard deviation side by side.
 
-    Isotherms are drawn where three standard deviations are less than their distance. The maps are cut
-    to the cells that have a temperature.
+    Isotherms are drawn where three standard deviations are less than their distance. The maps are
+    cut to the cells that have a temperature.
 
     Parameters
     ----------
