@@ -176,6 +176,7 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
 	$(BIN)/python -m experiments.benchmarks.decoding --out results/benchmarks \
 	  $(if $(wildcard $(BASELINES)/installed),--baselines $(BASELINES)/bin/python)
+	$(BIN)/python -m experiments.benchmarks.reconstructing --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
 
 viewer-benchmark: | $(INSTALLED)  ## time the page of the viewer in a browser (needs Chromium, idle machine)

@@ -55,7 +55,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     for each colour; or give the folders of the colours, of one camera and the same planes, or of
     one axis and radius. All need error bars, and images that are linear in light. Where an emission
     is not above three of its standard deviations, there is no temperature (NaN). It is the
-    temperature of the soot. See the error of the ratio beside it, as a temperature hides much.
+    temperature of the soot. Its picture shows the error beside it.
 
     --wavelengths is for two exposures through narrow filters, of flames that are thin: with a
     colour camera (Bayer) temperatures would be wrong by tens to hundreds of kelvin.
@@ -84,7 +84,7 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     colours = _calibration(calibration_file, wavelengths, calibration)
     every = _colour_folders(folders, colours.responses.names)
     read = read_sections if any(map(is_section, every)) else read_emissions
-    emissions, sigmas, depths = read(*every)
+    emissions, sigmas, places = read(*every)
     _check_order(every, colours.responses.names)
     soot_exponent = _exponent(every, soot_exponent)
     # Colours of one call are drawn together.
@@ -99,7 +99,8 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     )
     with output_folder(out or Path("temperature") / folders[0].name, RECORD) as folder:
         notes = temperature_notes(found, every, colours, soot_exponent)
-        write_temperature(found, depths, folder, absolute=calibration_file is not None)
+        absolute = calibration_file is not None
+        write_temperature(found, emissions[-1], places, folder, absolute=absolute)
         folder.facts |= {
             "folders": [recorded_path(one, folder.folder) for one in every],
             "colours": list(colours.responses.names),

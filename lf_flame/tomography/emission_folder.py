@@ -145,15 +145,44 @@ class EmissionFolder:
 Colours = tuple[np.ndarray, ...]
 
 
-def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[float]]:
+@dataclass(frozen=True)
+class Place:
+    """Place of a map of temperatures: a depth plane, or the section through a flame's axis.
+
+    Attributes
+    ----------
+    title : str
+        Name of the place.
+    extent_mm : tuple of float
+        Left, right, lower and upper edge of the map.
+    depth_mm : float
+        Depth of the plane, or of the axis.
+    across : str
+        Label of the horizontal axis.
+    mirrored : bool
+        Whether maps are a half section, which begins on the axis; `extent_mm` is that of the whole.
+    """
+
+    title: str
+    extent_mm: tuple[float, float, float, float]
+    depth_mm: float
+    across: str = "across (mm)"
+    mirrored: bool = False
+
+    def whole(self, planes: np.ndarray) -> np.ndarray:
+        """Give the maps of the whole place: a half section with its mirror image."""
+        return np.concatenate([planes[..., :0:-1], planes], -1) if self.mirrored else planes
+
+
+def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[Place]]:
     """Read folders of one camera with the same depth planes, one for each colour.
 
     Returns
     -------
     emissions, sigmas : tuple of ndarray, each of shape (planes, rows, columns)
         Emission and standard deviation of each folder.
-    depths_mm : list of float
-        Depths of the planes.
+    places : list of Place
+        Place of each plane.
 
     Raises
     ------
@@ -174,4 +203,13 @@ def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[float]]:
                 f"{folder.folder} has no {SIGMA}; call lf-flame reconstruct with --bootstrap 20."
             )
     sigmas = tuple(folder.read_like(SIGMA, emissions[0])[0] for folder in folders)
-    return tuple(emissions), sigmas, first.depths_mm
+    return tuple(emissions), sigmas, _places(first, emissions[0].shape[1:])
+
+
+def _places(folder: EmissionFolder, cells: tuple[int, ...]) -> list[Place]:
+    """Place of each depth plane: the field of the central view, about the optical axis."""
+    places = []
+    for depth, side in zip(folder.depths_mm, folder.cell_mm, strict=True):
+        up, across = (count * side / 2 for count in cells)
+        places.append(Place(f"at {depth:+g} mm", (-across, across, -up, up), depth))
+    return places

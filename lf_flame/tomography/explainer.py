@@ -7,7 +7,6 @@ import numpy as np
 from lf_flame.errors import InputError
 from lf_flame.tomography.absorption import Absorption
 from lf_flame.tomography.background import Level, fit_background, measure_edge
-from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.plane_fit import Explanation, PlaneFit
 
 BACKGROUND_FITS = 4
@@ -27,9 +26,8 @@ class Explainer:
     Parameters
     ----------
     fit : PlaneFit
-    grid : FrustumGrid
-    thickness : ndarray of float64, shape (planes, rows, columns), or None
-        Optical thickness of the grid's cells.
+    absorption : Absorption, optional
+        Absorption by the grid's cells. Default: none.
 
     Attributes
     ----------
@@ -37,13 +35,11 @@ class Explainer:
         Fraction of each pixel's emission that leaves towards the camera.
     """
 
-    def __init__(self, fit: PlaneFit, grid: FrustumGrid, thickness: np.ndarray | None):
-        self._fit, self._grid = fit, grid
-        self._absorption = None
-        self.leaves = np.ones((grid.shape[0], 1, 1), np.float32)
-        if thickness is not None and thickness.any():
-            self._absorption = Absorption(fit.operator, grid, thickness)
-            self.leaves = grid.crop(self._absorption.transmission)
+    def __init__(self, fit: PlaneFit, absorption: Absorption | None = None):
+        self._fit, self._grid, self._absorption = fit, fit.gram.grid, absorption
+        self.leaves = np.ones((self._grid.shape[0], 1, 1), np.float32)
+        if absorption is not None:
+            self.leaves = self._grid.crop(absorption.transmission)
 
     def __call__(self, views: np.ndarray) -> Explanation:
         """Fit, and fit again until the correction for absorption converges."""

@@ -19,7 +19,6 @@ from lf_flame.tomography.resolution import (
 
 if TYPE_CHECKING:
     from lf_flame.tomography.profiles import Profile
-    from lf_flame.tomography.pyrometry import Temperatures
     from lf_flame.tomography.reconstruction import Reconstruction
 
 MOST_SHOWN = 8
@@ -196,48 +195,6 @@ def draw_chi_squared(figure, axis, chi_squared: np.ndarray, shrink: float = 1.0)
     ticks = [1 / most, most**-0.5, 1.0, most**0.5, most]
     bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks], minor=False)
     bar.minorticks_off()
-
-
-def temperature_figure(found: "Temperatures", depths_mm: Sequence[float]):
-    """Temperatures above their standard deviations and the emissions' errors behind them.
-
-    Parameters
-    ----------
-    found : Temperatures
-        Temperatures with errors, of shape (planes, rows, columns).
-    depths_mm : sequence of float
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    count = len(found.kelvin)
-    shown = np.unique(np.linspace(0, count - 1, min(count, MOST_SHOWN)).round().astype(int))
-    rows, columns = found.kelvin.shape[1:]
-    width = min(3.6, 14 / len(shown))
-    size = (width * len(shown) + 1, 3 * width * rows / columns + 1.6)
-    figure, axes = subplots(3, len(shown), figsize=size, layout="constrained", squeeze=False)
-    lines = (
-        (found.kelvin, "temperature", "K", 1.0),
-        (found.sigma, "standard deviation", "K", 1.0),
-        (found.relative_error, "error of the emissions' ratio", "%", 100.0),
-    )
-    spread = np.asarray(found.sigma)[shown]
-    if not np.isfinite(spread).any():
-        spread = np.zeros_like(spread)
-    for line, (planes, word, unit, scale) in zip(axes, lines, strict=True):
-        values = scale * np.asarray(planes)[shown]
-        # The range of well-known values: at a flame's rim temperatures are nearly noise.
-        known = values[np.isfinite(values) & (spread <= np.nanmedian(spread))]
-        low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
-        for axis, plane, number in zip(line, values, shown, strict=True):
-            picture = axis.imshow(plane, cmap="inferno", vmin=low, vmax=high)
-            axis.set_facecolor("0.6")
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.set_title(f"{word}, {depths_mm[number]:+g} mm", fontsize=8)
-        figure.colorbar(picture, ax=list(line), shrink=0.85, label=unit)
-    return figure
 
 
 def profiles_figure(found: dict[str, list["Profile"]], depths_mm: Sequence[float]):

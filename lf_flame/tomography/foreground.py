@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.penalised_fit import Fit, RangeFit
 
 FACTORS = (3.0, 1.5, 0.75)
 """Thresholds, as multiples of the largest value that noise alone produces; a cell below is dark.
@@ -47,8 +47,8 @@ class Fitting:
 
 
 def find_foreground(
-    problem: RangeFit, noise_alone: RangeFit, cells: np.ndarray, fitting: Fitting
-) -> tuple[np.ndarray | None, np.ndarray]:
+    problem: RangeFit, brightest: float, first: Fit, fitting: Fitting
+) -> tuple[np.ndarray | None, Fit]:
     """Find the cells that may emit light.
 
     A trial is kept if it lowers the expected error of the noise-free light field (Mallows,
@@ -59,9 +59,9 @@ def find_foreground(
     ----------
     problem : RangeFit
         Problem of the light field.
-    noise_alone : RangeFit
-        Problem of a draw of its noise, without light.
-    cells : ndarray of float32, shape (planes, rows, columns)
+    brightest : float
+        Largest light that its noise alone makes, see `brightest_noise`.
+    first : Fit
         Fit to the light field in which all cells may emit.
     fitting : Fitting
         Options of the fit.
@@ -70,23 +70,28 @@ def find_foreground(
     -------
     foreground : ndarray of bool, shape (planes, rows, columns), or None
         Cells that may emit; None if all may.
-    cells : ndarray of float32
-        Start of the next fit: the trial that was kept, or the given cells.
+    fit : Fit
+        Start of the next fit: the trial that was kept, or the first.
     """
     options = (fitting.strength, fitting.order, True, TRIAL)
-    level = float(ndimage.uniform_filter(noise_alone.solve(*options).cells, (1, 3, 3)).max())
-    together = ndimage.uniform_filter(cells, (1, 3, 3))
-    before = _risk(problem, cells, fitting)
+    together = ndimage.uniform_filter(first.cells, NEIGHBOURS.shape)
+    before = _risk(problem, first, fitting)
     for factor in FACTORS:
-        foreground = ndimage.binary_dilation(together > factor * level, NEIGHBOURS)
-        trial = problem.solve(*options, cells, foreground).cells
+        foreground = ndimage.binary_dilation(together > factor * brightest, NEIGHBOURS)
+        trial = problem.solve(*options, first.state, foreground)
         if _risk(problem, trial, fitting) < before:
             return foreground, trial
-    return None, cells
+    return None, first
 
 
-def _risk(problem: RangeFit, cells: np.ndarray, fitting: Fitting) -> float:
+def brightest_noise(noise_alone: RangeFit, fitting: Fitting) -> float:
+    """Largest light, averaged over neighbours, in a fit to a draw of noise without light."""
+    cells = noise_alone.solve(fitting.strength, fitting.order, True, TRIAL).cells
+    return float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
+
+
+def _risk(problem: RangeFit, fit: Fit, fitting: Fitting) -> float:
     """Misfit in units of the noise's variance, plus twice the degrees of freedom used."""
-    glowing = float(np.sum((cells > 0).mean(axis=0) * fitting.noise_share))
+    glowing = float(np.sum((fit.cells > 0).mean(axis=0) * fitting.noise_share))
     free = glowing * problem.count_modes(fitting.strength, fitting.order)
-    return problem.misfit(cells) / fitting.variance + 2 * free
+    return fit.misfit / fitting.variance + 2 * free

@@ -35,6 +35,9 @@ COPIES = 15
 larger blocks, take less."""
 
 
+KEPT = 4
+"""Number of strengths whose inverse matrices are kept."""
+
 RIDGE = 1e-6
 """Ridge added where the unpenalised fit must be unique, relative to `FrequencyGram.scale`."""
 
@@ -80,6 +83,7 @@ class FrequencyGram:
             fft.next_fast_len(count + 2 * grid.reach, real=True) for count in grid.shape[1:]
         )
         self.size = (rows, columns)
+        self._inverses: dict[tuple[float, float, int], np.ndarray] = {}
         one = rows * (columns // 2 + 1) * grid.shape[0] ** 2 * 8
         check_memory(COPIES * one, f"{grid.shape[0]} planes of {rows} x {columns} cells")
         down, across = _transfer(grid, 0, rows), _transfer(grid, 1, columns)
@@ -146,6 +150,42 @@ class FrequencyGram:
         _, vectors = self.decomposition
         return np.matmul(vectors * values[..., None, :], np.swapaxes(vectors, -1, -2))
 
+    @cached_property
+    def modes(self) -> float:
+        """Degrees of freedom of a fit without a penalty."""
+        return self._count(np.einsum("yxpq,yxqp->yx", self.plain_inverse, self.matrices))
+
+    def count_modes(self, strength: float, order: int) -> float:
+        """Degrees of freedom of a linear fit: the trace of the map from data to fitted data.
+
+        Only the recorded pixels count, a part of the torus.
+        """
+        values, _ = self.decomposition
+        kept = self.gains / (values + self.penalty(strength, order) + RIDGE * self.scale)
+        return self._count(kept.sum(axis=-1))
+
+    def _count(self, traces: np.ndarray) -> float:
+        """Add traces over the frequencies; only the recorded part of the torus counts."""
+        share = np.prod(self.grid.pixels) / np.prod(self.size)
+        return float(np.sum(self.multiplicity * traces) * share)
+
+    def inverse(self, step: float, strength: float, order: int) -> np.ndarray:
+        """Inverse of the unit matrix plus a step times the penalised matrices; kept for later.
+
+        Returns
+        -------
+        ndarray of float32, shape (fy, planes, planes, fx)
+        """
+        asked = step, strength, order
+        if asked not in self._inverses:
+            while len(self._inverses) >= KEPT:
+                self._inverses.pop(next(iter(self._inverses)))
+            values = self.decomposition[0] + self.penalty(strength, order)
+            # In float64: the matrices alone are singular where depths cannot be distinguished.
+            inverse = self.compose(1 / (1 + step * values))
+            self._inverses[asked] = np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
+        return self._inverses[asked]
+
     def penalty(self, strength: float, order: int = ROUGHNESS_ORDER) -> np.ndarray:
         """Value that a penalty on roughness adds to every eigenvalue of a frequency.
 
@@ -175,9 +215,7 @@ class FrequencyGram:
         values, vectors = np.linalg.eigh(self.scale * depth_roughness(self.grid))
         root = vectors * np.sqrt(np.clip(values, 0, None))
         spectrum = np.sqrt(self.penalty(strength, order)) * across + along @ root.T
-        return self.gather(
-            fft.irfft2(np.moveaxis(spectrum, -1, 0), s=self.size, workers=get_num_threads())
-        ).astype(np.float32)
+        return self.gather(self.inverse_transform(spectrum)).astype(np.float32)
 
     def spread(self, cells: np.ndarray) -> np.ndarray:
         """Place cells of the grid on the torus, with 0 elsewhere."""
@@ -193,6 +231,10 @@ class FrequencyGram:
     def transform(self, torus: np.ndarray) -> np.ndarray:
         """Fourier coefficients of depth planes, shape (fy, fx, planes)."""
         return np.moveaxis(fft.rfft2(torus, workers=get_num_threads()), 0, -1)
+
+    def inverse_transform(self, spectrum: np.ndarray) -> np.ndarray:
+        """Depth planes of Fourier coefficients; the inverse of `transform`."""
+        return fft.irfft2(np.moveaxis(spectrum, -1, 0), s=self.size, workers=get_num_threads())
 
     def inner(self, a: np.ndarray, b: np.ndarray) -> float:
         """Inner product of two arrays of cells from their coefficients (Parseval)."""

@@ -126,6 +126,12 @@ class FrustumGrid:
         views[self.counted] = picked[:, 0]
         return views
 
+    def matches(self, other: "FrustumGrid") -> bool:
+        """Whether another grid has the same cells, and fits the same views."""
+        every = np.ones((self.camera.views,) * 2, bool)
+        mine, theirs = (every if one.counted is None else one.counted for one in (self, other))
+        return self == other and np.array_equal(mine, theirs)
+
     def view_groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Rows of views that fit the same columns, and these: indices, together each view once."""
         if self.counted is None:

@@ -18,10 +18,11 @@ from lf_flame.tomography.error_bars import (
     noise_variance,
     standard_errors,
 )
-from lf_flame.tomography.foreground import Fitting, find_foreground
+from lf_flame.tomography.foreground import Fitting, brightest_noise, find_foreground
 from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER, FrequencyGram
+from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.noise_correlation import correlation_factor
-from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.penalised_fit import Fit, RangeFit
 from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
 from lf_flame.tomography.projection_operator import ProjectionOperator
 from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
@@ -85,6 +86,10 @@ class Explanation:
         Strengths that were tried.
     settled : bool
         Whether the correction for absorption converged.
+    state : ndarray of float32, or None
+        State from which a similar fit starts.
+    brightest : float
+        Largest light that noise alone makes, relative to `summed_noise`.
     """
 
     cells: np.ndarray
@@ -96,6 +101,12 @@ class Explanation:
     strength: float
     tried: tuple[TriedStrength, ...]
     settled: bool = True
+    state: np.ndarray | None = None
+    brightest: float = 0.0
+
+    def with_fit(self, fit: Fit) -> "Explanation":
+        """Take the cells of another fit."""
+        return replace(self, cells=fit.cells, state=fit.state)
 
     @property
     def summed_noise(self) -> float:
@@ -114,32 +125,59 @@ class Explanation:
         return self.summed_noise * float(np.sqrt(max(lit, 0.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class Operators:
+    """Operators of a grid, which do not depend on the light field; made when they are needed."""
+
+    grid: FrustumGrid
+
+    @cached_property
+    def projection(self) -> ProjectionOperator:
+        """Light field of cells."""
+        return ProjectionOperator(self.grid)
+
+    @cached_property
+    def gram(self) -> FrequencyGram:
+        """Its Gram matrix by frequency."""
+        return FrequencyGram(self.grid)
+
+    @cached_property
+    def smooth(self) -> SmoothStack:
+        """Filtered focal stack of smooth functions through cells."""
+        return SmoothStack(self.grid)
+
+
 class PlaneFit:
     """Fits the depth planes of a grid to light fields in which light only adds.
 
     Parameters
     ----------
-    operator : ProjectionOperator
-    gram : FrequencyGram
+    operators : Operators
     options : FitOptions
     valid : ndarray of bool, shape (v, u, t, s), optional
         Whether each ray is known; others have weight 0. Default: all are.
+    start : Explanation, optional
+        Fit of a similar light field, from which the first fit starts, and takes its strength and
+        all that it tells of noise but the level.
     """
 
     def __init__(
         self,
-        operator: ProjectionOperator,
-        gram: FrequencyGram,
+        operators: Operators,
         options: FitOptions,
         valid: np.ndarray | None = None,
+        start: Explanation | None = None,
     ):
-        self.operator, self.gram, self.options = operator, gram, options
+        self.operator, self.gram, self._operators = operators.projection, operators.gram, operators
+        self._start = start
+        # A strength that a similar light field has found is as good as one that is stated.
+        self.options = replace(options, strength=start.strength) if start else options
         self.valid = None if valid is None or valid.all() else valid
 
-    @cached_property
+    @property
     def smooth(self) -> SmoothStack:
         """Filtered focal stack of smooth functions through cells."""
-        return SmoothStack(self.gram.grid)
+        return self._operators.smooth
 
     def explain(self, views: np.ndarray, known: Explanation | None = None) -> Explanation:
         """Fit a light field; if a fit is given, with its strength and foreground, starting from it.
@@ -186,12 +224,11 @@ class PlaneFit:
         with progress.stage("Preparing the fit"):
             problem = self._problem(views)
             measured = problem.measure_noise()
-            uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
-            shared = known.shared if known else self._correlation(views)
+            uneven, shared = self._noise_of_pixels(problem, views, known)
         noise = measured if options.noise is None else float(options.noise)
         if known is not None:
-            cells = self.again(problem, known, iterations or options.iterations)
-            return replace(known, cells=cells, noise=noise, measured=measured, uneven=uneven)
+            known = replace(known, noise=noise, measured=measured, uneven=uneven)
+            return known.with_fit(self.again(problem, known, iterations or options.iterations))
         dark = np.zeros(self.gram.grid.shape, np.float32)
         strength = options.strength or 0.0
         draft = Explanation(dark, None, noise, measured, uneven, shared, strength, ())
@@ -199,12 +236,12 @@ class PlaneFit:
             return self._fit_smooth(problem, draft, options.penalty)
         strength = STRENGTH if options.strength is None else float(options.strength)
         draft = replace(draft, strength=strength)
-        return replace(draft, cells=self.again(problem, draft, 2 * options.iterations))
+        return draft.with_fit(self.again(problem, draft, 2 * options.iterations))
 
     def _fit_smooth(self, problem: RangeFit, draft: Explanation, penalty: Roughness) -> Explanation:
         """Choose the strength, fit, find the dark cells, and fit again."""
         options, share = self.options, self._noise_share(draft)
-        few = min(options.iterations, max(20, options.iterations // 8))
+        few = min(options.iterations, max(40, options.iterations // 4))
         order, nonnegative = penalty.order, penalty.nonnegative
         variance = noise_variance(draft.summed_noise)
         search = StrengthSearch(problem, variance, share, order, nonnegative, few)
@@ -213,30 +250,32 @@ class PlaneFit:
         chosen = search.find() if options.strength is None else float(options.strength)
         tried = tuple(search.tried[key] for key in sorted(search.tried))
         half = options.iterations // 2
-        first = problem.solve(chosen, order, nonnegative, half or 1, search.nearest(chosen))
-        draft = replace(draft, cells=first.cells, strength=chosen, tried=tried)
+        nearest = self._start.state if self._start else search.nearest(chosen)
+        first = problem.solve(chosen, order, nonnegative, half or 1, nearest)
+        draft = replace(draft, strength=chosen, tried=tried).with_fit(first)
         if not nonnegative:
             return draft
         if penalty.dark_cells:
-            draft = self._with_foreground(problem, draft, order, share)
+            draft = self._with_foreground(problem, draft, first, order, share)
         rest = options.iterations - half
-        return replace(draft, cells=self.again(problem, draft, rest)) if half else draft
+        return draft.with_fit(self.again(problem, draft, rest)) if half else draft
 
-    def again(self, problem: RangeFit, known: Explanation, iterations: int) -> np.ndarray:
+    def again(self, problem: RangeFit, known: Explanation, iterations: int) -> Fit:
         """Solve another problem with the options of a fit, starting from its cells."""
         penalty = self.options.penalty
         if isinstance(penalty, TotalVariation):
             # The filtered noise of a cell is the sum of the noise of its views.
             weight = known.strength * known.summed_noise * np.sqrt(self.gram.scale)
-            return fit_total_variation(problem, weight, iterations, known.cells)
+            cells = fit_total_variation(problem, weight, iterations, known.cells)
+            return Fit(cells, problem.misfit(cells))
         return problem.solve(
             known.strength,
             penalty.order,
             penalty.nonnegative,
             iterations,
-            known.cells,
+            known.state,
             known.foreground,
-        ).cells
+        )
 
     def correct(self, known: Explanation, iterations: int) -> np.ndarray:
         """Estimate the error that a fit makes for a flame like the one it found, as a correction.
@@ -253,7 +292,7 @@ class PlaneFit:
         if not self.options.penalty.corrects:
             return np.zeros_like(known.cells)
         seen = RangeFit(self.gram, self.smooth(known.cells), 0.0, 0)
-        again = self.again(seen, known, iterations)
+        again = self.again(seen, known, iterations).cells
         return np.maximum(known.cells - again, -known.cells)
 
     def prior(self, known: Explanation, seen: np.ndarray) -> Prior | None:
@@ -293,6 +332,15 @@ class PlaneFit:
             grid.place(views), grid.place(np.ones(views.shape[:2], bool), False)
         )
 
+    def _noise_of_pixels(
+        self, problem: RangeFit, views: np.ndarray, known: Explanation | None
+    ) -> tuple[np.ndarray, float]:
+        """Relative variance of each pixel's noise, and the factor of correlation."""
+        if self._start is not None:
+            return self._start.uneven, self._start.shared
+        uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
+        return uneven, known.shared if known else self._correlation(views)
+
     def _noise_share(self, draft: Explanation) -> np.ndarray:
         """Fraction of the noise in each cell of a plane, shape (rows, columns)."""
         by_place = draft.uneven.mean(axis=(0, 1), dtype=np.float64)
@@ -300,15 +348,25 @@ class PlaneFit:
         return around / around.sum()
 
     def _with_foreground(
-        self, problem: RangeFit, draft: Explanation, order: int, share: np.ndarray
+        self,
+        problem: RangeFit,
+        draft: Explanation,
+        first: Fit,
+        order: int,
+        share: np.ndarray,
     ) -> Explanation:
         """Find the cells that may emit; the draw of the noise always has the same seed."""
-        rng = np.random.default_rng(0)
-        stack = draw_noise(self.operator, draft.pixel_noise, rng)
-        noise_alone = RangeFit(self.gram, stack, 0.0, 0)
         fitting = Fitting(draft.strength, order, noise_variance(draft.summed_noise), share)
-        foreground, cells = find_foreground(problem, noise_alone, draft.cells, fitting)
-        return replace(draft, foreground=foreground, cells=cells)
+        if self._start is not None and self._start.strength == draft.strength:
+            brightest = self._start.brightest
+        else:
+            stack = draw_noise(self.operator, draft.pixel_noise, np.random.default_rng(0))
+            noise_alone = RangeFit(self.gram, stack, 0.0, 0)
+            brightest = brightest_noise(noise_alone, fitting) / max(draft.summed_noise, 1e-30)
+        draft = replace(draft, brightest=brightest)
+        level = brightest * draft.summed_noise
+        foreground, fit = find_foreground(problem, level, first, fitting)
+        return replace(draft, foreground=foreground).with_fit(fit)
 
 
 def known_blocks(light_field: LightField, camera: Lens, block: int) -> np.ndarray | None:

@@ -1,8 +1,7 @@
 """Emission by depth from one light field, with error bars and warnings."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common import progress
 from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
-from lf_flame.tomography.absorption import spread_thickness
+from lf_flame.tomography.absorption import Absorption, spread_thickness
 from lf_flame.tomography.background import Level
 from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import (
@@ -26,26 +25,23 @@ from lf_flame.tomography.error_bars import (
     check_bootstrap,
     noise_variance,
     redraw,
-    scatter,
 )
 from lf_flame.tomography.explainer import Explainer
-from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, as_penalty
 from lf_flame.tomography.plane_fit import (
     Explanation,
     FitOptions,
+    Operators,
     PlaneFit,
     average_blocks,
     known_blocks,
 )
-from lf_flame.tomography.projection_operator import ProjectionOperator
-from lf_flame.tomography.strength_search import TriedStrength
+from lf_flame.tomography.reconstruction_result import Reconstruction
 
 ITERATIONS = 160
-"""Number of iterations of the splitting for the solution. Each strength that is tried takes an
-eighth of them, starting from the previous one; each draw takes a quarter, starting from the
-solution, with a scatter that is within 5 % of that of half the iterations."""
+"""Largest number of iterations of the splitting for the solution, in two fits. Each strength that
+is tried, and each draw, takes at most a quarter, starting from the nearest solution."""
 
 FIT = "fit"
 """Value of `background` with which a background is fitted."""
@@ -54,99 +50,6 @@ UNSETTLED = (
     "The correction for absorption has not converged: emission and optical thickness are "
     "inconsistent, or the thickness is too large."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """Emission by depth, with its error bars and warnings.
-
-    Attributes
-    ----------
-    grid : FrustumGrid
-        Depth planes and cells.
-    emission : ndarray of float32, shape (planes, rows, columns)
-        Radiance that each depth plane adds along the line of sight, in the unit of the light field;
-        rows and columns are the pixels of the central view. `per_mm` is emission by volume. With
-        an optical thickness, it is the radiance that each plane would add without absorption.
-    correction : ndarray of float32, shape of `emission`
-        Part of the emission that was added to the fit to correct the effect of penalty and constant
-        cells; zeros without correction.
-    draws : ndarray of float32, shape (draws, planes, rows, columns)
-        Bootstrap draws of the emission: refits with redrawn noise and redrawn prior of the penalty,
-        each with a random multiple, between 0 and 2, of the correction. Their scatter does not
-        include all of the uncertainty in depth.
-    sigma_linear : ndarray of float64, shape (planes,)
-        Standard deviation of the unconstrained linear fit, one number for each plane. Compared with
-        `sigma`, it shows how much the constraint of no negative light contributes.
-    noise : float
-        Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
-    strength : float
-        Strength of the regularisation that was used.
-    tried : tuple of TriedStrength
-        Strengths that were tried (the L-curve), weakest first.
-    chi_squared : ndarray of float64, shape (v, u)
-        Mean squared residual of each view, in units of the noise's variance; NaN of views that are
-        not fitted.
-    warnings : tuple of str
-        Sentences on disagreements of data and model.
-    background, background_sigma : float
-        Uniform background that was fitted and subtracted, and its standard deviation; 0 without.
-    """
-
-    grid: FrustumGrid
-    emission: np.ndarray
-    correction: np.ndarray
-    draws: np.ndarray
-    sigma_linear: np.ndarray
-    noise: float
-    strength: float
-    tried: tuple[TriedStrength, ...]
-    chi_squared: np.ndarray
-    warnings: tuple[str, ...]
-    background: float = 0.0
-    background_sigma: float = 0.0
-
-    @cached_property
-    def sigma(self) -> np.ndarray | None:
-        """Standard error of each cell due to noise, penalty and cells; None without draws.
-
-        float32, shape of `emission`. It does not include all of the uncertainty in depth: for a
-        flame that is thick in depth, the truth is outside many error bars.
-        """
-        return scatter(self.draws, self.emission) if len(self.draws) else None
-
-    @property
-    def light_sigma(self) -> np.ndarray | None:
-        """Standard error of the sum over each plane's cells, float64, shape (planes,), or None."""
-        if not len(self.draws):
-            return None
-        sums = (one.sum(axis=(-2, -1), dtype=np.float64) for one in (self.draws, self.emission))
-        return scatter(*sums)
-
-    @property
-    def spacing_mm(self) -> float | None:
-        """Distance between neighbouring planes in mm, if it is the same for all; else None."""
-        steps = np.abs(np.diff(self.grid.depths_mm))
-        return float(steps[0]) if steps.size and np.ptp(steps) <= 1e-6 * steps[0] else None
-
-    @property
-    def per_mm(self) -> np.ndarray:
-        """Emission per length of the line of sight: a plane's emission over the planes' distance.
-
-        It is in radiance per mm, shape of `emission`; times 4 pi it is power per volume, if the
-        light field is in radiance.
-
-        Raises
-        ------
-        InputError
-            If the planes are not evenly spaced.
-        """
-        if self.spacing_mm is None:
-            raise InputError(
-                f"Emission by volume needs two or more evenly spaced planes, got the depths "
-                f"{list(self.grid.depths_mm)}."
-            )
-        return self.emission / np.float32(self.spacing_mm)
 
 
 def reconstruct(
@@ -183,7 +86,8 @@ def reconstruct(
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
-        Number of iterations (of the splitting method ADMM) that keep light from being negative.
+        Largest number of iterations (of the splitting method ADMM) that keep light from being
+        negative.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
@@ -235,47 +139,159 @@ def reconstruct(
     >>> bool(np.abs(found.emission - grid.crop(cells)).max() < 0.1)
     True
     """
-    options = FitOptions(noise, strength, iterations, as_penalty(penalty))
-    check_bootstrap(bootstrap)
-    if background not in (None, FIT):
-        raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
-    rng = np.random.default_rng(rng)
-    light_field = grid.camera.corrected(light_field)
-    grid, left_out = fitted_views(light_field, grid)
-    thickness = None if optical_thickness is None else spread_thickness(grid, optical_thickness)
-    views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
-    check_range(views, noise)
-    known = known_blocks(light_field, grid.camera, grid.block)
-    valid = None if known is None else grid.pick(known)
-    left_out = (*left_out, *check_unknown(valid))
-    fit = PlaneFit(ProjectionOperator(grid), FrequencyGram(grid), options, valid)
-    explain = Explainer(fit, grid, thickness)
-    level = explain.level(views) if background == FIT else Level(0.0, 0.0)
-    views = views - np.float32(level.mean) if level.mean else views
-    found = explain(views)
-    fitted = _Fitted(views, level, found, explain.seen(found.cells), valid)
-    # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
-    # does not change; `Explainer.emission` turns it into emission.
-    correction = fit.correct(found, max(1, iterations // 2))
-    emission = explain.emission(found.cells + correction)
-    drawn = _draw_again(fit, fitted, correction, bootstrap, rng)
-    draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
-    result = Reconstruction(
-        grid=grid,
-        emission=emission,
-        correction=explain.emission(correction),
-        draws=draws.reshape(-1, *emission.shape),
-        sigma_linear=explain.error_factor * fit.linear_errors(found),
-        noise=found.noise,
-        strength=found.strength,
-        tried=found.tried,
-        chi_squared=grid.place(fitted.chi_squared, np.nan),
-        warnings=left_out,
-        background=level.mean,
-        background_sigma=level.error,
+    plan = ReconstructionPlan(
+        grid,
+        noise=noise,
+        strength=strength,
+        iterations=iterations,
+        optical_thickness=optical_thickness,
+        penalty=penalty,
+        background=background,
     )
-    said = _disagreements(result, fitted, stated=noise is not None)
-    return replace(result, warnings=(*left_out, *said))
+    return plan.reconstruct(light_field, bootstrap=bootstrap, rng=rng)
+
+
+class ReconstructionPlan:
+    """Everything of `reconstruct` that does not depend on the light field, for videos.
+
+    Parameters
+    ----------
+    grid : FrustumGrid
+        Depth planes and cells.
+    noise, strength, iterations, optical_thickness, penalty, background
+        As for `reconstruct`.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from lf_flame import PAPER_CAMERA, render
+    >>> from lf_flame.scenes.flames import flame_texture
+    >>> from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+    >>> camera = replace(PAPER_CAMERA, views=5, lenslets=(32, 40))
+    >>> plan = ReconstructionPlan(FrustumGrid(camera, [6.0, -6.0]))
+
+    >>> from lf_flame import Layer, Scene
+    >>> last = None
+    >>> for height in (2.0, 2.2):
+    ...     flame = Layer(flame_texture(height, 0.3, cell_mm=0.05), 6.0, (height, 1.92))
+    ...     last = plan.reconstruct(render(Scene([flame]), camera), start=last)
+    >>> last.emission.shape
+    (2, 32, 40)
+    """
+
+    def __init__(
+        self,
+        grid: FrustumGrid,
+        *,
+        noise: float | None = None,
+        strength: float | None = None,
+        iterations: int = ITERATIONS,
+        optical_thickness: ArrayLike | None = None,
+        penalty: str | Penalty = ROUGHNESS,
+        background: str | None = None,
+    ):
+        if background not in (None, FIT):
+            raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
+        self.grid, self._background = grid, background
+        self._options = FitOptions(noise, strength, iterations, as_penalty(penalty))
+        self._thickness = (
+            None if optical_thickness is None else spread_thickness(grid, optical_thickness)
+        )
+        self.operators = Operators(grid)
+        self._absorption: Absorption | None = None
+
+    def reconstruct(
+        self,
+        light_field: LightField,
+        *,
+        start: Reconstruction | None = None,
+        bootstrap: int = 0,
+        rng: int | np.random.Generator | None = 0,
+    ) -> Reconstruction:
+        """Find the emission that explains a light field.
+
+        Parameters
+        ----------
+        light_field : LightField
+            As for `reconstruct`.
+        start : Reconstruction, optional
+            Result of the frame before. The fit starts from it, and takes from it the strength, and
+            how noise depends on pixel and brightness, and is correlated. Default: the light field
+            alone decides.
+        bootstrap, rng
+            As for `reconstruct`.
+
+        Returns
+        -------
+        Reconstruction
+
+        Raises
+        ------
+        InputError
+            If the light field does not match the grid, or `start` is of another grid.
+        """
+        check_bootstrap(bootstrap)
+        rng = np.random.default_rng(rng)
+        light_field = self.grid.camera.corrected(light_field)
+        grid, left_out = fitted_views(light_field, self.grid)
+        views = grid.pick(average_blocks(light_field, grid.camera, grid.block))
+        check_range(views, self._options.noise)
+        known = known_blocks(light_field, grid.camera, grid.block)
+        valid = None if known is None else grid.pick(known)
+        left_out = (*left_out, *check_unknown(valid))
+        self._keep(grid)
+        first = None if start is None else _checked_start(start, grid)
+        fit = PlaneFit(self.operators, self._options, valid, first)
+        explain = Explainer(fit, self._absorption)
+        level = explain.level(views) if self._background == FIT else Level(0.0, 0.0)
+        views = views - np.float32(level.mean) if level.mean else views
+        found = explain(views)
+        fitted = _Fitted(views, level, found, explain.seen(found.cells), valid)
+        # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
+        # does not change; `Explainer.emission` turns it into emission.
+        correction = fit.correct(found, max(1, self._options.iterations // 2))
+        emission = explain.emission(found.cells + correction)
+        drawn = _draw_again(fit, fitted, correction, bootstrap, rng)
+        draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
+        result = Reconstruction(
+            grid=grid,
+            emission=emission,
+            correction=explain.emission(correction),
+            draws=draws.reshape(-1, *emission.shape),
+            sigma_linear=explain.error_factor * fit.linear_errors(found),
+            noise=found.noise,
+            strength=found.strength,
+            tried=found.tried,
+            chi_squared=grid.place(fitted.chi_squared, np.nan),
+            warnings=left_out,
+            background=level.mean,
+            background_sigma=level.error,
+            fit=found,
+        )
+        said = _disagreements(result, fitted, stated=self._options.noise is not None)
+        return replace(result, warnings=(*left_out, *said))
+
+    def _keep(self, grid: FrustumGrid) -> None:
+        """Keep the operators of the views that count, made anew where others count."""
+        if not grid.matches(self.operators.grid):
+            self.operators, self._absorption = Operators(grid), None
+        if self._absorption is None and self._thickness is not None and self._thickness.any():
+            self._absorption = Absorption(self.operators.projection, grid, self._thickness)
+
+
+def _checked_start(start: Reconstruction, grid: FrustumGrid) -> Explanation:
+    """Fit from which to start; refused if it is of another grid."""
+    if not grid.matches(start.grid):
+        raise InputError(
+            f"start must be a reconstruction on the plan's grid with the same views, got one of "
+            f"{start.grid.view_count} views at the depths {list(start.grid.depths_mm)}."
+        )
+    return start.fit
 
 
 class _Fitted(NamedTuple):
@@ -335,7 +351,7 @@ def _draw_again(
     )
     redrawn = redraw(fit.operator, fit.gram, expected, count, rng)
     for problem in progress.steps(redrawn, "error bars", count, "draw"):
-        drawn = replace(found, cells=fit.again(problem, found, few))
+        drawn = found.with_fit(fit.again(problem, found, few))
         if not fit.options.penalty.corrects:
             yield drawn.cells
             continue

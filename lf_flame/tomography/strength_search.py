@@ -87,7 +87,7 @@ class StrengthSearch:
         iterations: int,
     ):
         self.tried: dict[float, TriedStrength] = {}
-        self._cells: dict[float, np.ndarray] = {}
+        self._starts: dict[float, np.ndarray] = {}
         self._problem, self._noise_share = problem, noise_share
         self._variance = variance
         self._options = (order, nonnegative, iterations)
@@ -126,12 +126,12 @@ class StrengthSearch:
             self.attempt(strength)
 
     def nearest(self, strength: float) -> np.ndarray | None:
-        """Cells of the nearest fit that was tried, to start from."""
-        if not self._cells:
+        """State, or cells, of the nearest fit that was tried, to start from."""
+        if not self._starts:
             return None
         least = STRENGTHS[0]
-        key = min(self._cells, key=lambda tried: abs(math.log(tried / max(strength, least))))
-        return self._cells[key]
+        key = min(self._starts, key=lambda tried: abs(math.log(tried / max(strength, least))))
+        return self._starts[key]
 
     def attempt(self, strength: float) -> TriedStrength:
         """Fit with a strength, unless this was done before."""
@@ -142,7 +142,7 @@ class StrengthSearch:
             free = self._problem.count_modes(strength, order) / self._problem.modes
             if nonnegative:
                 free *= float(np.sum((fit.cells > 0).mean(axis=0) * self._noise_share))
-            self._cells[strength] = fit.cells
+            self._starts[strength] = fit.cells if fit.state is None else fit.state
             misfit = fit.misfit / (self._variance * self._problem.modes)
             self.tried[strength] = TriedStrength(strength, misfit, 1 - free, roughness(fit.cells))
         return self.tried[strength]

@@ -14,7 +14,7 @@ from lf_flame.formats.coding import CODED
 from lf_flame.tomography import emission_folder
 from lf_flame.tomography.axisymmetric import section_folder
 from lf_flame.tomography.colour_calibration import ColourCalibration
-from lf_flame.tomography.figures import temperature_figure
+from lf_flame.tomography.emission_folder import Place
 from lf_flame.tomography.pyrometry import (
     LEAST_K,
     LEAST_SIGNAL,
@@ -23,6 +23,7 @@ from lf_flame.tomography.pyrometry import (
     Temperatures,
     soot_temperature,
 )
+from lf_flame.tomography.temperature_figure import temperature_figure
 
 RECORD = "temperature.json"
 SIGMA_FILE = "temperature_sigma.tif"
@@ -140,20 +141,28 @@ def _gain_error(found: Temperatures, calibration: ColourCalibration, exponent: f
 
 
 def write_temperature(
-    found: Temperatures, depths: Sequence[float], folder: OutputFolder, *, absolute: bool = False
+    found: Temperatures,
+    emission: np.ndarray,
+    places: Sequence[Place],
+    folder: OutputFolder,
+    *,
+    absolute: bool = False,
 ) -> None:
     """Write ``temperature.tif``, ``temperature_sigma.tif`` (NaN: undetermined) and a figure.
 
     With `absolute` gains, ``optical_thickness.tif`` is the soot's at 600 nm, by plane or by mm as
-    the emission.
+    the emission, of which the figure shows one colour.
     """
     stacks = {"temperature.tif": found.kelvin, SIGMA_FILE: found.sigma}
     if absolute:
         stacks["optical_thickness.tif"] = found.amount
     for name, planes in stacks.items():
         _write_planes(folder, name, np.asarray(planes, np.float32))
-    figures.save(temperature_figure(found, depths), folder.path("temperature.png"))
-    folder.facts["depths_mm"] = list(depths)
+    maps = (found.kelvin, np.asarray(found.sigma), emission)
+    kelvin, sigma, light = (places[0].whole(one) for one in maps)
+    figure = temperature_figure(kelvin, sigma, light, places)
+    figures.save(figure, folder.path("temperature.png"), dpi=300)
+    folder.facts["depths_mm"] = [place.depth_mm for place in places]
 
 
 def _write_planes(folder: OutputFolder, name: str, planes: np.ndarray) -> None:

@@ -7,7 +7,8 @@ from pyproximal import VStack as Proximals
 from pyproximal.optimization.primaldual import PrimalDual
 
 from lf_flame._common import progress
-from lf_flame.tomography.penalised_fit import STEP, FrequencyFit, RangeFit
+from lf_flame.tomography.frequency_gram import ROUGHNESS_ORDER
+from lf_flame.tomography.penalised_fit import FrequencyFit, RangeFit
 
 LENGTH = 9.0
 """Squared norm of gradient and identity together: at most 8 + 1."""
@@ -44,7 +45,7 @@ def fit_total_variation(
     """
     gram = problem.gram
     torus = gram.spread(start.astype(np.float32))
-    count, step = torus.size, STEP / gram.scale
+    count = torus.size
     gradient = [
         FirstDerivative(torus.shape, axis=k, kind="forward", dtype="float32") for k in (1, 2)
     ]
@@ -53,8 +54,8 @@ def fit_total_variation(
     penalties = Proximals(
         [L21(2, sigma=weight), Box(np.zeros_like(roof), roof)], nn=[2 * count, count]
     )
-    data = FrequencyFit(gram, problem.stack, gram.penalty(0.0))
-    dual = 0.99 / (LENGTH * step)
+    data = FrequencyFit(gram, problem.stack, 0.0, ROUGHNESS_ORDER)
+    step, dual = data.step, 0.99 / (LENGTH * data.step)
     with progress.bar("fitting", iterations) as shown:
         cells = PrimalDual(
             data,

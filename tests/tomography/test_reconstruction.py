@@ -9,7 +9,7 @@ from scipy import stats
 from lf_flame import InputError, LightField, Sensor
 from lf_flame.optics.sensor import expose
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
+from lf_flame.tomography import FrustumGrid, ReconstructionPlan, Roughness, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
 
 DEPTHS = (3.0, 0.0, -4.0)
@@ -210,6 +210,29 @@ def test_another_camera_s_light_field_is_refused(grid, clean):
         reconstruct(clean, FrustumGrid(wide, DEPTHS))
     with pytest.raises(InputError, match="grey"):
         reconstruct(LightField(np.repeat(clean.views[..., None], 3, axis=4)), grid)
+
+
+def test_a_frame_starts_from_the_one_before(grid, clean, noisy):
+    """It finds what it finds alone, of a flame that has moved, and grown half as bright again."""
+    plan = ReconstructionPlan(grid)
+    first = plan.reconstruct(noisy(0.01))
+    moved = LightField(1.5 * np.roll(noisy(0.01, 1).views, (2, -1), (2, 3)))
+    found = plan.reconstruct(moved, start=first)
+    alone = reconstruct(moved, grid, strength=first.strength)
+    assert found.strength == first.strength
+    assert found.noise == pytest.approx(0.015 * clean.views.max(), rel=0.02)
+    off = found.emission - alone.emission
+    assert np.sqrt(np.mean(off**2)) < 2e-4 * alone.emission.max()
+    other = ReconstructionPlan(FrustumGrid(grid.camera, (3.0, -4.0)))
+    with pytest.raises(InputError, match="start must be a reconstruction on the plan's grid"):
+        other.reconstruct(moved, start=first)
+
+
+def test_more_iterations_change_little(grid, noisy):
+    found = reconstruct(noisy(0.01), grid, strength=0.01)
+    longer = reconstruct(noisy(0.01), grid, strength=0.01, iterations=1600)
+    off = found.emission - longer.emission
+    assert np.sqrt(np.mean(off**2)) < 2e-4 * longer.emission.max()
 
 
 def test_evenly_spaced_planes():

@@ -80,6 +80,7 @@ def write_flame(
         "block": grid.block,
         "views": grid.which,
         "step_mm": grid.step_mm,
+        "top_mm": float(grid.heights_mm[0]),
         "axis_found": to_json(axis),
         "unit": "radiance per mm of the line of sight, as of the light field",
         "noise": found.noise,

@@ -9,7 +9,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
 from lf_flame._common.tiff_files import read_tiff
 from lf_flame.errors import InputError
-from lf_flame.tomography.emission_folder import Colours
+from lf_flame.tomography.emission_folder import Colours, Place
 
 RECORD = "abel.json"
 SECTION, SIGMA, DRAWS = "section.tif", "sigma.tif", "draws.tif"
@@ -29,6 +29,8 @@ class SectionRecord:
         SHA-256 of each file by its name.
     burner_mm : float, optional
         Height of the burner in mm.
+    top_mm : float, optional
+        Height of the first row of nodes from the optical axis in mm.
     """
 
     axis_mm: float
@@ -37,6 +39,7 @@ class SectionRecord:
     step_mm: float
     files: dict[str, str]
     burner_mm: float | None = None
+    top_mm: float | None = None
 
     @property
     def place(self) -> tuple[float | None, ...]:
@@ -49,15 +52,15 @@ def is_section(folder: Path) -> bool:
     return (folder / RECORD).is_file()
 
 
-def read_sections(*folders: Path) -> tuple[Colours, Colours, list[float]]:
+def read_sections(*folders: Path) -> tuple[Colours, Colours, list[Place]]:
     """Read the half sections of one flame, one folder for each colour.
 
     Returns
     -------
     emissions, sigmas : tuple of ndarray, each of float32, shape (1, heights, radii)
         Emission and standard deviation in each colour.
-    depths_mm : list of float
-        Depth of the axis, one number.
+    places : list of Place
+        Place of the section through the axis, one.
 
     Raises
     ------
@@ -91,7 +94,16 @@ def read_sections(*folders: Path) -> tuple[Colours, Colours, list[float]]:
             f"The sections of {' and '.join(map(str, folders))} must be of one shape, got "
             f"{sorted(shapes)}."
         )
-    return emissions, sigmas, [told.axis_depth_mm]
+    return emissions, sigmas, [_place(told, emissions[0].shape[1:])]
+
+
+def _place(record: SectionRecord, nodes: tuple[int, ...]) -> Place:
+    """Place of the whole section; heights are from its lower edge if its top is unknown."""
+    step, (heights, radii) = record.step_mm, nodes
+    side = (radii - 0.5) * step
+    high = heights * step if record.top_mm is None else record.top_mm + step / 2
+    extent = (-side, side, high - heights * step, high)
+    return Place("section", extent, record.axis_depth_mm, "from the axis (mm)", mirrored=True)
 
 
 def read_draws(*folders: Path) -> Colours | None:
