@@ -31,7 +31,8 @@ from lf_flame.tomography.error_bars import (
 from lf_flame.tomography.explainer import Explainer
 from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
-from lf_flame.tomography.penalties import ROUGHNESS, Penalty, as_penalty
+from lf_flame.tomography.iterative_methods import MOST, PENALISED, check_method, iterate
+from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
 from lf_flame.tomography.plane_fit import (
     Explanation,
     FitOptions,
@@ -81,7 +82,7 @@ class Reconstruction:
     noise : float
         Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
     strength : float
-        Strength of the regularisation that was used.
+        Strength of the regularisation that was used; 0 for a method that stops early.
     tried : tuple of TriedStrength
         Strengths that were tried (the L-curve), weakest first.
     chi_squared : ndarray of float64, shape (v, u)
@@ -91,6 +92,8 @@ class Reconstruction:
         Sentences on disagreements of data and model.
     background, background_sigma : float
         Uniform background that was fitted and subtracted, and its standard deviation; 0 without.
+    iterations : int or None
+        Number of iterations after which a method stopped; None for the penalised fit.
     """
 
     grid: FrustumGrid
@@ -105,6 +108,7 @@ class Reconstruction:
     warnings: tuple[str, ...]
     background: float = 0.0
     background_sigma: float = 0.0
+    iterations: int | None = None
 
     @cached_property
     def sigma(self) -> np.ndarray | None:
@@ -155,12 +159,13 @@ def reconstruct(
     *,
     noise: float | None = None,
     strength: float | None = None,
-    iterations: int = ITERATIONS,
+    iterations: int | None = None,
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
     penalty: str | Penalty = ROUGHNESS,
     background: str | None = None,
+    method: str = PENALISED,
 ) -> Reconstruction:
     """Find the emission on a grid's depth planes that explains a light field.
 
@@ -183,7 +188,8 @@ def reconstruct(
     strength : float, optional
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
-        Number of iterations (of the splitting method ADMM) that keep light from being negative.
+        Number of iterations (of the splitting method ADMM) that keep light from being negative,
+        160 by default; or the largest number of another method, 1000 by default.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
@@ -205,6 +211,11 @@ def reconstruct(
         "fit" subtracts a uniform background of unknown level: the mean of the pixels that no
         emission reaches, so some of the field must be dark. Its error is in the error bars.
         Default: no background.
+    method : {"penalised", "sart", "mlem", "lsqr", "nnls"}, optional
+        Method: the penalised fit; or, to compare with, a classical one that has no penalty but
+        stops as soon as the squared residual of the known rays falls to the noise. SART takes all
+        views at once (SIRT), MLEM is Richardson-Lucy, NNLS is non-negative least squares by
+        accelerated gradients, and LSQR is linear, with negative light. They have no error bars.
 
     Returns
     -------
@@ -235,8 +246,15 @@ def reconstruct(
     >>> bool(np.abs(found.emission - grid.crop(cells)).max() < 0.1)
     True
     """
-    options = FitOptions(noise, strength, iterations, as_penalty(penalty))
     check_bootstrap(bootstrap)
+    check_method(method, strength, penalty != ROUGHNESS, bootstrap)
+    plain = method == PENALISED
+    iterations = (ITERATIONS if plain else MOST) if iterations is None else iterations
+    # Other methods take noise, background and warnings from a fit that is linear, which is quick,
+    # unless a background is measured where no light is found.
+    measuring = Roughness(nonnegative=background == FIT, corrected=False)
+    few = iterations if plain else min(iterations, ITERATIONS)
+    options = FitOptions(noise, strength, few, as_penalty(penalty) if plain else measuring)
     if background not in (None, FIT):
         raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
     rng = np.random.default_rng(rng)
@@ -256,7 +274,7 @@ def reconstruct(
     fitted = _Fitted(views, level, found, explain.seen(found.cells), valid)
     # Fit, correction and draws are light that leaves towards the camera, whose noise absorption
     # does not change; `Explainer.emission` turns it into emission.
-    correction = fit.correct(found, max(1, iterations // 2))
+    correction = fit.correct(found, max(1, few // 2))
     emission = explain.emission(found.cells + correction)
     drawn = _draw_again(fit, fitted, correction, bootstrap, rng)
     draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
@@ -275,7 +293,21 @@ def reconstruct(
         background_sigma=level.error,
     )
     said = _disagreements(result, fitted, stated=noise is not None)
-    return replace(result, warnings=(*left_out, *said))
+    result = replace(result, warnings=(*left_out, *said))
+    if plain:
+        return result
+    done = iterate(method, explain.operator, views, valid, found.noise, iterations)
+    cells = done.cells.reshape(grid.shape)
+    fitted = fitted._replace(seen=explain.seen(cells))
+    return replace(
+        result,
+        emission=explain.emission(cells),
+        strength=0.0,
+        tried=(),
+        chi_squared=grid.place(fitted.chi_squared, np.nan),
+        warnings=(*result.warnings, *done.warnings),
+        iterations=done.iterations,
+    )
 
 
 class _Fitted(NamedTuple):
