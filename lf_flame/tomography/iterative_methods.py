@@ -139,9 +139,8 @@ def _until(steps: Steps, rays: np.ndarray, goal: float, most: int) -> Stopped:
 
 def _sums(operator: LinearOperator) -> tuple[np.ndarray, np.ndarray]:
     """Sum of each row and of each column, float32."""
-    ones = (np.ones(count, np.float32) for count in operator.shape)
-    columns, rows = operator.rmatvec(next(ones)), operator.matvec(next(ones))
-    return rows, columns
+    rays, cells = (np.ones(count, np.float32) for count in operator.shape)
+    return operator.matvec(cells), operator.rmatvec(rays)
 
 
 def _inverse(sums: np.ndarray) -> np.ndarray:
