@@ -191,17 +191,17 @@ def _nnls(operator: LinearOperator, rays: np.ndarray, noise: float) -> Steps:
     step = np.float32(1 / (float(rows.max()) * float(columns.max())))
     cells = np.zeros(operator.shape[1], np.float32)
     seen = operator.matvec(cells)
-    before, speed = (cells, seen), 1.0
+    before, onward, speed = (cells, seen), np.float32(0), 1.0
     while True:
         yield cells, seen
-        faster = (1 + np.sqrt(1 + 4 * speed**2)) / 2
-        onward, speed = np.float32((speed - 1) / faster), faster
         ahead, seen_ahead = (
             now + onward * (now - then) for now, then in zip((cells, seen), before, strict=True)
         )
         before = cells, seen
         cells = np.maximum(ahead + step * operator.rmatvec(rays - seen_ahead), 0)
         seen = operator.matvec(cells)
+        faster = (1 + np.sqrt(1 + 4 * speed**2)) / 2
+        onward, speed = np.float32((speed - 1) / faster), faster
 
 
 def _by_lsqr(operator: LinearOperator, rays: np.ndarray, goal: float, most: int) -> Stopped:
