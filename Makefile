@@ -136,6 +136,7 @@ $(RECORDS): | $(INSTALLED)
 
 flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
 	$(EXPERIMENT) emission --out results/tomography
+	$(EXPERIMENT) rivals --out results/tomography
 	$(EXPERIMENT) soot --out results/tomography
 
 error-bars: | $(INSTALLED)  ## count how often error bars of emission by depth hold the truth

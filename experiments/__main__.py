@@ -14,7 +14,7 @@ from experiments.screenshots.commands import screenshots
 from experiments.slope_maps.commands import slope_maps
 from experiments.studies.commands import study
 from experiments.systems.commands import compare, system_scenes
-from experiments.tomography.commands import emission, soot
+from experiments.tomography.commands import emission, rivals, soot
 from lf_flame.commands import program
 from lf_flame.commands.options import HELP, Program
 
@@ -35,7 +35,7 @@ SECTIONS = [
     cloup.Section("What bounds hold, and hard cases", [bounds, hard_cases]),
     cloup.Section("What networks learn", [study, depth_test]),
     cloup.Section("Systems side by side", [compare, system_scenes]),
-    cloup.Section("Emission by depth", [emission, soot]),
+    cloup.Section("Emission by depth", [emission, rivals, soot]),
     cloup.Section("What the documents say", [results, screenshots]),
 ]
 

@@ -1,4 +1,4 @@
-"""The command that measures how well emission by depth is found: emission."""
+"""Commands that measure how well emission by depth is found: emission, rivals, soot."""
 
 import time
 from pathlib import Path
@@ -33,8 +33,7 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
     that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
     images, a fit cut off at zero and plain gradient steps as rivals. A round flame's half section,
-    with PyAbel as the rival where it is installed. Other solvers, soot in two colours, and
-    a video at full size.
+    with PyAbel as the rival where it is installed. Soot in two colours, and a video at full size.
 
     OUT gets emission.csv, .md and .json, the record, and pictures; with --network, networks.csv,
     .md and .json; with --bars, bars.csv, .md and .json.
@@ -52,14 +51,13 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
     from experiments.tomography.networks import networks_as_sections
     from experiments.tomography.report import BARS, EMISSION, NETWORKS, write
     from experiments.tomography.round_flames import round_flame
-    from experiments.tomography.solvers import solvers
     from experiments.tomography.tasks import TASKS
     from experiments.tomography.video import video
     from lf_flame._common.progress import step_bar
 
     begin, rows = time.perf_counter(), []
     rng = np.random.default_rng(seed)
-    tasks = [*TASKS, solvers, round_flame, two_colours, video]
+    tasks = [*TASKS, round_flame, two_colours, video]
     name = BARS if bars else NETWORKS if networks else EMISSION
     if name != EMISSION:
         tasks = [partial(count_held, bars) if bars else partial(networks_as_sections, networks)]
@@ -91,3 +89,19 @@ def soot(out: Path, seed: int, draws: int) -> None:
     from experiments.tomography.soot import run_soot
 
     click.echo(set_beside(run_soot(out, seed, draws), "tomography/soot.md"))
+
+
+@cloup.command()
+@click.option("--out", type=FOLDER, default="results/tomography", show_default=True)
+@click.option("--seed", default=1, show_default=True, help="Of the noise.")
+def rivals(out: Path, seed: int) -> None:
+    """Set SART, MLEM, LSQR, NNLS and total variation beside the penalised fit.
+
+    On flames traced by rays that share nothing with them: sheets behind each other, on the planes,
+    off them, and of a camera with a wrong pitch; sharp edges; a hollow and an elliptic flame; and a
+    printed profile, beside printed errors. OUT gets rivals.csv, .md, .json, the record, and a
+    picture; it takes some minutes.
+    """
+    from experiments.tomography.rivals import run_rivals
+
+    click.echo(set_beside(run_rivals(out, seed), "tomography/rivals.md"))

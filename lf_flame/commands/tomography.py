@@ -114,6 +114,14 @@ FITTING = cloup.option_group(
         help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
+        "--method",
+        type=click.Choice(["penalised", "sart", "mlem", "lsqr", "nnls"]),
+        default="penalised",
+        show_default=True,
+        help="Penalised fit; or, to compare with, a classical method without penalty and error "
+        "bars, which stops as soon as the residual falls to the noise.",
+    ),
+    cloup.option(
         "--penalty",
         type=click.Choice(["roughness", "variation"]),
         default="roughness",
@@ -145,10 +153,8 @@ FITTING = cloup.option_group(
     cloup.option(
         "--bootstrap",
         type=click.IntRange(min=0),
-        default=20,
-        show_default=True,
         help="Number of bootstrap light fields (new noise, fitted again) for the error bars; 0: "
-        "none.",
+        "none (default: 20, and 0 with another --method than penalised).",
     ),
     cloup.option(
         "--seed", type=SEED, default=0, show_default=True, help="Seed of the bootstrap draws."
@@ -216,6 +222,10 @@ def reconstruct(
             "--l-curve tries the strengths of --penalty roughness; leave it out with "
             f"--penalty {options['penalty']}, which has one strength."
         )
+    if colours and options["method"] != "penalised":
+        raise InputError("--method does not apply with --colours, whose fits are penalised.")
+    if options["bootstrap"] is None:
+        options["bootstrap"] = 20 if options["method"] == "penalised" else 0
     grid = FrustumGrid(_read_camera(camera), planes_between(*depths) if depths else planes, block)
     thickness = None if optical_thickness is None else read_thickness(optical_thickness)
     of_soot = soot_options(colours, thin, options.pop("soot_exponent"))
@@ -241,7 +251,8 @@ def reconstruct(
         found = find_emission(light_field, grid, rng=np.random.default_rng(seed), **options)
         write_reconstruction(found, light_field, folder)
         folder.facts |= {"source": recorded_path(source, folder.folder), "seed": seed}
-        folder.facts |= {"bootstrap": options["bootstrap"], "notes": notes}
+        folder.facts |= {name: options[name] for name in ("method", "bootstrap")}
+        folder.facts |= {"notes": notes}
         folder.facts |= thickness_facts(optical_thickness, thickness)
     for note in notes:
         click.echo(f"Note: {note}", err=True)

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pylops import LinearOperator
+from pylops import Diagonal, LinearOperator
 from scipy import sparse
 
 from lf_flame._common.memory import check_memory
@@ -245,22 +245,21 @@ class Absorption:
     ----------
     transmission : ndarray of float32, shape (planes, rows, columns)
         Fraction of each cell's emission that leaves towards the camera, averaged over the views.
+    operator : LinearOperator
+        Operator from the light that leaves each cell to the attenuated views, both flat.
     """
 
     def __init__(self, operator: ProjectionOperator, grid: FrustumGrid, thickness: np.ndarray):
         self._even = operator
-        self._absorbing = AbsorbingOperator(grid, thickness)
-        self.transmission = self._absorbing.mean_transmission().astype(np.float32)
-
-    def seen(self, leaving: np.ndarray) -> np.ndarray:
-        """Light field for the light that leaves each cell, shape (v, u, t, s)."""
-        emission = leaving / self.transmission
-        return self._absorbing.matvec(emission.ravel()).reshape(self._absorbing.dimsd)
+        absorbing = AbsorbingOperator(grid, thickness)
+        self.transmission = absorbing.mean_transmission().astype(np.float32)
+        self.operator = absorbing @ Diagonal(1 / self.transmission.ravel(), dtype="float32")
 
     def excess(self, leaving: np.ndarray) -> np.ndarray:
         """Difference of the views from those with the mean transmission, shape (v, u, t, s)."""
-        even = self._even.matvec(leaving.ravel())
-        return self.seen(leaving) - even.reshape(self._absorbing.dimsd)
+        light = leaving.ravel()
+        more = self.operator.matvec(light) - self._even.matvec(light)
+        return more.reshape(self._even.dimsd)
 
     def settle(
         self, views: np.ndarray, fit: Callable[[np.ndarray, Found | None], Found]

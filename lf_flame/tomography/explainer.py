@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from pylops import LinearOperator
 
 from lf_flame.errors import InputError
 from lf_flame.tomography.absorption import Absorption
@@ -57,11 +58,14 @@ class Explainer:
         """Factor by which absorption raises the rms error of each plane, shape (planes,)."""
         return np.sqrt(np.mean(np.square(1 / self.leaves, dtype=np.float64), axis=(1, 2)))
 
+    @property
+    def operator(self) -> LinearOperator:
+        """Linear operator from the light that leaves each cell to the views, both flat."""
+        return self._fit.operator if self._absorption is None else self._absorption.operator
+
     def seen(self, cells: np.ndarray) -> np.ndarray:
         """Light field for the light that leaves each cell, shape (v, u, t, s)."""
-        if self._absorption is not None:
-            return self._absorption.seen(cells)
-        return self._fit.operator.matvec(cells.ravel()).reshape(self._fit.operator.dimsd)
+        return self.operator.matvec(cells.ravel()).reshape(self._fit.operator.dimsd)
 
     def level(self, views: np.ndarray) -> Level:
         """Find a uniform background: first at the field's edge, then where no emission reaches.

@@ -89,6 +89,7 @@ def write_reconstruction(
         "background": found.background,
         "background_sigma": found.background_sigma,
         "strength": found.strength,
+        "iterations": found.iterations,
         "tried": [to_json(tried) for tried in found.tried],
         "sigma_of_linear_fit": found.sigma_linear.tolist(),
         "warnings": list(found.warnings),

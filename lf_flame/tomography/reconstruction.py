@@ -28,7 +28,14 @@ from lf_flame.tomography.error_bars import (
 )
 from lf_flame.tomography.explainer import Explainer
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
-from lf_flame.tomography.penalties import ROUGHNESS, Penalty, as_penalty
+from lf_flame.tomography.iterative_methods import (
+    MOST,
+    PENALISED,
+    check_draws,
+    check_method,
+    iterate,
+)
+from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
 from lf_flame.tomography.plane_fit import (
     Explanation,
     FitOptions,
@@ -58,12 +65,13 @@ def reconstruct(
     *,
     noise: float | None = None,
     strength: float | None = None,
-    iterations: int = ITERATIONS,
+    iterations: int | None = None,
     bootstrap: int = 0,
     rng: int | np.random.Generator | None = 0,
     optical_thickness: ArrayLike | None = None,
     penalty: str | Penalty = ROUGHNESS,
     background: str | None = None,
+    method: str = PENALISED,
 ) -> Reconstruction:
     """Find the emission on a grid's depth planes that explains a light field.
 
@@ -87,7 +95,7 @@ def reconstruct(
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
         Largest number of iterations (of the splitting method ADMM) that keep light from being
-        negative.
+        negative, 160 by default; or of another method, 1000 by default.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
@@ -109,6 +117,11 @@ def reconstruct(
         "fit" subtracts a uniform background of unknown level: the mean of the pixels that no
         emission reaches, so some of the field must be dark. Its error is in the error bars.
         Default: no background.
+    method : {"penalised", "sart", "mlem", "lsqr", "nnls"}, optional
+        Method: the penalised fit; or, to compare with, a classical one that has no penalty but
+        stops as soon as the squared residual of the known rays falls to the noise. SART takes all
+        views at once (SIRT), MLEM is Richardson-Lucy, NNLS is non-negative least squares by
+        accelerated gradients, and LSQR is linear, with negative light. They have no error bars.
 
     Returns
     -------
@@ -147,6 +160,7 @@ def reconstruct(
         optical_thickness=optical_thickness,
         penalty=penalty,
         background=background,
+        method=method,
     )
     return plan.reconstruct(light_field, bootstrap=bootstrap, rng=rng)
 
@@ -158,7 +172,7 @@ class ReconstructionPlan:
     ----------
     grid : FrustumGrid
         Depth planes and cells.
-    noise, strength, iterations, optical_thickness, penalty, background
+    noise, strength, iterations, optical_thickness, penalty, background, method
         As for `reconstruct`.
 
     Raises
@@ -190,15 +204,24 @@ class ReconstructionPlan:
         *,
         noise: float | None = None,
         strength: float | None = None,
-        iterations: int = ITERATIONS,
+        iterations: int | None = None,
         optical_thickness: ArrayLike | None = None,
         penalty: str | Penalty = ROUGHNESS,
         background: str | None = None,
+        method: str = PENALISED,
     ):
+        check_method(method, strength, penalty != ROUGHNESS)
         if background not in (None, FIT):
             raise InputError(f"background must be None or {FIT!r}, got {background!r}.")
         self.grid, self._background = grid, background
-        self._options = FitOptions(noise, strength, iterations, as_penalty(penalty))
+        self._method, self._most = method, MOST if iterations is None else iterations
+        few = ITERATIONS if iterations is None else iterations
+        if method != PENALISED:
+            # Other methods take noise, background and warnings from a fit that is linear, which is
+            # quick, unless a background is measured where no light is found.
+            penalty = Roughness(nonnegative=background == FIT, corrected=False)
+            few = min(few, ITERATIONS)
+        self._options = FitOptions(noise, strength, few, as_penalty(penalty))
         self._thickness = (
             None if optical_thickness is None else spread_thickness(grid, optical_thickness)
         )
@@ -236,6 +259,7 @@ class ReconstructionPlan:
             If the light field does not match the grid, or `start` is of another grid.
         """
         check_bootstrap(bootstrap)
+        check_draws(self._method, bootstrap)
         rng = np.random.default_rng(rng)
         light_field = self.grid.camera.corrected(light_field)
         grid, left_out = fitted_views(light_field, self.grid)
@@ -274,7 +298,27 @@ class ReconstructionPlan:
             fit=found,
         )
         said = _disagreements(result, fitted, stated=self._options.noise is not None)
-        return replace(result, warnings=(*left_out, *said))
+        result = replace(result, warnings=(*left_out, *said))
+        return result if self._method == PENALISED else self._iterated(result, fitted, explain)
+
+    def _iterated(
+        self, result: Reconstruction, fitted: "_Fitted", explain: Explainer
+    ) -> Reconstruction:
+        """Find the emission by another method, with what a fit tells of noise and background."""
+        done = iterate(
+            self._method, explain.operator, fitted.views, fitted.valid, result.noise, self._most
+        )
+        cells = done.cells.reshape(result.grid.shape)
+        seen = fitted._replace(seen=explain.seen(cells))
+        return replace(
+            result,
+            emission=explain.emission(cells),
+            strength=0.0,
+            tried=(),
+            chi_squared=result.grid.place(seen.chi_squared, np.nan),
+            warnings=(*result.warnings, *done.warnings),
+            iterations=done.iterations,
+        )
 
     def _keep(self, grid: FrustumGrid) -> None:
         """Keep the operators of the views that count, made anew where others count."""

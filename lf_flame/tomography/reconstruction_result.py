@@ -37,7 +37,7 @@ class Reconstruction:
     noise : float
         Standard deviation of a pixel's noise, stated or measured, in the unit of the light field.
     strength : float
-        Strength of the regularisation that was used.
+        Strength of the regularisation that was used; 0 for a method that stops early.
     tried : tuple of TriedStrength
         Strengths that were tried (the L-curve), weakest first.
     chi_squared : ndarray of float64, shape (v, u)
@@ -47,6 +47,8 @@ class Reconstruction:
         Sentences on disagreements of data and model.
     background, background_sigma : float
         Uniform background that was fitted and subtracted, and its standard deviation; 0 without.
+    iterations : int or None
+        Number of iterations after which a method stopped; None for the penalised fit.
     fit : Explanation
         Fit of the light that leaves the cells, from which the next frame of a video starts.
     """
@@ -64,6 +66,7 @@ class Reconstruction:
     fit: Explanation = field(repr=False)
     background: float = 0.0
     background_sigma: float = 0.0
+    iterations: int | None = None
 
     @cached_property
     def sigma(self) -> np.ndarray | None:

@@ -90,6 +90,18 @@ def test_emission_is_found_and_written(source, camera_file, tmp_path):
     assert run("verify", out).exit_code == 0
 
 
+def test_a_classical_method_has_no_error_bars(source, camera_file, tmp_path):
+    words = ["--camera", camera_file, "--depth-mm", 6, "--depth-mm", -4, "--method", "nnls"]
+    result = run("reconstruct", source, *words, "--out", tmp_path / "found")
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "found" / "reconstruct.json").read_text())
+    assert (record["method"], record["bootstrap"]) == ("nnls", 0)
+    assert 2 < record["iterations"] < 100
+    assert not (tmp_path / "found" / "sigma.tif").exists()
+    result = run("reconstruct", source, *words, "--bootstrap", 3, "--out", tmp_path / "bars")
+    assert "has no error bars" in str(result.exception)
+
+
 @pytest.mark.slow
 def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
     np.save(tmp_path / "bright.npy", flames + np.float32(0.1))

@@ -1,10 +1,9 @@
-"""Total variation, and Tikhonov's fit by LSMR, against what they are good for and each other."""
+"""Total variation, against what it is good for."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from experiments.tomography.tikhonov import fit_tikhonov
 from lf_flame import InputError, Layer, LightField, Scene, render
 from lf_flame.tomography import (
     FrequencyGram,
@@ -75,35 +74,9 @@ def test_no_cell_alone_makes_the_sum_smaller(camera, sharp):
         assert total(fit_total_variation(problem, wrong * weight, 600, dark)) > least
 
 
-@pytest.mark.parametrize("strength", [0.1, 0.5])
-def test_lsmr_is_the_linear_fit_by_frequency(camera, strength):
-    """Of light that no view loses beyond its edge, where the torus is as good as the field."""
-    grid = FrustumGrid(camera, [3.0, 0.0, -4.0])
-    cells, far = np.zeros(grid.shape, np.float32), 12
-    middle = (slice(None), slice(far, -far), slice(far, -far))
-    rng = np.random.default_rng(0)
-    # Smooth, so that little of the linear fits comes near the edges.
-    y, x = (np.linspace(-4, 4, n) for n in cells[middle].shape[1:])
-    blob = np.exp(-(y[:, None] ** 2) - x**2)
-    cells[middle] = rng.uniform(0.5, 1, (3, 1, 1)) * blob
-    operator, gram = ProjectionOperator(grid), FrequencyGram(grid)
-    seen = operator.matvec(cells.ravel())
-    found = fit_tikhonov(operator, seen.reshape(operator.dimsd), strength)
-    stack = operator.rmatvec(seen).reshape(grid.shape)
-    # Order 0: the penalty is on the cells themselves.
-    wanted = RangeFit(gram, stack, 0.0, 0).solve(strength, 0, False, 1).cells
-    # A strength that is 5 % off makes three times as much.
-    assert np.abs(found - wanted)[middle].max() < 1e-3 * wanted.max()
-
-
 def test_what_cannot_be_is_refused(camera, clean):
     grid = FrustumGrid(camera, [3.0, 0.0])
     with pytest.raises(InputError, match="penalty must be one of roughness, variation"):
         reconstruct(clean, grid, penalty="edges")
     with pytest.raises(InputError, match="order must be 1, 2, 3 or 4, got 5"):
         Roughness(order=5)
-    operator = ProjectionOperator(grid)
-    with pytest.raises(InputError, match="must be of the operator's shape"):
-        fit_tikhonov(operator, clean.views[1:], 0.1)
-    with pytest.raises(InputError, match="strength must be"):
-        fit_tikhonov(operator, clean.views, -0.1)
