@@ -4,6 +4,8 @@ Decoded views are interpolated, so neighbouring ones share pixels of the sensor.
 as every cell of a fit is, then has more noise than its number of pixels says.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import ndimage
 
@@ -17,26 +19,45 @@ FEWEST = 10_000
 LEAST = 1.3
 """Smallest factor of the variance that counts as correlation: faint light may look like less."""
 
+LEAST_DARK = 0.2
+"""Smallest variance of the noise in the dark, relative to that of all pixels, from which the dark
+tells of its correlation. In photon noise there is next to none in the dark."""
+
+Residuals = Callable[[], tuple[np.ndarray, np.ndarray | None]]
+"""Function that gives the part of the views that no emission explains, shape (v, u, t, s), and that
+of white noise, or None if it is nearly white."""
+
 NEIGHBOURS = (0, 1), (1, -1), (1, 0), (1, 1)
 """One of each pair of opposite steps to a neighbour."""
 
 
-def correlation_factor(views: np.ndarray, counted: np.ndarray) -> float:
+def correlation_factor(
+    views: np.ndarray,
+    counted: np.ndarray,
+    variance: float = 0.0,
+    residuals: Residuals | None = None,
+) -> float:
     """Factor by which correlation raises the standard deviation of sums of a light field's noise.
 
     It is measured where the field is dark, in second differences of neighbouring pixels, so that
     faint light does not count, and as the product of a factor of the views and one of the pixels.
+    Where the dark holds little of the noise, as in photon noise, it is measured in the part that no
+    emission explains, relative to white noise of which a fit explains as much.
 
     Parameters
     ----------
     views : ndarray, shape (v, u, t, s)
     counted : ndarray of bool, shape (v, u)
         Views that are fitted.
+    variance : float, optional
+        Mean variance of the noise of a pixel.
+    residuals : callable, optional
+        See `Residuals`. Default: the dark alone is looked at.
 
     Returns
     -------
     float
-        1 or above; 1 where the field has too few dark pixels, or no noise in them.
+        1 or above; 1 where there are too few pixels with noise.
 
     Examples
     --------
@@ -53,20 +74,34 @@ def correlation_factor(views: np.ndarray, counted: np.ndarray) -> float:
     photograph = np.einsum("vu,vuts->ts", counted / np.count_nonzero(counted), views)
     smooth = ndimage.uniform_filter(photograph, 3)
     dark = smooth <= DARK * float(smooth.max())
-    if np.count_nonzero(dark) * np.count_nonzero(counted) < FEWEST:
-        return 1.0
     known = counted[:, :, None, None] & dark
-    across = _Differences(views, known, 3)
+    found = None
+    if np.count_nonzero(dark) * np.count_nonzero(counted) >= FEWEST:
+        found = _of_differences(views, known, LEAST_DARK * variance)
+    if found is None and residuals is not None and counted.sum() * smooth.size >= FEWEST:
+        known = np.broadcast_to(counted[:, :, None, None], views.shape)
+        rest, white = residuals()
+        found = _of_differences(rest, known, 0.0)
+        of_white = None if white is None else _of_differences(white, known, 0.0)
+        found = found / of_white if found and of_white and of_white > 0 else found
+    return float(np.sqrt(found)) if found is not None and found > LEAST else 1.0
+
+
+def _of_differences(values: np.ndarray, known: np.ndarray, least: float) -> float | None:
+    """Factor of the variance of sums; None if the values vary by less, or hold light."""
+    across = _Differences(values, known, 3)
+    # The variance of second differences of white noise is that of the noise times 1 + 4 + 1.
+    if across.variance <= 6 * least:
+        return None
     # Differences of noise change sign from one to the next; those of light do not.
-    if not across.variance or across.share((2, 3), (0, 1)) + across.share((2, 3), (0, 2)) > 0:
-        return 1.0
+    if across.share((2, 3), (0, 1)) + across.share((2, 3), (0, 2)) > 0:
+        return None
     of_views = 1 + 2 * sum(across.share((0, 1), lag) for lag in NEIGHBOURS)
-    along = _Differences(views, known, 0)
+    along = _Differences(values, known, 0)
     of_pixels = 1.0
     if along.variance:
         of_pixels += 2 * sum(along.share((2, 3), lag) for lag in NEIGHBOURS)
-    factor = of_views * of_pixels
-    return float(np.sqrt(factor)) if factor > LEAST else 1.0
+    return of_views * of_pixels
 
 
 class _Differences:

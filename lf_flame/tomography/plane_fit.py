@@ -325,12 +325,22 @@ class PlaneFit:
         rays = views.size if self.valid is None else int(np.count_nonzero(self.valid))
         return RangeFit(self.gram, stack, squared, rays)
 
-    def _correlation(self, views: np.ndarray) -> float:
+    def _correlation(self, problem: RangeFit, views: np.ndarray, uneven: np.ndarray) -> float:
         """Measure how much correlation raises the noise of sums."""
         grid = self.gram.grid
-        return correlation_factor(
-            grid.place(views), grid.place(np.ones(views.shape[:2], bool), False)
-        )
+
+        def unexplained(problem: RangeFit, data: np.ndarray) -> np.ndarray:
+            seen = self.operator.matvec(problem.unpenalised().ravel())
+            return grid.place(data - seen.reshape(data.shape))
+
+        def residuals() -> tuple[np.ndarray, np.ndarray]:
+            white = np.random.default_rng(0).standard_normal(views.shape, np.float32)
+            white *= np.sqrt(uneven)
+            return unexplained(problem, views), unexplained(self._problem(white), white)
+
+        counted = grid.place(np.ones(views.shape[:2], bool), False)
+        variance = problem.measure_noise() ** 2
+        return correlation_factor(grid.place(views), counted, variance, residuals)
 
     def _noise_of_pixels(
         self, problem: RangeFit, views: np.ndarray, known: Explanation | None
@@ -339,7 +349,7 @@ class PlaneFit:
         if self._start is not None:
             return self._start.uneven, self._start.shared
         uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
-        return uneven, known.shared if known else self._correlation(views)
+        return uneven, known.shared if known else self._correlation(problem, views, uneven)
 
     def _noise_share(self, draft: Explanation) -> np.ndarray:
         """Fraction of the noise in each cell of a plane, shape (rows, columns)."""

@@ -94,3 +94,26 @@ def test_bars_of_planes_are_wider_by_the_factor(rng):
         light_field = LightField(views + 0.02 * noise)
         errors.append(reconstruct(light_field, grid, strength=0.1).sigma_linear[0])
     assert errors[1] / errors[0] == pytest.approx(np.sum(KERNEL) ** 2 / np.sum(KERNEL**2), rel=0.1)
+
+
+@pytest.mark.parametrize("views", [5, 9])
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_photon_noise_is_measured_where_there_is_light(views, is_shared, rng):
+    """In the dark there is no noise that could tell, and light of two sheets is in the way."""
+    lens = Lens(views=views, lenslets=(48, 56))
+    camera = PlenopticCamera(
+        main_lens_focal_mm=lens.focal, focus_distance_mm=lens.focus,
+        lenslet_focal_mm=lens.lenslet_focal, lenslet_pitch_mm=lens.pitch, views=views,
+        lenslets=lens.lenslets,
+    )  # fmt: skip
+    sheets = [Sheet(4.0, (0.0, -0.4), (0.6, 0.6)), Sheet(-2.0, (0.3, 0.5), (0.4, 0.6))]
+    light = record(lens, sheets)
+    noise = shared_noise(rng, light.shape) if is_shared else rng.standard_normal(light.shape)
+    light_field = LightField(light + 0.03 * np.sqrt(light * light.max()) * noise)
+    grid = FrustumGrid(camera, [4.0, 1.0, -2.0])
+    errors = [
+        reconstruct(LightField(one), grid, strength=0.1, noise=0.01).sigma_linear
+        for one in (light_field.views, light + 0.01 * rng.standard_normal(light.shape))
+    ]
+    wanted = np.sum(KERNEL) ** 2 / np.sum(KERNEL**2) if is_shared else 1
+    assert errors[0] / errors[1] == pytest.approx(wanted, rel=0.12)

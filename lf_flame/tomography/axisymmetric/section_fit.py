@@ -74,9 +74,15 @@ class SectionFit:
         self._problem = AxisymmetricFit(BandedGram(grid), back, squared, views.size, rng)
         self.measured = self._problem.measure_noise()
         self.noise = self.measured if noise is None else float(noise)
-        uneven = noise_by_pixel(self._operator, views, self._problem.unpenalised())
+        plain = self._problem.unpenalised()
+        uneven = noise_by_pixel(self._operator, views, plain)
         counted = grid.place(np.ones(views.shape[:2], bool), False)
-        self._shared = correlation_factor(grid.place(views), counted)
+
+        # A half section has far fewer nodes than there are rays, so what is left of noise is white.
+        def residuals() -> tuple[np.ndarray, None]:
+            return grid.place(views - self._project(plain)), None
+
+        self._shared = correlation_factor(grid.place(views), counted, self.measured**2, residuals)
         self.pixel_noise = self.noise * np.sqrt(uneven)
         # With photon noise, bright nodes see more noise than the mean pixel.
         seen = self._backproject(np.broadcast_to(uneven, views.shape))
