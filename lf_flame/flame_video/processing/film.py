@@ -81,7 +81,7 @@ def _panel(array: zarr.Array, picked: np.ndarray) -> np.ndarray:
             return np.concatenate(picture[planes.round().astype(int)], axis=1)
         return picture.mean(axis=2) if "channel" in axes else picture
 
-    white = max(max(float(read(frame).max()) for frame in picked), np.finfo(np.float32).tiny)
+    white = max(float(np.finfo(np.float32).tiny), *(float(read(frame).max()) for frame in picked))
     return np.stack([to_preview(read(frame), white) for frame in picked])
 
 

@@ -252,14 +252,15 @@ def process_frames(
             return result.count_states(result.read_states(group, out))
         if not part.exists():
             with bars.stage("Processing the first frame"):
-                model, values = _try_out(paths, steps, read, camera)
-            facts = {"names": [path and path.name for path in paths], "model": model}
-            _lay_out(
-                part, request | facts, Values(times, (), {"units": time_unit}), values, together
-            )
+                first, values = _try_out(paths, steps, read, camera)
+            facts = {"names": [path and path.name for path in paths], "model": first}
+            when = Values(times, (), {"units": time_unit})
+            _lay_out(part, request | facts, when, values, together)
         group = result.open_video(part)
         _check_same(group, request, part)
-        job = pickle.dumps(Job(steps, read, paths[group.attrs["model"]]))
+        model = paths[dict[str, Any](group.attrs)["model"]]
+        assert model is not None
+        job = pickle.dumps(Job(steps, read, model))
         states = result.read_states(group, part)
         tasks = [
             Task(job, str(part.resolve()), first, tuple(paths[first : first + together]))
@@ -319,20 +320,21 @@ def _try_out(
     paths: Sequence[Path | None], steps: tuple[Step, ...], read, camera: Lens | None
 ) -> tuple[int, dict[str, Values]]:
     """Find the first sound frame, by which others are judged, and its values."""
-    first: InputError | None = None
+    refusal: InputError | None = None
     some = [number for number, path in enumerate(paths) if path is not None][:TRIED]
     for number in some:
         try:
             light_field = read(paths[number])
             if camera is not None:
                 camera.check_views(light_field.shape)
-            frame, values = Frame(light_field), {}
+            frame = Frame(light_field)
+            values: dict[str, Values] = {}
             for step in steps:
                 values |= step(frame)
             return number, values
         except InputError as error:
-            first = first or error
-    raise first or InputError("There is no frame.")
+            refusal = refusal or error
+    raise refusal or InputError("There is no frame.")
 
 
 def _lay_out(
@@ -348,8 +350,8 @@ def _lay_out(
                 result.create_coordinate(group, name, found)
             else:
                 result.create_array(group, name, frames, found, together)
-        flags = {"flag_values": list(range(len(result.STATES)))}
-        flags |= {"flag_meanings": " ".join(result.STATES)}
+        numbers = list(range(len(result.STATES)))
+        flags = {"flag_values": numbers, "flag_meanings": " ".join(result.STATES)}
         state = Values(np.uint8(result.TO_DO), (), flags)
         result.create_array(group, "state", frames, state, together)
         set_attributes(group, facts)
@@ -361,13 +363,14 @@ def _finish(part: Path, out: Path) -> Progress:
         left.unlink(missing_ok=True)
     group = zarr.open_group(part, mode="r+")
     states = result.read_states(group, part)
-    counts, names = result.count_states(states), group.attrs["names"]
+    counts = result.count_states(states)
+    facts: dict[str, Any] = {k: x for k, x in group.attrs.items() if k != ATTRIBUTES_SHA256}
+    names = facts["names"]
     skipped = {
         word: [names[k] or f"frame {k}" for k in np.flatnonzero(states == state)]
         for state, word in enumerate(result.STATES)
         if state > result.WHOLE and (states == state).any()
     }
-    facts = {key: x for key, x in group.attrs.items() if key != ATTRIBUTES_SHA256}
     facts |= {"counts": counts.counts, "skipped": skipped, "provenance": provenance.environment()}
     set_attributes(group, facts)
     part.rename(out)

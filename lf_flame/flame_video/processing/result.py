@@ -149,6 +149,16 @@ def look_at(path: str | Path) -> Progress:
     ------
     InputError
         If there is none, or it is damaged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lf_flame.flame_video import find_steps, look_at, process_frames
+    >>> from pathlib import Path
+    >>> np.save("0.npy", np.random.default_rng(1).uniform(size=(3, 3, 20, 30)))
+    >>> made = process_frames([Path("0.npy")], "out.zarr", find_steps("height"), times_s=[0.0])
+    >>> look_at("out.zarr").counts["whole"]
+    1
     """
     place = find_video(Path(path))
     return count_states(read_states(open_video(place), place))

@@ -190,8 +190,8 @@ class Height:
         """Give the measures, NaN without a flame, and a bit for each doubt."""
         shape = frame.shape(self.level, self.burner_row)
         side, unit = (1.0, "px") if self.pixel_mm is None else (self.pixel_mm, "mm")
-        bits = {"flag_masks": [1 << k for k in range(len(DOUBTS))]}
-        bits |= {"flag_meanings": " ".join(DOUBTS)}
+        masks = [1 << k for k in range(len(DOUBTS))]
+        bits = {"flag_masks": masks, "flag_meanings": " ".join(DOUBTS)}
         doubts = sum(1 << k for k, said in enumerate(DOUBTS.values()) if said in shape.warnings)
         return {
             "height": Values(np.float64(shape.height * side), (), {"units": unit}),
