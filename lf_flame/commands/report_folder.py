@@ -119,7 +119,7 @@ def _add_record(found: Folder, file: Path) -> None:
 def _add_table(found: Folder, file: Path) -> None:
     lines = list(csv.reader(io.StringIO(read_text(file, LARGEST_TABLE))))
     if len(lines) > 1 and all(len(line) == len(lines[0]) for line in lines):
-        found.tables.append(Table(file.stem, lines[0], lines[1:]))
+        found.tables.append(Table(file.name, lines[0], lines[1:]))
     else:
         found.left_out.append(f"{file.name} is not shown: it is no table of equal rows.")
 

@@ -46,8 +46,11 @@ def report_page(path: Path, findings: list[Finding]) -> str:
     Raises
     ------
     InputError
-        If the folder holds no record.
+        If the folder holds no record, or a file in it is not the one that was written.
     """
+    for finding in findings:
+        if finding.verdict == "DAMAGED":
+            raise InputError(f"No report is written of damaged results: {finding.text}")
     folder = read_folder(path)
     template = resources.files("lf_flame.commands").joinpath("report.html").read_text("utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -79,9 +82,6 @@ def _record_tables(folder: Folder) -> list[Table]:
 
 def _verdict(folder: Folder, findings: list[Finding]) -> str:
     """First sentence of a report: whether results are as written, and what commands warned of."""
-    bad = [finding for finding in findings if finding.verdict == "DAMAGED"]
-    if bad:
-        return "Do not use: files here are not those that the records were written for."
     checked = any(finding.verdict == "whole" for finding in findings)
     sound = "All files are as they were written" if checked else "No record here holds hashes"
     unfinished = any(record.get("finished") is False for record in folder.records.values())

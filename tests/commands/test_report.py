@@ -56,10 +56,10 @@ def test_a_report_holds_what_the_folder_holds_and_is_the_same_again(results, tmp
     assert (tmp_path / "two.html").read_bytes() == (tmp_path / "one.html").read_bytes()
 
 
-def test_a_file_that_changed_is_the_verdict(results, tmp_path):
+def test_damaged_results_are_refused(results, tmp_path):
     (results / "depth.csv").write_text("depth_mm,light\n10.0,9.9\n")
-    run(results, tmp_path / "one.html")
-    assert "Do not use" in (tmp_path / "one.html").read_text()
+    assert "depth.csv is not the file" in str(run(results, tmp_path / "one.html").exception)
+    assert not (tmp_path / "one.html").exists()
 
 
 def test_names_in_records_and_links_open_nothing(tmp_path):
@@ -90,7 +90,9 @@ def test_pictures_are_reduced_until_they_fit(tmp_path):
     assert page.count(b"<img") == 1
 
 
-@pytest.mark.parametrize(("content", "wanted"), [({}, "holds no record"), ({"a": "["}, "no record")])
+@pytest.mark.parametrize(
+    ("content", "wanted"), [({}, "holds no record"), ({"a": "["}, "no record")]
+)
 def test_folders_without_records_are_refused(tmp_path, content, wanted):
     for name, text in content.items():
         (tmp_path / f"{name}.json").write_text(text)
