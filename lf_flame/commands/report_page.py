@@ -126,8 +126,11 @@ def _short(cell: str) -> str:
 def methods_of(folder: Folder) -> list[str]:
     """Sentences for the methods part of a paper, from what the records hold."""
     facts: dict[str, Any] = {}
-    for record in folder.records.values():
-        facts = {**record, **facts}
+    parts: list[Any] = list(folder.records.values())
+    for part in parts:  # of data sets and runs, what their configuration says too
+        facts = {**part, **facts}
+        nested = (part.get(name) for name in ("attributes", "dataset", "config"))
+        parts += [one for one in nested if isinstance(one, dict)]
 
     def of(value: Any, *names: str) -> list[Any] | None:
         held = value if isinstance(value, dict) else {}

@@ -90,13 +90,10 @@ def test_pictures_are_reduced_until_they_fit(tmp_path):
     assert page.count(b"<img") == 1
 
 
-@pytest.mark.parametrize(
-    ("content", "wanted"), [({}, "holds no record"), ({"a": "["}, "no record")]
-)
-def test_folders_without_records_are_refused(tmp_path, content, wanted):
-    for name, text in content.items():
-        (tmp_path / f"{name}.json").write_text(text)
+@pytest.mark.parametrize("text", ["[", "[1]", ""])
+def test_folders_without_records_are_refused(tmp_path, text):
+    (tmp_path / "any.json").write_text(text)
     error = run(tmp_path, tmp_path / "one.html").exception
     assert isinstance(error, InputError)
-    assert wanted in str(error)
+    assert "holds no record" in str(error)
     assert not (tmp_path / "one.html").exists()
