@@ -68,19 +68,31 @@ def test_names_in_records_and_links_open_nothing(tmp_path):
     (folder / "link.csv").symlink_to(tmp_path / "secret.csv")
     (folder / "torn.png").write_bytes(b"\x89PNG\r\n\x1a\n nothing")
     (folder / "torn.csv").write_text("a,b\n1\n")
-    files = ["../secret.csv", "link.csv", "torn.png", "torn.csv", 3, "\u202e"]
+    (folder / "wide.csv").write_text("a,b\n1," + 200_000 * "x" + "\n")
+    (folder / "far.csv").write_text("a,b\n" + "".join(f"{k},{k}e307\n" for k in range(1, 20)))
+    (folder / "other.json").write_text('{"files": 3, "recipe": {"batch_size": 1e999}}')
+    files = [
+        "../secret.csv",
+        "link.csv",
+        "torn.png",
+        "torn.csv",
+        "wide.csv",
+        "far.csv",
+        3,
+        "\u202e",
+    ]
     record = {"files": files, "table": [{"a": 1}, {"b": [2]}], "warnings": [{}], "title": ["x"]}
     (folder / "any.json").write_text(json.dumps(record))
     (folder / "broken.json").write_text("{")
     assert run(folder, tmp_path / "one.html").exception is None
     page = (tmp_path / "one.html").read_text()
     assert "hidden" not in page
-    for name in ("torn.png", "torn.csv", "broken.json"):
+    for name in ("torn.png", "torn.csv", "wide.csv", "broken.json", "other.json"):
         assert f"{name} is not shown" in page
 
 
 def test_pictures_are_reduced_until_they_fit(tmp_path):
-    noise = np.random.default_rng(1).integers(0, 256, (1000, 1400, 3), dtype=np.uint8)
+    noise = np.random.default_rng(1).integers(0, 256, (900, 1400, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "noise.png", compress_level=1)
     (tmp_path / "any.json").write_text('{"seed": 7}')
     run(tmp_path, tmp_path / "one.html")
