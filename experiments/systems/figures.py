@@ -3,19 +3,20 @@
 import matplotlib
 import numpy as np
 import pandas as pd
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from lf_flame._common.figures import subplots
 
 SHOWN_DB = (15.0, 70.0)
 """Range of the axis; what is better, or exact, or worse stands at its edge as a triangle."""
 
-COLUMNS = 4
+PANELS = ("flames", "flames, order reversed", "flames, round aperture", "lytro_2067")
+"""Test sets that are drawn: as in training, at other depths, another aperture, a photograph."""
 
 
 def figure(scores: pd.DataFrame, costs: pd.DataFrame):
-    """Draw accuracy against time: one panel a test set, one mark a system.
+    """Draw the accuracy of each system: one row a system, the fastest first, one panel a test set.
+
+    All test sets are in the table; the picture has those of `PANELS`, or the first four.
 
     Parameters
     ----------
@@ -28,60 +29,27 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    sets = list(scores.test_set.unique())
-    rows = -(-len(sets) // COLUMNS)
+    known = list(scores.test_set.unique())
+    sets = [name for name in PANELS if name in known] or known[:4]
+    times = costs.set_index("system").milliseconds.dropna().sort_values()
     drawn, axes = subplots(
-        rows, COLUMNS, figsize=(3.6 * COLUMNS, 3.3 * rows + 1.4), sharex=True, sharey=True,
+        1, len(sets), figsize=(4.5 + 2.2 * len(sets), 1.2 + 0.3 * len(times)), sharey=True,
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    axes = axes.ravel()
-    numbered = costs.assign(number=range(len(costs))).set_index("system")
-    shown = numbered.dropna(subset="milliseconds")
-    for axis, test_set in zip(axes, sets, strict=False):
+    for axis, test_set in zip(axes[0], sets, strict=True):
         means = scores[scores.test_set == test_set].groupby("system")["psnr_db"].mean()
-        _panel(axis, means, shown)
+        for row, name in enumerate(times.index):
+            value = means.get(name, np.nan)
+            marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
+            colour = "tab:orange" if _is_ours(name) else "tab:blue"
+            axis.plot(np.clip(value, *SHOWN_DB), row, marker, color=colour, clip_on=False)
+        axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB)")
         axis.set_title(test_set, fontsize=10)
-    for k, axis in enumerate(axes):
-        if k % COLUMNS == 0:
-            axis.set_ylabel("PSNR against all views (dB)")
-        if len(sets) - COLUMNS <= k < len(sets):  # the last of its column
-            axis.set_xlabel("milliseconds for a frame")
-            axis.tick_params(labelbottom=True)
-        if k >= len(sets):
-            axis.axis("off")
-    handles = [
-        Line2D([], [], ls="", label=name, **_mark(name, shown, 0.5 * sum(SHOWN_DB)))
-        for name in shown.index
-    ]
-    drawn.legend(handles=handles, ncols=3, loc="outside lower center", frameon=False, fontsize=10)
+        axis.grid(alpha=0.3)
+    names = [f"{name}: {time:.3g} ms" for name, time in times.items()]
+    axes[0, 0].set_yticks(range(len(times)), names, fontsize=9)
+    axes[0, 0].invert_yaxis()
     return drawn
-
-
-def _panel(axis, means: pd.Series, shown: pd.DataFrame) -> None:
-    for name in shown.index:
-        value = means.get(name, np.nan)
-        axis.plot(
-            shown.milliseconds[name], np.clip(value, *SHOWN_DB), ls="", clip_on=False, zorder=3,
-            **_mark(name, shown, value),
-        )  # fmt: skip
-    axis.set(xscale="log", ylim=SHOWN_DB)
-    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.xaxis.set_major_formatter("{x:g}")
-    axis.xaxis.set_minor_formatter(NullFormatter())
-    axis.grid(alpha=0.3)
-
-
-def _mark(name: str, shown: pd.DataFrame, value: float) -> dict:
-    """Choose how a system is drawn: ours as stars, formulas as squares, networks as dots."""
-    style = {"color": _colour(shown.number[name]), "markersize": 8, "markeredgecolor": "black"}
-    style["markeredgewidth"] = 0.5
-    if _is_ours(name):
-        style |= {"marker": "*", "markersize": 16}
-    else:
-        style["marker"] = "s" if shown.parameters[name] == 0 else "o"
-    if not SHOWN_DB[0] <= value <= SHOWN_DB[1]:
-        style["marker"] = "^" if value > SHOWN_DB[1] else "v"
-    return style
 
 
 def noise_figure(scores: pd.DataFrame):

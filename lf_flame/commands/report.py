@@ -36,8 +36,7 @@ def report(folder: Path, out: Path) -> None:
 
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out must end in .html, got {printable(out)}.")
-    findings = [one for one in verification.verify(folder) if one.path == folder]
-    findings = [one for one in findings if not one.text.startswith("it holds nothing")]
+    page = report_page(folder, verification.verify_here(folder))
     with exclusive(out):
-        write_text(out, report_page(folder, findings))
+        write_text(out, page)
     click.echo(f"{printable(out)} is written")

@@ -98,14 +98,14 @@ def read_folder(path: Path) -> Folder:
 
 def _listed(record: dict[str, Any]) -> list[str]:
     files = record.get("files")
-    return [name for name in files if isinstance(name, str)] if files else []
+    return [one for one in files if isinstance(one, str)] if isinstance(files, (dict, list)) else []
 
 
 def _read(found: Folder, file: Path, add: Any) -> None:
     """Add a file; if it cannot be read, the report says so and goes on."""
     try:
         add(found, file)
-    except (InputError, OSError) as error:
+    except (InputError, OSError, csv.Error) as error:
         found.left_out.append(printable(f"{file.name} is not shown: {error}", 400))
 
 
@@ -119,7 +119,7 @@ def _add_record(found: Folder, file: Path) -> None:
 def _add_table(found: Folder, file: Path) -> None:
     lines = list(csv.reader(io.StringIO(read_text(file, LARGEST_TABLE))))
     if len(lines) > 1 and all(len(line) == len(lines[0]) for line in lines):
-        found.tables.append(Table(file.stem, lines[0], lines[1:]))
+        found.tables.append(Table(file.name, lines[0], lines[1:]))
     else:
         found.left_out.append(f"{file.name} is not shown: it is no table of equal rows.")
 

@@ -26,6 +26,9 @@ WIDTHS = (1400, 1000, 700, 400)
 SHOWN_ROWS = 40
 """Largest number of rows of a table that are shown."""
 
+LARGEST_NUMBER = 1e100
+"""Largest absolute value that is drawn in a curve."""
+
 CURVE_ROWS = 12
 """Least number of rows of a table that are drawn as a curve."""
 
@@ -46,8 +49,11 @@ def report_page(path: Path, findings: list[Finding]) -> str:
     Raises
     ------
     InputError
-        If the folder holds no record.
+        If the folder holds no record, or a file in it is not the one that was written.
     """
+    for finding in findings:
+        if finding.verdict == "DAMAGED":
+            raise InputError(f"No report is written of damaged results: {finding.text}")
     folder = read_folder(path)
     template = resources.files("lf_flame.commands").joinpath("report.html").read_text("utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -63,6 +69,8 @@ def report_page(path: Path, findings: list[Finding]) -> str:
     facts |= {"warnings": _warnings(folder), "methods": methods_of(folder)}
     facts |= {"commands": _commands(folder)}
     room = LARGEST_PAGE - len(page.render(**facts, pictures=[]).encode())
+    if room < 0:
+        raise InputError(f"Records and tables of {path} need more than the 5 MB of a report.")
     return page.render(**facts, pictures=_pictures(folder, room))
 
 
@@ -79,9 +87,6 @@ def _record_tables(folder: Folder) -> list[Table]:
 
 def _verdict(folder: Folder, findings: list[Finding]) -> str:
     """First sentence of a report: whether results are as written, and what commands warned of."""
-    bad = [finding for finding in findings if finding.verdict == "DAMAGED"]
-    if bad:
-        return "Do not use: files here are not those that the records were written for."
     checked = any(finding.verdict == "whole" for finding in findings)
     sound = "All files are as they were written" if checked else "No record here holds hashes"
     unfinished = any(record.get("finished") is False for record in folder.records.values())
@@ -126,8 +131,11 @@ def _short(cell: str) -> str:
 def methods_of(folder: Folder) -> list[str]:
     """Sentences for the methods part of a paper, from what the records hold."""
     facts: dict[str, Any] = {}
-    for record in folder.records.values():
-        facts = {**record, **facts}
+    parts: list[Any] = list(folder.records.values())
+    for part in parts:  # of data sets and runs, what their configuration says too
+        facts = {**part, **facts}
+        nested = (part.get(name) for name in ("attributes", "dataset", "config"))
+        parts += [one for one in nested if isinstance(one, dict)]
 
     def of(value: Any, *names: str) -> list[Any] | None:
         held = value if isinstance(value, dict) else {}
@@ -148,7 +156,9 @@ def methods_of(folder: Folder) -> list[str]:
         elif isinstance(value, (int, float, str)) and not isinstance(value, bool):
             sentences.append(sentence.format(written(value)))
     if found := of(facts.get("recipe"), "batch_size", "learning_rate"):
-        sentences.append("Batches held {} samples; the learning rate was {}.".format(*found))
+        sentences.append(
+            "Batches held {} samples; the learning rate was {}.".format(*map(written, found))
+        )
     versions = facts.get("versions")
     if isinstance(versions, dict):
         named = ", ".join(f"{printable(k)} {printable(v)}" for k, v in versions.items())
@@ -188,22 +198,25 @@ def curves_of(table: Table) -> list[dict[str, Any]]:
         values = np.array([[float(cell or "nan") for cell in row] for row in table.rows])
     except ValueError:
         return []
-    if len(values) < CURVE_ROWS or not np.all(np.diff(values[:, 0]) > 0):
+    across = values[:, 0]
+    if len(values) < CURVE_ROWS or not (np.abs(across) < LARGEST_NUMBER).all():
+        return []
+    if not (np.diff(across) > 0).all():
         return []
     curves = []
     for column, heights in zip(table.columns[1:], values[:, 1:].T, strict=True):
-        known = np.isfinite(heights)
+        known = np.abs(heights) < LARGEST_NUMBER
         if known.sum() < CURVE_ROWS:
             continue
-        x, y = values[known, 0], heights[known]
+        x, y = across[known], heights[known]
         low, high = float(y.min()), float(y.max())
         log = low > 0 and high > 30 * low
         y = np.log(y) if log else y
         span = float(np.ptp(y)) or 1.0
-        across = 300 * (x - x[0]) / (x[-1] - x[0])
+        right = 300 * (x - x[0]) / (x[-1] - x[0])
         down = 120 - 120 * (y - y.min()) / span
         step = max(len(x) // 600, 1)
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across[::step], down[::step]))  # noqa: B905
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(right[::step], down[::step]))  # noqa: B905
         title = f"{printable(table.name)}: {printable(column).replace('_', ' ')}"
         curves.append(
             {"title": title, "points": points, "log": log}

@@ -71,6 +71,11 @@ def verify(path: Path) -> Iterator[Finding]:
         yield Finding(path, _nothing(path), UNCHECKED)
 
 
+def verify_here(folder: Path) -> list[Finding]:
+    """Compute the hashes of the results that lie directly in a folder, and not below it."""
+    return [_find(folder, known) for known in _look(folder)[0]]
+
+
 def _nothing(path: Path) -> str:
     if not path.exists():
         return "there is nothing of that name; name a file or folder that a command has written."
