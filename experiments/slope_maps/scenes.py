@@ -140,7 +140,10 @@ class Kind:
     jpeg : int
         Quality of JPEG compression, or 0 for none.
     uneven : float
-        Loss of light at the rim of the aperture and the corners, and standard deviation of gains.
+        Largest loss of light at the rim of the aperture and the corners; a fifth of it is the
+        standard deviation of the views' gains.
+    transparent : bool
+        Whether the views are the mean of those of two scenes; there is no one slope then.
     """
 
     draw: Callable[[np.random.Generator, list], list]
@@ -148,6 +151,7 @@ class Kind:
     noise: float = 0.003
     jpeg: int = 0
     uneven: float = 0.0
+    transparent: bool = False
 
 
 def _surface(rng, pictures, at: float, **more) -> Surface:
@@ -180,7 +184,7 @@ def planes(rng, pictures) -> list[Surface]:
 
 def curved(rng, pictures) -> list[Surface]:
     """Wavy wall with round things before it."""
-    bumps = [(rng.uniform(-0.7, 0.7), *_inside(rng), rng.uniform(40, 80)) for _ in range(4)]
+    bumps = [(rng.uniform(-0.4, 0.4), *_inside(rng), rng.uniform(40, 80)) for _ in range(4)]
     wall = _surface(rng, pictures, 0.6, gradient=_tilt(rng, 0.003), bumps=bumps)
     things = []
     for at in rng.uniform(-0.9, -0.5, 2):
@@ -255,6 +259,7 @@ KINDS: Mapping[str, Kind] = {
     "uneven views": Kind(mixed, uneven=0.15),
     "5 x 5 views": Kind(mixed, views=5),
     "15 x 15 views": Kind(mixed, views=15),
+    "transparent": Kind(curved, transparent=True),
 }
 
 
@@ -266,7 +271,7 @@ class Sample:
     ----------
     views : ndarray of uint8, shape (v, u, t, s)
     slopes : ndarray of float64, shape (t, s)
-        Slope of the surface at the middle of each pixel of the central view.
+        Slope of the surface at the middle of each pixel of the central view; NaN without one.
     """
 
     views: np.ndarray
@@ -286,9 +291,9 @@ def photographs(names: tuple[str, ...] = REPORTED) -> list[np.ndarray]:
 def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> Sample:
     """Draw a scene, render its views and give its slopes."""
     rng = np.random.default_rng(seed)
-    surfaces = kind.draw(rng, pictures)
     steps = np.arange(kind.views) - (kind.views - 1) / 2
-    views = np.array([[render_view(surfaces, v, u) for u in steps] for v in steps])
+    scenes = [kind.draw(rng, pictures) for _ in range(1 + kind.transparent)]
+    views = np.mean([[[render_view(one, v, u) for u in steps] for v in steps] for one in scenes], 0)
     v, u = np.meshgrid(steps / steps[-1], steps / steps[-1], indexing="ij")
     v, u = v[..., None, None], u[..., None, None]
     t, s = np.linspace(-1, 1, SIZE[0])[:, None], np.linspace(-1, 1, SIZE[1])
@@ -298,7 +303,7 @@ def make_sample(kind: Kind, seed: int, pictures: list[np.ndarray]) -> Sample:
     views = np.uint8(np.rint(255 * np.clip(views, 0, 1)))
     if kind.jpeg:
         views = np.array([[_compressed(view, kind.jpeg) for view in row] for row in views])
-    return Sample(views, true_slopes(surfaces))
+    return Sample(views, np.full(SIZE, np.nan) if kind.transparent else true_slopes(scenes[0]))
 
 
 def render_view(surfaces: list[Surface], v: float, u: float) -> np.ndarray:

@@ -125,7 +125,7 @@ def all_in_focus(
     light_field: Views,
     slopes: ArrayLike,
     *,
-    window: float = 2.5,
+    window: float = 3.0,
     interpolation: str = "linear",
     weights: ArrayLike | None = None,
 ) -> FocusMap:

@@ -16,14 +16,14 @@ import numpy as np
 
 from lf_flame._common.threads import pieces, shared
 
-STEP, JUMP = 0.12, 1.0
+STEP, JUMP = 0.06, 0.6
 """Costs of a change of slope by one step of the search, and of a larger change."""
 
 EDGE = 8.0
 """Change of brightness, times this, by which a jump costs less; all brightness is in standard
 deviations of the guide image."""
 
-ALIKE = 0.2
+ALIKE = 0.3
 """Difference of brightness at which a vote counts half."""
 
 MUTE = 0.05
@@ -188,4 +188,6 @@ def _vote(queue, place, trust, guide, near, count, voted, share):
                         counted += weights[index]
                         weighted += weights[index] * place[y, x]
                     index += 1
-            voted[t, s], share[t, s] = weighted / counted, counted / total
+            voted[t, s] = weighted / counted
+            agrees = abs(place[t, s] - voted[t, s]) <= SAME
+            share[t, s] = counted / total if agrees else 0.0
