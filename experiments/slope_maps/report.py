@@ -39,7 +39,7 @@ def body(record: dict) -> list[str]:
     return [
         f"Photographs of scikit-image ({photographs}) on surfaces, 9 x 9 views (or as the kind "
         f"says) of {height} x {width} pixels, 8 bits, noise of 0.3 % of white (2 % in the kind of "
-        f"that name), JPEG of quality 85; means over seeds {', '.join(map(str, record['seeds']))}. "
+        f"that name), JPEG of quality 85; seeds {', '.join(map(str, record['seeds']))}. "
         "The renderer is the experiment's own; the true slopes follow from geometry. Kinds from "
         '"shadow" to "15 x 15 views" are mixed scenes of all surfaces. The library\'s numbers were '
         f"chosen on other photographs ({tuned}) and seeds. Every map searches {record['steps']} "

@@ -115,14 +115,13 @@ def _choose_sides(queue, parts, shares, margins, out):
     for t in pieces(queue, height):
         above, below = max(t - 1, 0), min(t + 1, height - 1)
         down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
+        least = np.full(width, np.float32(np.inf))
         for part in range(9):
             mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
             smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
             last = down[width - 1]
             smooth[part, width - 1] = OWN * last + BESIDE * (last + down[max(width - 2, 0)])
             mix_lines(down[:-2], down[1:-1], down[2:], smooth[part, 1:-1])
-        line = out[t]
-        line[:] = np.inf
         for side in range(margins.size):
             down[:] = margins[side]
             for part in range(9):
@@ -131,7 +130,8 @@ def _choose_sides(queue, parts, shares, margins, out):
                     for s in range(np.uint64(width)):
                         down[s] += share * smooth[part, s]
             for s in range(np.uint64(width)):
-                line[s] = min(line[s], down[s])
+                least[s] = min(least[s], down[s])
+        out[t] = least
 
 
 def _mix_lines(before, own, after, out):

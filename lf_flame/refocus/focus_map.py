@@ -1,8 +1,9 @@
 """Slope map and image with everything in focus.
 
 `all_in_focus` uses the views: it finds the slope at which those that see a place match the central
-view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Uncertain parts of
-either map are then filled, guided by the image (`lf_flame.refocus.filling`).
+view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Either gives a cost
+for each pixel and slope, from which slopes are chosen together with those of the surroundings,
+guided by the image (`lf_flame.refocus.semi_global`).
 
 Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994) finds at
 each pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
@@ -63,14 +64,13 @@ class FocusMap:
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
-        Slope of each pixel, in lenslets per view step. Where certain, it is the pixel's own,
-        averaged with neighbours within a step of the search that no edge separates; elsewhere it
-        is that of such neighbours.
+        Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
+        brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. From a stack: height of the peak of
-        sharpness above its mean over the slopes, and above the weakest texture that counts. From
-        views: likelihood of slopes near the best one against all others. 0 where the best slope is
-        the first or last, at a jump of the slope, and where neighbours differ by over 0.07.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. It is a product of four factors: by
+        how much the slope's cost is below those of distinct slopes, how sharp the minimum is, how
+        low it is, and the share of neighbours that agree. 0 where the best slope is the first or
+        last, and where the neighbours choose another.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """
@@ -134,7 +134,7 @@ def all_in_focus(
     A pixel's slope is the one at which the views that see it match the central view best; near an
     outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
     uncertain, for example without texture, the slope comes from the surroundings, up to the edges
-    of the central view (`lf_flame.refocus.filling`). The image is refocused on the resulting
+    of the central view (`lf_flame.refocus.semi_global`). The image is refocused on the resulting
     surface (`refocus_surface`), not selected from slices, so that it has no seams.
 
     Parameters
@@ -144,7 +144,8 @@ def all_in_focus(
         Slopes to search, at least three, rising in equal steps. A peak at the first or last is not
         trusted: include one step more on each side than the scene needs.
     window : float, optional
-        Standard deviation, in lenslets, of the Gaussian under which matches are averaged.
+        Standard deviation, in lenslets, of the Gaussian that weights the votes of neighbours; they
+        reach 24 lenslets at most.
     interpolation : optional
         Interpolation for the image, as in `refocus_surface`.
     weights : array_like, shape (v, u), optional

@@ -7,10 +7,10 @@ halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outli
 and the best match counts. Because fewer views agree more easily by chance, they must match better
 by a margin.
 
-Squared differences e from the central view become ``e / (e + scale)`` before they are averaged over
-a window (Geman, McClure, Bull. Int. Stat. Inst. 52, 5, 1987); the scale is about the noise. Without
-this, one sharp outline outweighs the faint texture beside it, and its slope spreads to its
-surroundings.
+Absolute differences from the central view count up to a limit, which follows the contrast of the
+image and the noise. Without it, one sharp outline outweighs the faint texture beside it, and its
+slope spreads to its surroundings. They are averaged over little more than a pixel; what a pixel
+alone does not tell, its surroundings do afterwards (`lf_flame.refocus.semi_global`).
 
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
 first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
@@ -159,34 +159,37 @@ class ComparedViews:
             Costs, from 0 for equal views to about 1.
         """
         views, slopes = self.views, self.slopes
-        usual, contrast = float(np.median(self._best()[0])), float(self._contrast)
-        limit = max(LIMIT * contrast, NOISY * usual, FLOOR)
+        least, _, contrast = self._best()
+        limit = max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
         shares, margins = _sides(self.counts)
         costs = np.empty((*views.shape[2:], len(slopes)), np.float32)
         rows = np.arange(views.shape[2])
         each = enumerate(progress.steps(slopes, "matching views", len(slopes), "slope"))
         for n, slope in each:
-            parts = self._differences(float(slope), rows, limit)
+            parts = self._differences(float(slope), rows, limit)[0]
             _matching_kernels.choose_sides(
                 parts, (shares / np.float32(limit)), margins, costs[..., n]
             )
         return costs
 
-    def _best(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least difference in some rows, and approximately the slope where it occurs."""
+    def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Least difference in some rows, about the slope where it occurs, and the contrast."""
         least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
-            total = self._differences(float(slope), self._rows, np.inf).sum(axis=1)
+            parts, middle = self._differences(float(slope), self._rows, np.inf)
+            total = parts.sum(axis=1)
             total /= np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
             best[smooth < smoothest] = slope
             np.minimum(smoothest, smooth, out=smoothest)
-        return least, best
+        return least, best, float(middle.std())
 
-    def _differences(self, slope: float, rows: np.ndarray, limit: float) -> np.ndarray:
-        """Differences from the central view, up to a limit, in nine parts: (rows, 9, s)."""
+    def _differences(
+        self, slope: float, rows: np.ndarray, limit: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)
@@ -198,9 +201,7 @@ class ComparedViews:
             across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
             self._middle, *shifts, self.even, self._levels, np.float32(limit), middle, out,
         )  # fmt: skip
-        if rows is self._rows:
-            self._contrast = middle.std()
-        return out
+        return out, middle
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:

@@ -32,8 +32,8 @@ MUTE = 0.05
 SAME = 1.5
 """Largest difference of votes for the same slope, in steps of the search."""
 
-REACH = 1.6
-"""Largest distance of a voter along an axis, in standard deviations of the window."""
+REACH, FARTHEST = 1.6, 24
+"""Largest distance of a voter along an axis, in the window's standard deviations and lenslets."""
 
 DISTINCT = 0.15
 """Margin, in costs, by which the best slope must beat distinct ones to be half certain."""
@@ -78,7 +78,8 @@ def choose_slopes(
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
     _pick(costs, sums, reach, place, trust)
     del sums
-    near = np.exp(-(np.arange(np.ceil(REACH * window) + 1) ** 2) / (2 * window**2))
+    reach = min(int(np.ceil(REACH * window)), FARTHEST)
+    near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
     voted, share = np.empty(guide.shape), np.empty(guide.shape)
     _vote(place, trust, guide, near, len(slopes), voted, share)
     return slopes[0] + step * voted, np.where(share > 0, trust * share, 0.0)
