@@ -1,1 +1,1 @@
-"""How good slope maps are, and simpler ones: on scenes whose geometry tells the slopes."""
+"""Errors of slope maps, and of plain methods, on scenes whose slopes follow from geometry."""

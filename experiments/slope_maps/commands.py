@@ -12,10 +12,10 @@ from lf_flame.commands.options import FOLDER
 @cloup.command("slope-maps")
 @click.option("--out", type=FOLDER, default="results/slope_maps", show_default=True)
 def slope_maps(out: Path) -> None:
-    """Set the slope map, and simpler ones, beside the truth, in minutes.
+    """Compare the slope map, and three plain methods, with the truth, in minutes.
 
-    On scenes of opaque layers, textured and bare, with and without noise; the true slopes come from
-    the geometry.
+    On photographs on slanted, curved, thin, occluding, shadowed and glossy surfaces, with noise,
+    JPEG and uneven views; the true slopes follow from the geometry.
 
     OUT gets slope_maps.csv, .md, .png and .json, the record.
 

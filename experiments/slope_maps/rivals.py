@@ -1,105 +1,113 @@
-"""Ways to a slope map that the library's is set beside."""
+"""Plain methods for slope maps, beside which the library's is measured."""
 
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, median_filter
+from scipy.ndimage import gaussian_filter, median_filter, shift
 
 from lf_flame._common.arrays import centred
-from lf_flame.refocus import all_in_focus, refocus, refocus_surface
+from lf_flame.refocus import all_in_focus, shift_and_sum
 from lf_flame.refocus.focus_map import TRUSTED
 
-WINDOW = 3.0
-"""Standard deviation, in lenslets, of the Gaussian under which every way sums."""
-
-MEDIAN = 9
-"""Lenslets along each side of the median's window."""
-
 Found = tuple[np.ndarray, np.ndarray]
-"""Slope of each pixel, and whether it is called certain."""
+"""Slope of each pixel, and whether it is certain."""
 
 
 def library(views: np.ndarray, slopes: np.ndarray) -> Found:
-    """Make the library's map."""
+    """Slope map of the library."""
     found = all_in_focus(views, slopes)
     return found.slope, found.confidence >= TRUSTED
 
 
-def all_views(views: np.ndarray, slopes: np.ndarray) -> Found:
-    """Take the slope at which the views vary least around a pixel, and call every pixel certain.
+def thirty_lines(views: np.ndarray, slopes: np.ndarray) -> Found:
+    """Least mean absolute difference from the central view.
 
-    Mean square less squared mean, over all views, exactly shifted.
+    Over a cross and both diagonals of views, under a Gaussian of 1.2 pixels; then a median of 5.
     """
-    squares = (
-        refocus(views**2, slopes, interpolation="sinc")
-        - refocus(views, slopes, interpolation="sinc") ** 2
-    )
-    slope, inside = _peaks([-gaussian_filter(one.astype(float), WINDOW) for one in squares], slopes)
-    return slope, inside
+    steps = centred(len(views))
+    middle = views[len(views) // 2, len(views) // 2]
+    down, across = np.meshgrid(steps, steps, indexing="ij")
+    star = (down == 0) | (across == 0) | (np.abs(down) == np.abs(across))
+    costs = []
+    for slope in slopes:
+        moved = (
+            shift(views[v, u], (-slope * steps[v], -slope * steps[u]), order=1, mode="nearest")
+            for v, u in np.argwhere(star)
+        )
+        cost = sum(np.abs(one - middle) for one in moved)
+        costs.append(gaussian_filter(cost, 1.2))
+    return _smoothed(_least(np.stack(costs), slopes))
 
 
-def median_of_all_views(views: np.ndarray, slopes: np.ndarray) -> Found:
-    """Smooth that by a median."""
-    slope, certain = all_views(views, slopes)
-    return median_filter(slope, MEDIAN, mode="nearest"), certain
+def defocus_and_correspondence(views: np.ndarray, slopes: np.ndarray) -> Found:
+    """Sharpest slope and slope of least variance, weighted by their confidence.
+
+    Local part of Tao, Hadap, Malik, Ramamoorthi, ICCV 2013; the confidence of each cue is the ratio
+    of its best cost to the next best that is apart.
+    """
+    blur, variance = [], []
+    for slope in slopes:
+        mean, square = (shift_and_sum(one, slope).astype(float) for one in (views, views**2))
+        steep = sum(np.abs(np.gradient(gaussian_filter(mean, 0.7), axis=a)) for a in (0, 1))
+        blur.append(-gaussian_filter(steep, 2.5))
+        variance.append(gaussian_filter(np.maximum(square - mean**2, 0), 2.5) ** 0.5)
+    cues = [np.stack(blur), np.stack(variance)]
+    total, weights = 0.0, 0.0
+    for cue in cues:
+        span = cue - cue.min()
+        best = span.argmin(axis=0)
+        apart = np.abs(np.arange(len(slopes))[:, None, None] - best) > 2
+        weight = 1 - span.min(axis=0) / np.where(apart, span, np.inf).min(axis=0).clip(1e-9)
+        total, weights = total + weight * _least(cue, slopes), weights + weight
+    return _smoothed(total / np.maximum(weights, 1e-9))
 
 
-def sharpness(views: np.ndarray, slopes: np.ndarray) -> Found:
-    """Make the map as the library did before: sharpest slice, filled by normalised convolution."""
-    energies = [_energy(image) for image in refocus(views, slopes, interpolation="sinc")]
-    slope, inside = _peaks(energies, slopes)
-    peak, mean = np.max(energies, axis=0), np.mean(energies, axis=0)
-    confidence = np.where(inside, (peak - mean) / (peak + 0.1 * peak.mean()), 0.0)
-    disagreement = _disagreement(views, slope)
-    confidence *= peak / np.maximum(peak + disagreement, np.finfo(float).tiny)
-    return _convolved(slope, confidence), confidence >= TRUSTED
+def structure_tensor(views: np.ndarray, slopes: np.ndarray) -> Found:
+    """Orientation of lines in epipolar images, where it is most coherent.
+
+    Wanner, Goldluecke, CVPR 2012, local part; larger slopes after shearing by whole pixels.
+    """
+    best, slope = np.full(views.shape[2:], -1.0), np.zeros(views.shape[2:])
+    middle = len(views) // 2
+    for shear in range(int(np.floor(slopes[0])), int(np.ceil(slopes[-1])) + 1):
+        for axis, lines in ((1, views[middle]), (0, views[:, middle])):
+            steps = np.arange(len(views)) - middle
+            pairs = zip(lines, steps, strict=True)
+            epi = np.stack([np.roll(one, -shear * n, axis=axis) for one, n in pairs])
+            epi = gaussian_filter(epi.astype(float), (0.8, 0.8, 0.8), mode="nearest")
+            along, over = np.gradient(epi, axis=(axis + 1, 0))
+            pp, pn, nn = (
+                gaussian_filter(one, (1.5, 1.5, 1.5), mode="nearest")[middle]
+                for one in (along**2, along * over, over**2)
+            )
+            found = np.tan(0.5 * np.arctan2(-2 * pn, pp - nn))
+            coherent = ((pp - nn) ** 2 + 4 * pn**2) / np.maximum((pp + nn) ** 2, 1e-15)
+            coherent = np.where(np.abs(found) < 0.8, coherent, -1.0)
+            better = coherent > best
+            best[better], slope[better] = coherent[better], shear + found[better]
+    return _smoothed(slope)
 
 
 WAYS: Mapping[str, Callable[[np.ndarray, np.ndarray], Found]] = {
     "library": library,
-    "sharpness, before": sharpness,
-    "all views": all_views,
-    "all views, median": median_of_all_views,
+    "thirty plain lines": thirty_lines,
+    "defocus and correspondence": defocus_and_correspondence,
+    "structure tensor": structure_tensor,
 }
 
 
-def _peaks(scores, slopes: np.ndarray) -> Found:
-    """Slope of the highest score by a parabola through three, and whether it is not at an end."""
-    scores = np.stack(scores)
-    k = scores.argmax(axis=0)
+def _smoothed(slope: np.ndarray) -> Found:
+    """Median of 5 x 5 pixels; all are called certain."""
+    return median_filter(slope, 5, mode="nearest"), np.ones(slope.shape, bool)
+
+
+def _least(costs: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Slope of the least of costs[n, t, s], by a parabola through three."""
+    k = costs.argmin(axis=0)
     middle = np.clip(k, 1, len(slopes) - 2)
-    before, top, after = (
-        np.take_along_axis(scores, (middle + i)[None], axis=0)[0] for i in (-1, 0, 1)
+    before, least, after = (
+        np.take_along_axis(costs, (middle + i)[None], axis=0)[0] for i in (-1, 0, 1)
     )
-    bend = 2 * top - before - after
-    inside = (k == middle) & (bend > 0)
-    offset = np.where(inside, (after - before) / (2 * np.where(inside, bend, 1.0)), 0.0)
-    return slopes[k] + (slopes[1] - slopes[0]) * offset, inside
-
-
-def _energy(image: np.ndarray) -> np.ndarray:
-    smooth = gaussian_filter(image.astype(float), 1.0, mode="nearest")
-    energy = sum(np.gradient(smooth, axis=axis) ** 2 for axis in (0, 1))
-    return gaussian_filter(energy, WINDOW, mode="nearest")
-
-
-def _disagreement(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Squared difference of all views from the middle ones, on the surface."""
-    narrow = np.outer(*(np.abs(centred(n)) < 1 for n in views.shape[:2]))
-    difference = refocus_surface(views, slope) - refocus_surface(views, slope, weights=narrow)
-    smooth = gaussian_filter(difference.astype(float), 1.0, mode="nearest")
-    return gaussian_filter(smooth**2, WINDOW, mode="nearest")
-
-
-def _convolved(values: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    """Fill by normalised convolution (Knutsson, Westin, CVPR 1993) at scales that double."""
-    filled, missing = np.zeros(values.shape), np.ones(values.shape)
-    for scale in (0.0, *2.0 ** np.arange(np.log2(max(values.shape)) - 1)):
-        trust, trusted = (
-            gaussian_filter(image, scale, mode="nearest", truncate=2.0)
-            for image in (confidence, confidence * values)
-        )
-        weight = missing * np.minimum(trust / TRUSTED, 1.0)
-        filled += weight * trusted / np.maximum(trust, np.finfo(float).tiny)
-        missing -= weight
-    return filled + missing * np.average(values, weights=confidence)
+    bend = np.maximum(before + after - 2 * least, 1e-12)
+    offset = np.where(k == middle, (before - after) / (2 * bend), 0.0)
+    return slopes[k] + (slopes[1] - slopes[0]) * np.clip(offset, -0.5, 0.5)

@@ -1,6 +1,6 @@
-"""Compiled loop that compares shifted views: arrays in, output array filled, nothing returned.
+"""Compiled loops that compare shifted views: arrays in, output arrays filled, nothing returned.
 
-It gathers in a fixed order, one thread per row: the bits do not depend on the number of threads.
+They gather in a fixed order, one thread per row: the bits do not depend on the number of threads.
 """
 
 import numpy as np
@@ -10,6 +10,9 @@ from lf_flame._common.threads import pieces, shared
 
 TAPS = 4
 """Number of lenslets along an axis from which a shifted view is interpolated."""
+
+OWN, BESIDE = np.float32(0.787), np.float32(0.1065)
+"""Gaussian of a standard deviation of 0.5 lenslets that averages differences, in three taps."""
 
 
 def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
@@ -33,11 +36,10 @@ def _shift_row(view, row, down_weight, start, across_weight, reach, line, out):
             out[s] += weight * line[first + s]
 
 
-def _add_squares(row, reference, count, total):
-    """Add the squared difference of two rows, times a weight."""
+def _add_differences(row, reference, count, limit, total):
+    """Add the absolute difference of two rows, at most `limit`, times a weight."""
     for s in range(np.uint64(total.size)):
-        difference = row[s] - reference[s]
-        total[s] += count * (difference * difference)
+        total[s] += count * min(abs(row[s] - reference[s]), limit)
 
 
 def _bring_to_level(level, down, start, height, row):
@@ -57,9 +59,9 @@ def _bring_to_level(level, down, start, height, row):
 
 def _compare_views(
     queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
-    counts, middle_counts, shifts_down, shifts_across, even, levels, middles, out,
+    counts, middle_counts, shifts_down, shifts_across, even, levels, limit, middles, out,
 ):  # fmt: skip
-    """Squared differences of shifted views from the central one: out[i, part, s] for row rows[i].
+    """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
     The central view itself goes to middles[i, s].
 
@@ -69,6 +71,7 @@ def _compare_views(
     counts[v, u], middle_counts[v, u]: weights of the views, and for the central view.
     shifts_down[v], shifts_across[u]: whole shifts of the views.
     even: whether all views are as bright as the central one; else levels[v, u, power] multiply.
+    limit: largest absolute difference that counts.
     """
     height, width = views.shape[2:]
     reach = TAPS
@@ -94,7 +97,7 @@ def _compare_views(
                             bring_to_level(levels[v, u], rows[i] + shifts_down[v],
                                            shifts_across[u], height, shifted)  # fmt: skip
                         if turn == 1:
-                            add_squares(shifted, middle, used, out[i, part])
+                            add_differences(shifted, middle, used, limit, out[i, part])
                         else:
                             middle += used * shifted
                             count += used
@@ -102,7 +105,44 @@ def _compare_views(
                 middle /= count
 
 
+def _choose_sides(queue, parts, shares, margins, out):
+    """Least mismatch of all sides of the aperture: out[t, s], from parts[t, part, s].
+
+    shares[side, part]: weights of a side's parts; margins[side] are added. Parts are averaged over
+    3 x 3 lenslets first.
+    """
+    height, width = out.shape
+    for t in pieces(queue, height):
+        above, below = max(t - 1, 0), min(t + 1, height - 1)
+        down, smooth = np.empty(width, np.float32), np.empty((9, width), np.float32)
+        least = np.full(width, np.float32(np.inf))
+        for part in range(9):
+            mix_lines(parts[above, part], parts[t, part], parts[below, part], down)
+            smooth[part, 0] = OWN * down[0] + BESIDE * (down[0] + down[min(1, width - 1)])
+            last = down[width - 1]
+            smooth[part, width - 1] = OWN * last + BESIDE * (last + down[max(width - 2, 0)])
+            mix_lines(down[:-2], down[1:-1], down[2:], smooth[part, 1:-1])
+        for side in range(margins.size):
+            down[:] = margins[side]
+            for part in range(9):
+                share = shares[side, part]
+                if share > 0.0:
+                    for s in range(np.uint64(width)):
+                        down[s] += share * smooth[part, s]
+            for s in range(np.uint64(width)):
+                least[s] = min(least[s], down[s])
+        out[t] = least
+
+
+def _mix_lines(before, own, after, out):
+    """Weighted mean of three lines."""
+    for s in range(np.uint64(out.size)):
+        out[s] = OWN * own[s] + BESIDE * (before[s] + after[s])
+
+
 shift_row = compiled(_shift_row)
 bring_to_level = compiled(_bring_to_level)
-add_squares = compiled(_add_squares)
+mix_lines = compiled(_mix_lines)
+add_differences = compiled(_add_differences)
 compare_views = shared(_compare_views)
+choose_sides = shared(_choose_sides)

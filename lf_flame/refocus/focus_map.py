@@ -1,8 +1,9 @@
 """Slope map and image with everything in focus.
 
 `all_in_focus` uses the views: it finds the slope at which those that see a place match the central
-view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Uncertain parts of
-either map are then filled, guided by the image (`lf_flame.refocus.filling`).
+view (`lf_flame.refocus.matching`). `depth_from_focus` uses only a focal stack. Either gives a cost
+for each pixel and slope, from which slopes are chosen together with those of the surroundings,
+guided by the image (`lf_flame.refocus.semi_global`).
 
 Depth from focus (Nayar, Nakagawa, IEEE Trans. Pattern Anal. Mach. Intell. 16, 824, 1994) finds at
 each pixel the slope at which its surroundings are sharpest, by a parabola between the slopes of the
@@ -20,7 +21,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
+from scipy.ndimage import gaussian_filter
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
@@ -34,9 +35,9 @@ from lf_flame.refocus._arguments import (
     refuse_not_finite,
     refuse_uncounted,
 )
-from lf_flame.refocus.filling import fill_slopes
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews
+from lf_flame.refocus.semi_global import choose_slopes
 from lf_flame.refocus.shift import shift_and_sum
 from lf_flame.refocus.surface import refocus_surface
 
@@ -44,27 +45,13 @@ LOW_PASS = 1.0
 """Standard deviation of the Gaussian before the gradient, in lenslets; it suppresses aliasing."""
 
 FLOOR = 0.1
-"""Sharpness at which confidence is halved, as a fraction of its mean over the image."""
+"""Sharpness at which the cost of the sharpest slice is a half, relative to the mean."""
 
 TRUSTED = 0.2
 """Smallest confidence of a certain slope."""
 
-VOTING = 0.1
-"""Smallest confidence with which a pixel votes for its slope; lower than TRUSTED, because many
-votes find the slope of faint texture where no single pixel is certain."""
-
 RESOLVED = 1.0
 """Shift of the outermost view, in lenslets, between slopes that can be distinguished."""
-
-DOUBT = 0.13
-"""Difference of costs that makes a slope less likely by a factor e: the noise under the window."""
-
-JUMP = 0.1
-"""Smallest difference of slope between neighbours on two surfaces."""
-
-TOLERANCE = 0.07
-"""Smallest error of a wrong slope in the 4D Light Field Benchmark (BadPix(0.07): Honauer,
-Johannsen, Kondermann, Goldluecke, ACCV 2016)."""
 
 MAP_STEPS = 33
 """Number of slopes in the stack from which commands and pages make a slope map."""
@@ -77,14 +64,13 @@ class FocusMap:
     Attributes
     ----------
     slope : ndarray of float64, shape (t, s)
-        Slope of each pixel, in lenslets per view step. Where certain, it is the pixel's own,
-        averaged with neighbours within a step of the search that no edge separates; elsewhere it
-        is that of such neighbours.
+        Slope of each pixel, in lenslets per view step: mean of its own and of neighbours of similar
+        brightness with about the same slope.
     confidence : ndarray of float64, shape (t, s)
-        Confidence from 0 to 1; a slope is certain from 0.2 on. From a stack: height of the peak of
-        sharpness above its mean over the slopes, and above the weakest texture that counts. From
-        views: likelihood of slopes near the best one against all others. 0 where the best slope is
-        the first or last, at a jump of the slope, and where neighbours differ by over 0.07.
+        Confidence from 0 to 1; a slope is certain from 0.2 on. It is a product of four factors: by
+        how much the slope's cost is below those of distinct slopes, how sharp the minimum is, how
+        low it is, and the share of neighbours that agree. 0 where the best slope is the first or
+        last, and where the neighbours choose another.
     all_in_focus : ndarray of float32, shape (t, s) or (t, s, channels)
         Image with every pixel refocused at its slope.
     """
@@ -129,8 +115,9 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0
     ((24, 30), (24, 30))
     """
     stack, slopes = np.asarray(stack), as_steps(slopes)
-    slope, confidence = _sharpest(stack, slopes, window)
-    slope, confidence = _settled(slope, confidence, _between_slices(stack, slopes, slope), slopes)
+    costs = _blur(stack, slopes, window)
+    picture = _between_slices(stack, slopes, slopes[costs.argmin(axis=2)])
+    slope, confidence = choose_slopes(costs, slopes, _guide(picture), window, slopes[1] - slopes[0])
     return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
 
 
@@ -147,7 +134,7 @@ def all_in_focus(
     A pixel's slope is the one at which the views that see it match the central view best; near an
     outline these are half of the views, or a quarter (`lf_flame.refocus.matching`). Where this is
     uncertain, for example without texture, the slope comes from the surroundings, up to the edges
-    of the central view (`lf_flame.refocus.filling`). The image is refocused on the resulting
+    of the central view (`lf_flame.refocus.semi_global`). The image is refocused on the resulting
     surface (`refocus_surface`), not selected from slices, so that it has no seams.
 
     Parameters
@@ -157,7 +144,8 @@ def all_in_focus(
         Slopes to search, at least three, rising in equal steps. A peak at the first or last is not
         trusted: include one step more on each side than the scene needs.
     window : float, optional
-        Standard deviation, in lenslets, of the Gaussian under which matches are averaged.
+        Standard deviation, in lenslets, of the Gaussian that weights the votes of neighbours; they
+        reach 24 lenslets at most.
     interpolation : optional
         Interpolation for the image, as in `refocus_surface`.
     weights : array_like, shape (v, u), optional
@@ -218,49 +206,19 @@ def _matched(
     slopes = compared.slopes
     used = (np.abs(centred(n))[some] for n, some in zip(views.shape, _used(weights), strict=False))
     farthest = max(steps.max() for steps in used)
-    slope, confidence = _best_match(compared.costs(window), slopes, RESOLVED / max(farthest, 0.5))
-    return _settled(slope, confidence, _middle(views, slope), slopes)
+    costs = compared.costs()
+    picture = _middle(views, slopes[costs.argmin(axis=2)])
+    return choose_slopes(costs, slopes, _guide(picture), window, RESOLVED / max(farthest, 0.5))
+
+
+def _guide(picture: np.ndarray) -> np.ndarray:
+    """Grey image, smooth enough that noise is no edge."""
+    return gaussian_filter(picture.mean(axis=2) if picture.ndim == 3 else picture, LOW_PASS)
 
 
 def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of views with any weight above 0."""
     return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
-
-
-def _best_match(
-    costs: np.ndarray, slopes: np.ndarray, width: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the slope at which the views match best, by a parabola through three, and confidence.
-
-    With weights ``exp(-cost / DOUBT)``, as if costs were energies, the confidence is the weight of
-    slopes within `width` of the best, minus its value if all slopes had equal weights, scaled to 0
-    to 1. It is 0 at the ends.
-    """
-    slope, inside = _lowest(costs, slopes)
-    k, least = costs.argmin(axis=0), costs.min(axis=0)
-    reach = max(round(width / (slopes[1] - slopes[0])), 1)
-    near, total = np.zeros(k.shape), np.zeros(k.shape)
-    for i, cost in enumerate(costs):
-        weight = np.exp((least - cost) / DOUBT)
-        total += weight
-        near += np.where(np.abs(i - k) <= reach, weight, 0.0)
-    even = min((2 * reach + 1) / len(slopes), 1 - 1e-9)
-    confidence = np.maximum((near / total - even) / (1 - even), 0.0)
-    return slope, np.where(inside, confidence, 0.0)
-
-
-def _settled(
-    slope: np.ndarray, confidence: np.ndarray, picture: np.ndarray, slopes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes from the votes of certain pixels; confidence is kept where both slopes agree.
-
-    At a jump the window saw both surfaces, and only the guide image shows the pixel's own.
-    """
-    jump = maximum_filter(slope, 3) - minimum_filter(slope, 3) > JUMP
-    confidence = np.where(jump, 0.0, confidence)
-    votes = np.where(confidence >= VOTING, confidence, 0.0)
-    filled = fill_slopes(slope, votes, gaussian_filter(picture, (1, 1, 0)[: picture.ndim]), slopes)
-    return filled, np.where(np.abs(filled - slope) <= TOLERANCE, confidence, 0.0)
 
 
 def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -274,10 +232,8 @@ def _check_window(window: float) -> None:
         raise InputError(f"window must be a number of lenslets above 0, got {window}.")
 
 
-def _sharpest(
-    stack: np.ndarray, slopes: np.ndarray, window: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slope of the sharpest slice, by a parabola through three, and its confidence."""
+def _blur(stack: np.ndarray, slopes: np.ndarray, window: float) -> np.ndarray:
+    """Cost of each slice, from 0 for the sharpest to 1: float32, shape (t, s, n)."""
     if stack.ndim not in (3, 4) or len(stack) != len(slopes) or min(stack.shape) < 1:
         raise InputError(
             f"A focal stack must have one image for each of the {len(slopes)} slopes, (n, t, s) or "
@@ -285,24 +241,10 @@ def _sharpest(
         )
     _check_window(window)
     refuse_not_finite(stack)
-    sharpness = np.stack([_sharpness(image, window) for image in stack])
-    slope, inside = _lowest(-sharpness, slopes)
-    peak, mean = sharpness.max(axis=0), sharpness.mean(axis=0)
+    sharpness = np.stack([_sharpness(image, window) for image in stack], axis=-1)
+    peak = sharpness.max(axis=-1, keepdims=True)
     floor = max(FLOOR * peak.mean(), np.finfo(float).tiny)
-    return slope, np.where(inside, (peak - mean) / (peak + floor), 0.0)
-
-
-def _lowest(costs: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope of the lowest costs[n, t, s], by a parabola through three, and if it is no end."""
-    k = costs.argmin(axis=0)
-    middle = np.clip(k, 1, len(slopes) - 2)
-    before, least, after = (
-        np.take_along_axis(costs, (middle + i)[None], axis=0)[0].astype(float) for i in (-1, 0, 1)
-    )
-    bend = before + after - 2 * least
-    inside = (k == middle) & (bend > 0)
-    offset = np.where(inside, (before - after) / (2 * np.where(inside, bend, 1.0)), 0.0)
-    return slopes[k] + (slopes[1] - slopes[0]) * offset, inside
+    return (1 - sharpness / (peak + floor)).astype(np.float32)
 
 
 def _sharpness(image: np.ndarray, window: float) -> np.ndarray:

@@ -7,10 +7,10 @@ halves of a sequence; Wang, Efros, Ramamoorthi, ICCV 2015, the sides of an outli
 and the best match counts. Because fewer views agree more easily by chance, they must match better
 by a margin.
 
-Squared differences e from the central view become ``e / (e + scale)`` before they are averaged over
-a window (Geman, McClure, Bull. Int. Stat. Inst. 52, 5, 1987); the scale is about the noise. Without
-this, one sharp outline outweighs the faint texture beside it, and its slope spreads to its
-surroundings.
+Absolute differences from the central view count up to a limit, which follows the contrast of the
+image and the noise. Without it, one sharp outline outweighs the faint texture beside it, and its
+slope spreads to its surroundings. They are averaged over little more than a pixel; what a pixel
+alone does not tell, its surroundings do afterwards (`lf_flame.refocus.semi_global`).
 
 Views that are darker or brighter than the central one, such as those near the rim of a lens, are
 first brought to its level (`lf_flame.refocus.view_levels`); otherwise this counts as a mismatch at
@@ -21,27 +21,27 @@ equally at all fractions of a lenslet. Linear interpolation softens whole shifts
 which pulls slopes towards them.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d
 
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
-HALF, QUARTER = 0.05, 0.1
-"""Margins, on a scale from 0 to 1, by which half and a quarter of the views must match better."""
+MARGIN = 0.07
+"""Margin, on a scale from 0 to 1, by which half of the views must match better than all; a quarter
+must by twice as much."""
 
-SCALE = 0.35
-"""Squared difference that counts half, in units of those due to noise."""
+LIMIT = 0.07
+"""Largest difference that counts, in standard deviations of the central view: with a small limit an
+occluded view hardly matters, nor does a strong outline beside faint texture."""
 
-TOLERATED = 0.07
-"""Error of a slope with small differences; views never match better than this in strong texture."""
+NOISY = 1.5
+"""Smallest limit, relative to the usual least difference, which is mostly noise."""
 
 FLOOR = 1e-3
-"""Smallest noise, relative to the brightest pixel; rounding to 8 bits is of this size."""
+"""Smallest limit, relative to the brightest pixel; rounding to 8 bits is of this size."""
 
 LEAST_SIDE = 0.125
 """Smallest weight of a half or quarter that is compared, relative to all views but the central."""
@@ -64,27 +64,31 @@ SAMPLED_ROWS = 32
 
 
 def match_views(
-    views: np.ndarray, slopes: np.ndarray, window: float, weights: np.ndarray | None = None
+    views: np.ndarray, slopes: np.ndarray, weights: np.ndarray | None = None
 ) -> np.ndarray:
-    """Mismatch of the views around each pixel at each slope: `ComparedViews.costs`."""
+    """Mismatch of the views at each pixel and slope: `ComparedViews.costs`."""
     weights = np.ones(views.shape[:2]) if weights is None else weights
-    return ComparedViews(views, slopes, weights).costs(window)
+    return ComparedViews(views, slopes, weights).costs()
 
 
-def _sides(parts: np.ndarray, counts: np.ndarray) -> Iterator[tuple[np.ndarray, np.float32]]:
-    """Mean square over all views, each half and each quarter, with the margin of each.
+def _sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of the nine parts in all views, each half and each quarter, and their margins.
 
-    Halves and quarters include the central row or column. A part that has hardly more than the
+    Halves and quarters include the central row or column. A side that has hardly more than the
     central view, as for an off-centre aperture, is left out: it would match at every slope.
     """
     spans = (slice(0, 3), slice(0, 2), slice(1, 3))
     needed = LEAST_SIDE * (counts.sum() - counts[1, 1])
+    shares, margins = [], []
     for i, down in enumerate(spans):
         for j, across in enumerate(spans):
             count = counts[down, across].sum()
             if count - counts[1, 1] >= needed:
-                total = parts[down, across].sum(axis=(0, 1)) / np.float32(count)
-                yield total, np.float32((0.0, HALF, QUARTER)[(i > 0) + (j > 0)])
+                share = np.zeros((3, 3))
+                share[down, across] = (counts[down, across] > 0) / count
+                shares.append(share.ravel())
+                margins.append(MARGIN * ((i > 0) + (j > 0)))
+    return np.array(shares, np.float32), np.array(margins, np.float32)
 
 
 class ComparedViews:
@@ -146,52 +150,46 @@ class ComparedViews:
         self.even = bool(np.array_equal(self._levels, even))
         return bool(np.abs(self._levels - before).max() > SETTLED)
 
-    def costs(self, window: float) -> np.ndarray:
-        """Mismatch of the views around each pixel at each slope.
-
-        Parameters
-        ----------
-        window : float
-            Standard deviation of the Gaussian that averages over pixels, in lenslets.
+    def costs(self) -> np.ndarray:
+        """Mismatch of the views at each pixel and slope.
 
         Returns
         -------
-        ndarray of float32, shape (n, t, s)
+        ndarray of float32, shape (t, s, n)
             Costs, from 0 for equal views to about 1.
         """
         views, slopes = self.views, self.slopes
-        noise = float(np.median(self._best()[0])) + FLOOR**2
-        misfit = max(TOLERATED**2, (slopes[1] - slopes[0]) ** 2 / 12)
-        down, across = (np.square(centred(n)) for n in views.shape[:2])
-        moved = misfit * np.average(down[:, None] + across, weights=self._weights) / 2
-        costs = np.empty((len(slopes), *views.shape[2:]), np.float32)
+        least, _, contrast = self._best()
+        limit = max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
+        shares, margins = _sides(self.counts)
+        costs = np.empty((*views.shape[2:], len(slopes)), np.float32)
         rows = np.arange(views.shape[2])
-        each = zip(costs, slopes, strict=True)
-        for cost, slope in progress.steps(each, "matching views", len(slopes), "slope"):
-            parts, middle = self._squares(float(slope), rows)
-            scale = np.float32(SCALE * noise) + np.float32(moved) * _steepness(middle)
-            cost[...] = 1.0 + QUARTER
-            for side, handicap in _sides(parts, self.counts):
-                saturated = side / (side + scale)
-                smooth = gaussian_filter(saturated, window, mode="nearest")
-                np.minimum(cost, smooth + handicap, out=cost)
+        each = enumerate(progress.steps(slopes, "matching views", len(slopes), "slope"))
+        for n, slope in each:
+            parts = self._differences(float(slope), rows, limit)[0]
+            _matching_kernels.choose_sides(
+                parts, (shares / np.float32(limit)), margins, costs[..., n]
+            )
         return costs
 
-    def _best(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least squared difference in some rows, and approximately the slope where it occurs."""
+    def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Least difference in some rows, about the slope where it occurs, and the contrast."""
         least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
-            total = self._squares(float(slope), self._rows)[0].sum(axis=(0, 1))
+            parts, middle = self._differences(float(slope), self._rows, np.inf)
+            total = parts.sum(axis=1)
             total /= np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
             best[smooth < smoothest] = slope
             np.minimum(smoothest, smooth, out=smoothest)
-        return least, best
+        return least, best, float(middle.std())
 
-    def _squares(self, slope: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared differences from the centre in nine parts, (3, 3, rows, s), and the centre."""
+    def _differences(
+        self, slope: float, rows: np.ndarray, limit: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)
@@ -201,15 +199,9 @@ class ComparedViews:
         _matching_kernels.compare_views(
             views, rows, down, (self._unit * down_weights).astype(np.float32), across,
             across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
-            self._middle, *shifts, self.even, self._levels, middle, out,
+            self._middle, *shifts, self.even, self._levels, np.float32(limit), middle, out,
         )  # fmt: skip
-        return out.transpose(1, 0, 2).reshape(3, 3, rows.size, -1), middle
-
-
-def _steepness(image: np.ndarray) -> np.ndarray:
-    """Squared gradient at each pixel."""
-    axes = [axis for axis in (0, 1) if image.shape[axis] > 1]
-    return sum((np.gradient(image, axis=axis) ** 2 for axis in axes), np.zeros_like(image))
+        return out, middle
 
 
 def _taps(slope: float, count: int, length: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,6 @@ from lf_flame import PAPER_CAMERA, InputError, Layer, Scene, render
 from lf_flame.refocus import planar_slopes, refocus, shift_and_sum
 from lf_flame.refocus.focus_map import (
     TRUSTED,
-    _settled,
     all_in_focus,
     depth_from_focus,
 )
@@ -156,18 +155,6 @@ def test_a_tilted_plane_is_not_cut_into_steps(rng):
     inside = (slice(10, -10), slice(12, -12))
     assert np.abs(found.slope - truth)[inside].max() < 0.1
     assert np.median(np.abs(found.slope - truth)[inside]) < 0.02
-
-
-def test_what_neighbours_deny_is_not_certain():
-    """One slope that is off by 0.09, no jump to another surface, loses; what is unsure is mute."""
-    slope, confidence = np.full((20, 120), 0.5), np.full((20, 120), 0.9)
-    slope[9, 9], slope[:, 41:] = 0.59, -1.5
-    confidence[:, 40:] = 0.09
-    picture = np.zeros((20, 120))
-    found, kept = _settled(slope, confidence, picture, SLOPES)
-    assert kept[9, 9] == 0
-    assert np.all(kept[:, :9] == 0.9)
-    np.testing.assert_allclose(found, 0.5, atol=0.01)
 
 
 def test_an_even_number_of_views_and_colour(rng):

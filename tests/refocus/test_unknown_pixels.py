@@ -106,7 +106,7 @@ def test_lenslets_that_no_view_knows_do_not_draw_slopes_to_0(slope):
     assert find_sharpest_slope(light_field, slopes).slope == pytest.approx(truth, rel=0.002)
     assert find_slope_range(light_field).slope == pytest.approx(slope, abs=0.01)
     found = all_in_focus(light_field, np.linspace(slope - 0.8, slope + 0.8, 17))
-    assert np.abs(found.slope - slope).max() < 0.05
+    assert np.abs(found.slope - slope).max() < 0.07  # BadPix(0.07), at the edges too
     image = all_in_focus(full, np.linspace(slope - 0.8, slope + 0.8, 17)).all_in_focus
     assert np.sqrt(np.mean((found.all_in_focus - image) ** 2)) < 0.01
 

@@ -1,0 +1,194 @@
+"""Slopes from the costs of each pixel at each slope: semi-global matching, and votes of neighbours.
+
+Along paths in eight directions the cost of a slope is its own plus that of the best way to it: a
+change by one step costs a little, a jump costs more, and least across edges of a guide image
+(Hirschmueller, IEEE Trans. Pattern Anal. Mach. Intell. 30, 328, 2008). The slope with the least sum
+over the paths wins, refined by a parabola through the costs. Then each pixel takes the slope for
+which most neighbours of similar brightness vote, as their mean (a weighted mode): this removes
+single wrong slopes and averages noise, without inventing a surface halfway between two others.
+
+All loops gather in a fixed order; the bits do not depend on the number of threads.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from lf_flame._common.threads import pieces, shared
+
+STEP, JUMP = 0.06, 0.6
+"""Costs of a change of slope by one step of the search, and of a larger change."""
+
+EDGE = 8.0
+"""Change of brightness, times this, by which a jump costs less; all brightness is in standard
+deviations of the guide image."""
+
+ALIKE = 0.3
+"""Difference of brightness at which a vote counts half."""
+
+MUTE = 0.05
+"""Weight of a vote without any trust, beside votes with a trust of 1."""
+
+SAME = 1.5
+"""Largest difference of votes for the same slope, in steps of the search."""
+
+REACH, FARTHEST = 1.6, 24
+"""Largest distance of a voter along an axis, in the window's standard deviations and lenslets."""
+
+DISTINCT = 0.15
+"""Margin, in costs, by which the best slope must beat distinct ones to be half certain."""
+
+BENT = 0.02
+"""Curvature of the costs at the best slope, in costs, that makes it half certain."""
+
+MATCHED = 0.5
+"""Cost at the best slope that makes it half certain."""
+
+
+def choose_slopes(
+    costs: np.ndarray, slopes: np.ndarray, guide: np.ndarray, window: float, width: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Give each pixel the slope of least cost that its surroundings agree with.
+
+    Parameters
+    ----------
+    costs : ndarray of float32, shape (t, s, n)
+        Cost of each slope, from 0 to about 1.
+    slopes : ndarray of float64, shape (n,)
+        Slopes in equal rising steps.
+    guide : ndarray, shape (t, s)
+        Image whose edges stop smoothing.
+    window : float
+        Standard deviation of the Gaussian that weights the votes of neighbours, in lenslets.
+    width : float
+        Largest difference of slopes that cannot be distinguished.
+
+    Returns
+    -------
+    slope, confidence : ndarray of float64, shape (t, s)
+        Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
+    """
+    guide = (guide / max(float(guide.std()), np.finfo(np.float32).tiny)).astype(np.float32)
+    sums = np.zeros_like(costs)
+    for down, across in product((-1, 0, 1), repeat=2):
+        if down or across:
+            _add_paths(costs, guide, down, across, sums)
+    step = slopes[1] - slopes[0]
+    reach = max(round(width / step), 1)
+    place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
+    _pick(costs, sums, reach, place, trust)
+    del sums
+    reach = min(int(np.ceil(REACH * window)), FARTHEST)
+    near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
+    voted, share = np.empty(guide.shape), np.empty(guide.shape)
+    _vote(place, trust, guide, near, len(slopes), voted, share)
+    return slopes[0] + step * voted, np.where(share > 0, trust * share, 0.0)
+
+
+@shared
+def _add_paths(queue, costs, guide, down, across, sums):
+    """Add the costs along all paths of one direction: sums[t, s, n]."""
+    height, width, count = costs.shape
+    total = width if across == 0 else height if down == 0 else width + height - 1
+    for path in pieces(queue, total):
+        first = 0 if down == 0 else path if path < width else 0
+        t = path if down == 0 else 0
+        if down != 0 and path >= width:
+            t = path - width + 1
+        s = first
+        if down < 0:
+            t = height - 1 - t
+        if across < 0:
+            s = width - 1 - s
+        way = np.full(count + 2, np.float32(np.inf))
+        new = way.copy()
+        least, before = np.float32(0.0), guide[t, s]
+        way[1:-1] = 0.0
+        while 0 <= t < height and 0 <= s < width:
+            change = abs(guide[t, s] - before)
+            jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
+            before = guide[t, s]
+            for n in range(np.uint64(count)):
+                beside = min(way[n], way[n + np.uint64(2)]) + np.float32(STEP)
+                best = min(min(way[n + np.uint64(1)], beside), jump)
+                new[n + np.uint64(1)] = costs[t, s, n] + (best - least)
+            least = np.float32(np.inf)
+            for n in range(np.uint64(count)):
+                value = new[n + np.uint64(1)]
+                sums[t, s, n] += value
+                least = min(least, value)
+            way, new = new, way
+            t += down
+            s += across
+
+
+@shared
+def _pick(queue, costs, sums, reach, place, trust):
+    """Place of the least sum in steps of the search, and how far it can be trusted, 0 to 1."""
+    height, width, count = costs.shape
+    for t in pieces(queue, height):
+        for s in range(width):
+            k = 0
+            for n in range(count):
+                if sums[t, s, n] < sums[t, s, k]:
+                    k = n
+            second = np.float32(np.inf)
+            for n in range(count):
+                if abs(n - k) > reach:
+                    second = min(second, sums[t, s, n])
+            place[t, s], trust[t, s] = k, 0.0
+            if 0 < k < count - 1:
+                before, own, after = costs[t, s, k - 1], costs[t, s, k], costs[t, s, k + 1]
+                bend = before + after - 2 * own
+                if bend > 0:
+                    off = (before - after) / (2 * bend)
+                    place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
+                    margin = (second - sums[t, s, k]) / 8
+                    trust[t, s] = (
+                        margin / (margin + DISTINCT) * bend / (bend + BENT)
+                        * MATCHED / (MATCHED + own)
+                    )  # fmt: skip
+
+
+@shared
+def _vote(queue, place, trust, guide, near, count, voted, share):
+    """Mean of the votes for the slope with most of them, and their share of all votes.
+
+    near[distance]: weights along either axis.
+    """
+    height, width = place.shape
+    reach = near.size - 1
+    for t in pieces(queue, height):
+        votes = np.empty(count + 3)
+        weights = np.empty(near.size * near.size * 4)
+        for s in range(width):
+            votes[:] = 0.0
+            total, index = 0.0, 0
+            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                    unlike = (guide[y, x] - guide[t, s]) / ALIKE
+                    weight = near[abs(y - t)] * near[abs(x - s)] / (1 + unlike * unlike)
+                    weight *= trust[y, x] + MUTE
+                    k = int(place[y, x])
+                    part = weight * (place[y, x] - k)
+                    votes[k + 1] += weight - part
+                    votes[k + 2] += part
+                    weights[index] = weight
+                    total += weight
+                    index += 1
+            best = 1
+            most = -1.0
+            for k in range(1, count + 1):
+                some = votes[k] + 0.5 * (votes[k - 1] + votes[k + 1])
+                if some > most:
+                    best, most = k, some
+            counted, weighted, index = 0.0, 0.0, 0
+            for y in range(max(t - reach, 0), min(t + reach + 1, height)):
+                for x in range(max(s - reach, 0), min(s + reach + 1, width)):
+                    if abs(place[y, x] - (best - 1)) <= SAME:
+                        counted += weights[index]
+                        weighted += weights[index] * place[y, x]
+                    index += 1
+            voted[t, s] = weighted / counted
+            agrees = abs(place[t, s] - voted[t, s]) <= SAME
+            share[t, s] = counted / total if agrees else 0.0
