@@ -58,7 +58,7 @@ class Iterated(NamedTuple):
     warnings: tuple[str, ...] = ()
 
 
-def check_method(method: str, strength: float | None, changed: bool, bootstrap: int) -> None:
+def check_method(method: str, strength: float | None, changed: bool) -> None:
     """Refuse an unknown method, and options that it does not have.
 
     Parameters
@@ -67,7 +67,6 @@ def check_method(method: str, strength: float | None, changed: bool, bootstrap: 
     strength : float or None
     changed : bool
         Whether another penalty than the default was asked for.
-    bootstrap : int
 
     Raises
     ------
@@ -76,11 +75,19 @@ def check_method(method: str, strength: float | None, changed: bool, bootstrap: 
     """
     if method not in METHODS:
         raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
-    if method == PENALISED:
-        return
-    if strength is not None or changed:
+    if method != PENALISED and (strength is not None or changed):
         raise InputError(f"method {method!r} has no penalty and no strength: it stops early.")
-    if bootstrap:
+
+
+def check_bars(method: str, bootstrap: int) -> None:
+    """Refuse error bars of a method that has none.
+
+    Raises
+    ------
+    InputError
+        If draws are asked for, and the method is not the penalised fit.
+    """
+    if bootstrap and method != PENALISED:
         raise InputError(
             f"method {method!r} has no error bars: draws would show the noise, and not what "
             f"stopping early leaves out; bootstrap must be 0, got {bootstrap}."

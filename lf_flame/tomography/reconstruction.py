@@ -31,7 +31,13 @@ from lf_flame.tomography.error_bars import (
 from lf_flame.tomography.explainer import Explainer
 from lf_flame.tomography.frequency_gram import FrequencyGram
 from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
-from lf_flame.tomography.iterative_methods import MOST, PENALISED, check_method, iterate
+from lf_flame.tomography.iterative_methods import (
+    MOST,
+    PENALISED,
+    check_bars,
+    check_method,
+    iterate,
+)
 from lf_flame.tomography.penalties import ROUGHNESS, Penalty, Roughness, as_penalty
 from lf_flame.tomography.plane_fit import (
     Explanation,
@@ -247,7 +253,8 @@ def reconstruct(
     True
     """
     check_bootstrap(bootstrap)
-    check_method(method, strength, penalty != ROUGHNESS, bootstrap)
+    check_method(method, strength, penalty != ROUGHNESS)
+    check_bars(method, bootstrap)
     plain = method == PENALISED
     iterations = (ITERATIONS if plain else MOST) if iterations is None else iterations
     # Other methods take noise, background and warnings from a fit that is linear, which is quick,
