@@ -79,8 +79,14 @@ def check_method(method: str, strength: float | None, changed: bool) -> None:
         raise InputError(f"method {method!r} has no penalty and no strength: it stops early.")
 
 
-def check_draws(method: str, bootstrap: int) -> None:
-    """Refuse draws for error bars, which only the penalised fit has."""
+def check_bars(method: str, bootstrap: int) -> None:
+    """Refuse error bars of a method that has none.
+
+    Raises
+    ------
+    InputError
+        If draws are asked for, and the method is not the penalised fit.
+    """
     if bootstrap and method != PENALISED:
         raise InputError(
             f"method {method!r} has no error bars: draws would show the noise, and not what "

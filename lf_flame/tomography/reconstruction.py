@@ -31,7 +31,7 @@ from lf_flame.tomography.frustum_grid import MOST_PLANES, FrustumGrid
 from lf_flame.tomography.iterative_methods import (
     MOST,
     PENALISED,
-    check_draws,
+    check_bars,
     check_method,
     iterate,
 )
@@ -259,7 +259,7 @@ class ReconstructionPlan:
             If the light field does not match the grid, or `start` is of another grid.
         """
         check_bootstrap(bootstrap)
-        check_draws(self._method, bootstrap)
+        check_bars(self._method, bootstrap)
         rng = np.random.default_rng(rng)
         light_field = self.grid.camera.corrected(light_field)
         grid, left_out = fitted_views(light_field, self.grid)

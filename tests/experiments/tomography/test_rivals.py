@@ -7,6 +7,7 @@ import pytest
 from own_rays import Lens, Sheet, cells, record
 from scipy.integrate import quad
 
+from experiments.paths import EXPERIMENTS, REFERENCE
 from experiments.tomography import flame_rays as rays
 from experiments.tomography.rivals import CASES, METHODS, Row, body
 
@@ -56,3 +57,9 @@ def test_the_report_has_a_column_for_each_method_and_names_what_is_left_out():
     found = [cell.strip() for cell in line.split("|")[3:-1]]
     assert found == [f"{0.1 + k:.3f}" for k in range(len(METHODS))]
     assert "ChinaXiv 201711.00595" in text[-1]
+
+
+def test_the_page_has_the_records_table():
+    record = (REFERENCE / "tomography/rivals.md").read_text()
+    table = record.split("## Error\n\n")[1].split("\n\n")[0]
+    assert table in (EXPERIMENTS.parent / "docs/emission_by_depth.md").read_text()
