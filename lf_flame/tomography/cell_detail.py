@@ -9,11 +9,9 @@ in each cell, which can be computed.
 from functools import lru_cache
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import ndimage
 
-from lf_flame.scenes.scene import Layer
-from lf_flame.tomography.frustum_grid import FrustumGrid
-from lf_flame.tomography.projection_operator import layer_bands
+from lf_flame.tomography.projection_operator import ProjectionOperator
 
 FINER = 3
 """Number of parts of a cell along each axis, for the smooth function."""
@@ -33,11 +31,11 @@ def smooth_course(plane: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    ndarray of float64, shape (FINER * rows, FINER * columns)
+    ndarray of the plane's type, shape (FINER * rows, FINER * columns)
         Smooth emission, 0 or above.
     """
-    down, across = (_histospline(count) for count in plane.shape)
-    course = np.clip(down @ plane.astype(np.float64) @ across.T, 0, None)
+    down, across = (_histospline(count).astype(plane.dtype) for count in plane.shape)
+    course = np.clip(down @ plane @ across.T, 0, None)
     means = cell_means(course)
     share = np.divide(plane, means, out=np.zeros_like(means), where=means > 0)
     return course * share.repeat(FINER, axis=0).repeat(FINER, axis=1)
@@ -60,57 +58,17 @@ def cell_means(course: np.ndarray) -> np.ndarray:
 class SmoothStack:
     """Filtered focal stack A'y of the light field y of smooth functions through cells.
 
-    No light field is formed: for each axis and pair of depth planes, views and pixels are summed
-    beforehand.
-
     Parameters
     ----------
-    grid : FrustumGrid
+    operator : ProjectionOperator
+        Operator of the cells.
     """
 
-    def __init__(self, grid: FrustumGrid):
-        self._pairs = [
-            [_pair_sums(grid, axis, views) for axis, views in enumerate(group)]
-            for group in grid.view_groups()
-        ]
+    def __init__(self, operator: ProjectionOperator):
+        self._operator, self._finer = operator, ProjectionOperator(operator.grid, finer=FINER)
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
         """Give the filtered focal stack of cells, float32, shape (planes, rows, columns)."""
-        courses = [smooth_course(plane) for plane in cells]
-        stack = [
-            sum(
-                (y @ np.ascontiguousarray((x @ course.T).T))
-                for down, across in self._pairs
-                for y, x, course in zip(down[plane], across[plane], courses, strict=True)
-            )
-            for plane in range(len(cells))
-        ]
-        return np.array(stack, np.float32)
-
-
-def _pair_sums(grid: FrustumGrid, axis: int, views: np.ndarray) -> list[list[sparse.csr_array]]:
-    """Sum over views and pixels the overlap of a line of cells in one plane with parts in another.
-
-    Parameters
-    ----------
-    views : ndarray of int
-        Indices of views along the axis.
-
-    Returns
-    -------
-    list of list of csr_array, shape (cells, FINER * cells)
-        Sums by the depth plane of the cells, then by that of the parts.
-    """
-    planes, pixels = range(len(grid.depths_mm)), grid.pixels[axis]
-    rows = (views[:, None] * pixels + np.arange(pixels)).ravel()
-    coarse, fine = [], []
-    for plane in planes:
-        layer = grid.empty_layer(plane)
-        parts = Layer(
-            np.zeros([FINER * count for count in layer.texture.shape]),
-            layer.depth_mm,
-            layer.size_mm,
-        )
-        coarse.append(layer_bands(layer, grid.camera, grid.block, axis)[rows].T.tocsr())
-        fine.append(layer_bands(parts, grid.camera, grid.block, axis)[rows])
-    return [[sparse.csr_array(coarse[p] @ fine[q]) for q in planes] for p in planes]
+        courses = np.array([smooth_course(plane) for plane in cells], np.float32)
+        seen = self._finer.matvec(courses.ravel())
+        return self._operator.rmatvec(seen).reshape(cells.shape).astype(np.float32, copy=False)

@@ -6,8 +6,11 @@ noise, the filtered focal stack A'y contains all information in the light field 
 iteration on it costs a few Fourier transforms, whatever the number of views.
 """
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numba import get_num_threads
@@ -17,6 +20,8 @@ from lf_flame._common.memory import check_memory
 from lf_flame.tomography.frustum_grid import FEW_PLANES, FrustumGrid
 from lf_flame.tomography.projection_operator import plane_bands
 from lf_flame.tomography.resolution import depth_blur, finest_period
+
+Result = TypeVar("Result")
 
 ROUGHNESS_ORDER = 3
 """Order of the differences that are penalised: third, quadratic in the third derivatives of the
@@ -131,8 +136,24 @@ class FrequencyGram:
             Eigenvectors, in columns.
         """
         along = self.scale * depth_roughness(self.grid)
-        values, vectors = np.linalg.eigh(self.matrices + along)
+        found = _in_threads(lambda some: np.linalg.eigh(some + along), self.matrices[: self._half])
+        values, vectors = (np.concatenate(parts)[self._fold] for parts in zip(*found, strict=True))
         return np.clip(values, 0, None), vectors
+
+    @property
+    def _half(self) -> int:
+        """Number of rows of frequencies with matrices of their own, of which others are mirrored.
+
+        Positive and negative frequencies have the same matrices if the views are symmetric.
+        """
+        counted, rows = self.grid.counted, self.size[0]
+        return rows // 2 + 1 if counted is None or (counted == counted[::-1]).all() else rows
+
+    @property
+    def _fold(self) -> np.ndarray:
+        """Row with the same matrices, among those of their own, for each row of frequencies."""
+        every = np.arange(self.size[0])
+        return every if self._half == len(every) else np.minimum(every, len(every) - every)
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -143,7 +164,9 @@ class FrequencyGram:
     @cached_property
     def plain_inverse(self) -> np.ndarray:
         """Inverse of the matrices, with a ridge where they are singular; same shape."""
-        return np.linalg.inv(self.matrices + RIDGE * self.scale * np.eye(self.matrices.shape[-1]))
+        ridge = RIDGE * self.scale * np.eye(self.matrices.shape[-1])
+        found = _in_threads(lambda some: np.linalg.inv(some + ridge), self.matrices[: self._half])
+        return np.concatenate(found)[self._fold]
 
     def compose(self, values: np.ndarray) -> np.ndarray:
         """Matrices with the same eigenvectors and other eigenvalues, shape (fy, fx, planes)."""
@@ -180,11 +203,18 @@ class FrequencyGram:
         if asked not in self._inverses:
             while len(self._inverses) >= KEPT:
                 self._inverses.pop(next(iter(self._inverses)))
-            values = self.decomposition[0] + self.penalty(strength, order)
+            penalised = 1 + step * (self.decomposition[0] + self.penalty(strength, order))
+            rows = np.arange(self._half)
             # In float64: the matrices alone are singular where depths cannot be distinguished.
-            inverse = self.compose(1 / (1 + step * values))
-            self._inverses[asked] = np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
+            found = _in_threads(lambda some: self._inverted(penalised, some), rows)
+            self._inverses[asked] = np.concatenate(found)[self._fold]
         return self._inverses[asked]
+
+    def _inverted(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Matrices with the inverse eigenvalues, float32, shape (rows, planes, planes, fx)."""
+        vectors = self.decomposition[1][rows]
+        inverse = np.matmul(vectors / values[rows][..., None, :], np.swapaxes(vectors, -1, -2))
+        return np.ascontiguousarray(np.moveaxis(inverse, 1, -1), np.float32)
 
     def penalty(self, strength: float, order: int = ROUGHNESS_ORDER) -> np.ndarray:
         """Value that a penalty on roughness adds to every eigenvalue of a frequency.
@@ -240,6 +270,13 @@ class FrequencyGram:
         """Inner product of two arrays of cells from their coefficients (Parseval)."""
         products = np.sum(a.real * b.real + a.imag * b.imag, axis=-1)
         return float(np.sum(self.multiplicity * products)) / np.prod(self.size)
+
+
+def _in_threads(call: Callable[[np.ndarray], Result], array: np.ndarray) -> list[Result]:
+    """Call a function with runs of an array's rows, in threads of their own."""
+    parts = np.array_split(array, get_num_threads())
+    with ThreadPoolExecutor(len(parts)) as pool:
+        return list(pool.map(call, parts))
 
 
 def multiply(matrices: np.ndarray, spectrum: np.ndarray) -> np.ndarray:

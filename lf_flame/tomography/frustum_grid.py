@@ -177,9 +177,10 @@ class FrustumGrid:
         count = self.shape[1 + axis]
         return (np.arange(count + 1) - count / 2) * self.cell_mm(self.depths_mm[plane])
 
-    def empty_layer(self, plane: int) -> Layer:
-        """Layer of a scene with a plane's cells, without light."""
-        depth, cells = self.depths_mm[plane], np.zeros(self.shape[1:])
+    def empty_layer(self, plane: int, finer: int = 1) -> Layer:
+        """Layer of a scene with a plane's cells, or finer ones along each axis, without light."""
+        depth = self.depths_mm[plane]
+        cells = np.zeros([finer * count for count in self.shape[1:]])
         side = self.cell_mm(depth)
         return Layer(cells, depth, (side * self.shape[1], side * self.shape[2]))
 

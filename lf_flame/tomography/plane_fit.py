@@ -144,7 +144,7 @@ class Operators:
     @cached_property
     def smooth(self) -> SmoothStack:
         """Filtered focal stack of smooth functions through cells."""
-        return SmoothStack(self.grid)
+        return SmoothStack(self.projection)
 
 
 class PlaneFit:

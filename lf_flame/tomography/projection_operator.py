@@ -31,6 +31,8 @@ class ProjectionOperator(LinearOperator):
         Cells at the depth planes.
     dtype : {"float32", "float64"}, optional
         Type for storage and sums.
+    finer : int, optional
+        Number of parts along each axis into which the cells are divided.
 
     Raises
     ------
@@ -52,13 +54,18 @@ class ProjectionOperator(LinearOperator):
     ((5, 5, 32, 40), True)
     """
 
-    def __init__(self, grid: FrustumGrid, dtype: str = "float32"):
+    def __init__(self, grid: FrustumGrid, dtype: str = "float32", *, finer: int = 1):
         if np.dtype(dtype) not in (np.float32, np.float64):
             raise InputError(f"dtype must be float32 or float64, got {dtype}.")
-        super().__init__(dtype=np.dtype(dtype), dims=grid.shape, dimsd=grid.data_shape)
-        self._grid = grid
-        self._across = [plane_bands(grid, p, 1).astype(dtype) for p in range(grid.shape[0])]
-        down = [plane_bands(grid, p, 0).astype(dtype) for p in range(grid.shape[0])]
+        planes, rows, columns = grid.shape
+        dims = planes, finer * rows, finer * columns
+        super().__init__(dtype=np.dtype(dtype), dims=dims, dimsd=grid.data_shape)
+        self.grid = grid
+        layers = [grid.empty_layer(plane, finer) for plane in range(planes)]
+        down, self._across = (
+            [layer_bands(one, grid.camera, grid.block, axis).astype(dtype) for one in layers]
+            for axis in (0, 1)
+        )
         self._down = sparse.hstack(down, format="csr")
         self._up = self._down.T.tocsr()
         self._back = [bands.T.tocsr() for bands in self._across]
@@ -66,12 +73,12 @@ class ProjectionOperator(LinearOperator):
     def _matvec(self, x: np.ndarray) -> np.ndarray:
         cells = x.reshape(self.dims).astype(self.dtype, copy=False)
         lines = [(bands @ plane.T).T for bands, plane in zip(self._across, cells, strict=True)]
-        views, (t, s) = self._grid.camera.views, self._grid.pixels
+        views, (t, s) = self.grid.camera.views, self.grid.pixels
         raw = self._down @ np.ascontiguousarray(np.concatenate(lines))
-        return self._grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
+        return self.grid.pick(raw.reshape(views, t, views, s).transpose(0, 2, 1, 3)).ravel()
 
     def _rmatvec(self, y: np.ndarray) -> np.ndarray:
-        views = self._grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
+        views = self.grid.place(y.reshape(self.dimsd).astype(self.dtype, copy=False))
         v, u, t, s = views.shape
         raw = views.transpose(0, 2, 1, 3).reshape(v * t, u * s)
         planes, rows, columns = self.dims

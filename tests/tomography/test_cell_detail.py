@@ -63,5 +63,5 @@ def test_the_stack_is_that_of_a_rendered_light_field(block, counted):
     operator = ProjectionOperator(grid, "float64")
     seen = grid.pick(blocks.astype(np.float64))
     wanted = operator.rmatvec(seen.ravel()).reshape(grid.shape)
-    found = SmoothStack(grid)(cells)
+    found = SmoothStack(ProjectionOperator(grid))(cells)
     assert np.abs(found - wanted).max() < 2e-6 * wanted.max()
