@@ -28,6 +28,7 @@ def write(out: Path, record: dict, shown: dict) -> Path:
         out, "slope_maps", "Slope maps beside the truth", record, body(record),
         tables={"slope_maps": pd.DataFrame(record["rows"])},
         pictures={"slope_maps": picture(shown)},
+        dpi=70,
     )  # fmt: skip
 
 

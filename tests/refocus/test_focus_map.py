@@ -214,9 +214,9 @@ def test_a_real_light_field_agrees_with_a_learned_disparity():
     trusted = found.confidence > 0.2
     assert trusted.mean() > 0.5
     slope, learned = found.slope[trusted], disparity[cut][trusted]
-    assert np.corrcoef(slope, learned)[0, 1] < -0.85
+    assert np.corrcoef(slope, learned)[0, 1] < -0.98
     assert np.median(np.abs(slope + learned)) < 0.03
-    assert np.mean(np.abs(found.slope + disparity[cut]) > 0.07) < 0.08
+    assert np.mean(np.abs(found.slope + disparity[cut]) > 0.07) < 0.1
     slices = shift_and_sum(views, np.arange(-1.8, 0.61, 0.1)) / 255
     middle = views[4, 4] / 255
     assert psnr(found.all_in_focus / 255, middle) > 2 + max(psnr(i, middle) for i in slices)
