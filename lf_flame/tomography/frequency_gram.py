@@ -35,7 +35,7 @@ views, for planes at a distance of this fraction of the finest depth blur. The l
 distinguishes the light of many planes; without this penalty one plane has too much and the next too
 little."""
 
-COPIES = 15
+COPIES = 12
 """Number of arrays of the matrices' size that a reconstruction holds at once; fewer planes, or
 larger blocks, take less."""
 
