@@ -71,9 +71,9 @@ def _exif(path: Path) -> tuple[float, float]:
     else:
         try:
             with open_image(path, FORMATS) as image:
-                tags = image.getexif()
-                table = tags.get_ifd(EXIF)
-                found = [table.get(tag) or tags.get(tag, 0) for tag in (TIME, SPEED)]
+                exif = image.getexif()
+                table = exif.get_ifd(EXIF)
+                found = [table.get(tag) or exif.get(tag, 0) for tag in (TIME, SPEED)]
         except PILLOW_ERRORS:
             return 0.0, 0.0
     time, speed = (_number(value) for value in found)
