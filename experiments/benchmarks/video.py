@@ -21,6 +21,7 @@ from experiments.benchmarks.report import command_line, finish
 from experiments.timing import in_turn, seconds
 from lf_flame import PAPER_CAMERA
 from lf_flame._common.threads import one_thread
+from lf_flame._common.workers import worker_pool
 from lf_flame.commands.frames import FrameReader
 from lf_flame.commands.reading_options import Reading
 from lf_flame.datasets.clusters import cluster_executor
@@ -103,15 +104,15 @@ def measure(folder: Path, lenslets: int, count: int, small: bool) -> list[dict]:
         process_frames, paths, steps=find_steps("refocus@0.5,height"), times_s=range(count),
         read=reader,
     )  # fmt: skip
-    go(folder / "warm", workers=2)  # the system has the programs and the files in memory
-    by_pool = seconds(partial(go, folder / "pool", workers=2)) / count
-    with cluster_executor(local=2) as executor:
-        go(folder / "first", executor=executor)
-        by_cluster = seconds(partial(go, folder / "cluster", executor=executor)) / count
-    rows.append(_row("read, decode, refocus, height: 2 processes, with their start", 2 * by_pool))
-    rows[-1]["frames a second"] = 1 / by_pool
-    rows.append(_row("the same: a cluster of 2, started before", 2 * by_cluster))
-    rows[-1]["frames a second"] = 1 / by_cluster
+    for name, crew in (
+        ("processes", worker_pool(2)),
+        ("workers of a cluster", cluster_executor(local=2)),
+    ):
+        with crew as executor:
+            go(folder / f"{name} first", executor=executor)  # they start, and compile
+            spent = seconds(partial(go, folder / name, executor=executor)) / count
+        rows.append(_row(f"read, decode, refocus, height by 2 {name}", 2 * spent))
+        rows[-1]["frames a second"] = 1 / spent
     return rows
 
 

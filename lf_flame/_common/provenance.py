@@ -66,7 +66,9 @@ def _git_revision() -> str | None:
         git("ls-files", "--error-unmatch", Path(__file__).name)  # fails in another's checkout
         # Only programs and settings affect results.
         paths = (":(top,glob)**/*.py", ":(top,glob)**/*.toml")
-        changed = git("status", "--porcelain", "--untracked-files=no", "--", *paths)
+        # Without a lock, which a kill would leave in the user's repository.
+        status = ("--no-optional-locks", "status")
+        changed = git(*status, "--porcelain", "--untracked-files=no", "--", *paths)
         return git("rev-parse", "--short=12", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return None

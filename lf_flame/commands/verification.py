@@ -157,9 +157,11 @@ def _verify_one(path: Path, known: str) -> str:
 
 def _verify_dataset(path: Path) -> str:
     from lf_flame.datasets.store import Dataset
-    from lf_flame.flame_video.processing.result import is_video, verify_video
 
-    if is_video(path):
+    attributes = read_record(path / "zarr.json").get("attributes")
+    if isinstance(attributes, dict) and "kind" in attributes:
+        from lf_flame.flame_video.processing.result import verify_video
+
         return f"processed video of {verify_video(path).describe()}"
     dataset = Dataset(path)
     return f"data set of {len(dataset)} samples: {', '.join(dataset.verify())}"

@@ -11,11 +11,12 @@ from click.testing import CliRunner
 from PIL import Image
 from zarr.storage import LocalStore
 
-from lf_flame import InputError, read_light_field
+from lf_flame import InputError, LightField, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import times_by_names, with_gaps
 from lf_flame.datasets.hashes import set_attributes
 from lf_flame.flame_video import find_steps, look_at, process_frames
+from lf_flame.flame_video.processing.steps import Frame
 
 ROWS, COLUMNS, SLOPE = 24, 20, 1
 TOPS = (5, 7, 6, 9, 8, 4)
@@ -149,6 +150,14 @@ def made(tmp_path):
     out = tmp_path / "made"
     process_frames([tmp_path / "0.npy"], out, find_steps("refocus@1,height"), times_s=[0.0])
     return out
+
+
+def test_lengths_are_in_mm_with_the_size_of_a_pixel():
+    (step,) = find_steps("height", pixel_mm=0.5, burner_row=17.5)
+    found = {name: value.values for name, value in step(Frame(LightField(bar(6)))).items()}
+    assert (found["height"], found["width"]) == pytest.approx((6.0, 2.5), abs=1e-5)
+    assert found["area"] == pytest.approx(15.0, rel=0.01)
+    assert found["tip_row"] == pytest.approx(5.5, abs=1e-5)
 
 
 def test_verify_finds_damage_and_loss(made):

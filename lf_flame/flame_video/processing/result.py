@@ -76,11 +76,6 @@ def create_coordinate(group: zarr.Group, name: str, values: Values) -> None:
     array[:] = along
 
 
-def is_video(path: Path) -> bool:
-    """Whether a Zarr group says that it is a processed video."""
-    return load_record(GroupFile, path / METADATA).attributes.get("kind") == KIND
-
-
 def open_video(path: Path) -> zarr.Group:
     """Open the group of a processed video, finished or not, after checks of its metadata.
 
@@ -89,7 +84,7 @@ def open_video(path: Path) -> zarr.Group:
     InputError
         If it is something else, or damaged.
     """
-    if not is_video(path):
+    if load_record(GroupFile, path / METADATA).attributes.get("kind") != KIND:
         raise InputError(f"{path} is no {KIND}.")
     with readable(path / METADATA, ZARR_ERRORS):
         group = zarr.open_group(path, mode="r")
