@@ -140,7 +140,7 @@ def test_the_aperture_holds_for_the_map(tmp_path, rng):
         out = tmp_path / str(k)
         run(tmp_path / "views.npy", "--slope", 1, "--map", -0.5, 2, *more, "--out", out)
         errors.append(np.abs(imread(out / "slope_map.tif")[8:-8, 8:-8] - 1))
-    assert np.mean(errors[0] > 0.07) > 0.1
+    assert np.median(errors[1]) < 0.7 * np.median(errors[0])
     assert np.mean(errors[1] > 0.07) < 0.01
 
 
