@@ -143,7 +143,8 @@ def _pick(queue, costs, sums, reach, place, trust):
                 if bend > 0:
                     off = (before - after) / (2 * bend)
                     place[t, s] = k + min(max(off, np.float32(-0.5)), np.float32(0.5))
-                    margin = (second - sums[t, s, k]) / 8
+                    # without distinct slopes none is certain
+                    margin = (second - sums[t, s, k]) / 8 if second < np.inf else np.float32(0.0)
                     trust[t, s] = (
                         margin / (margin + DISTINCT) * bend / (bend + BENT)
                         * MATCHED / (MATCHED + own)

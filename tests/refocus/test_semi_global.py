@@ -75,6 +75,13 @@ def test_the_first_and_last_slope_are_never_certain():
     assert choose_slopes(costs, SLOPES, np.zeros((12, 20)), 2.0, 0.25)[1].max() == 0
 
 
+def test_slopes_that_cannot_be_distinguished_are_never_certain():
+    costs = parabolas(np.full((12, 20), 0.1))
+    slope, confidence = choose_slopes(costs, SLOPES, np.zeros((12, 20)), 2.0, width=3.0)
+    assert confidence.max() == 0
+    assert np.abs(slope - 0.1).max() < 0.01
+
+
 def test_threads_change_nothing(rng):
     costs = rng.uniform(size=(30, 40, 9)).astype(np.float32)
     guide = rng.uniform(size=(30, 40))
