@@ -1,6 +1,7 @@
 """Videos of light fields: what the steps find, gaps, and runs that were cut."""
 
 import json
+import pickle
 from functools import partial
 from pathlib import Path
 
@@ -11,12 +12,13 @@ from click.testing import CliRunner
 from PIL import Image
 from zarr.storage import LocalStore
 
-from lf_flame import InputError, LightField, read_light_field
+from lf_flame import InputError, LightField, PlenopticCamera, read_light_field
 from lf_flame.commands.cli import commands
 from lf_flame.commands.frame_times import times_by_names, with_gaps
 from lf_flame.datasets.hashes import set_attributes
 from lf_flame.flame_video import find_steps, look_at, process_frames
 from lf_flame.flame_video.processing.steps import Frame
+from lf_flame.tomography import FrustumGrid, reconstruct
 
 ROWS, COLUMNS, SLOPE = 24, 20, 1
 TOPS = (5, 7, 6, 9, 8, 4)
@@ -158,6 +160,27 @@ def test_lengths_are_in_mm_with_the_size_of_a_pixel():
     assert (found["height"], found["width"]) == pytest.approx((6.0, 2.5), abs=1e-5)
     assert found["area"] == pytest.approx(15.0, rel=0.01)
     assert found["tip_row"] == pytest.approx(5.5, abs=1e-5)
+
+
+def test_emission_of_a_frame_is_that_of_its_light_field_alone():
+    """A background of 0.2 is fitted; the second frame starts from the first."""
+    camera = PlenopticCamera(
+        main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
+        lenslet_pitch_mm=0.112, views=3, lenslets=(ROWS, COLUMNS),
+    )  # fmt: skip
+    depths = (float(camera.slope_to_depth(-SLOPE)), 0.0)
+    options = {"noise": 0.01, "strength": 0.1, "background": "fit"}
+    (step,) = find_steps("emission", camera=camera, depths_mm=depths, **options)
+    before, noise = {}, 0.01 * np.random.default_rng(1).standard_normal((3, 3, ROWS, COLUMNS))
+    grid = FrustumGrid(camera, depths)
+    for top in (8, 9):
+        light_field = LightField(0.2 + bar(top) + noise)
+        found = step(Frame(light_field, before=before))
+        alone = reconstruct(light_field, grid, **options)
+        apart = np.abs(found["emission"].values - alone.emission).max()
+        assert apart < 5e-3 * alone.emission.max()
+    assert before["emission"].background == pytest.approx(0.2, abs=0.01)
+    assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
 
 def test_verify_finds_damage_and_loss(made):

@@ -71,6 +71,7 @@ class Job:
 
     def __post_init__(self):
         self.shape: tuple[int, ...] | None = None
+        self.before: dict[str, Any] = {}
         self.exposure = read_exposure(self.model)
 
     def __call__(self, path: Path | None) -> tuple[int, dict[str, Values], tuple[str, ...]]:
@@ -90,7 +91,7 @@ class Job:
         if exposure and self.exposure and abs(exposure / self.exposure - 1) > SAME_EXPOSURE:
             said = f"{path} was exposed for {exposure:g} s, the first frame for {self.exposure:g} s"
             return result.OTHER_EXPOSURE, {}, (said,)
-        return self.apply(Frame(light_field), path)
+        return self.apply(Frame(light_field, before=self.before), path)
 
     def apply(self, frame: Frame, path: Path) -> tuple[int, dict[str, Values], tuple[str, ...]]:
         """Apply the steps to a frame; one that is refused leaves the others."""
@@ -147,6 +148,7 @@ class Task:
             for name, array in arrays.items()
             if array.ndim == 1 and name != "time"
         }
+        job.before.clear()  # the same bytes, whatever a worker has done before
         done = []
         for frame, path in enumerate(self.paths, self.first):
             state, values, said = job(path)

@@ -53,11 +53,14 @@ class Frame:
         Grey image in which the flame is measured: the central view, or the last refocused image.
     warnings : list of str
         Sentences on what makes the results doubtful.
+    before : dict
+        What steps keep of the frame before in the same task, by their names.
     """
 
     light_field: LightField
     image: np.ndarray = field(init=False)
     warnings: list[str] = field(default_factory=list)
+    before: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self):
         self.image = Measures().image(self.light_field)
@@ -133,6 +136,8 @@ class Refocus:
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
+    The fit of a frame starts from that of the frame before in the same task, and takes its strength.
+
     Attributes
     ----------
     camera : Lens
@@ -149,17 +154,26 @@ class Emission:
     strength: float | None = None
     background: str | None = None
 
-    @cached_property
-    def _grid(self):
-        from lf_flame.tomography import FrustumGrid
+    def __getstate__(self):
+        # Each process makes its own plan, which is large.
+        return {name: value for name, value in vars(self).items() if name != "_plan"}
 
-        return FrustumGrid(self.camera, self.depths_mm, self.block)
+    @cached_property
+    def _plan(self):
+        from lf_flame.tomography import FrustumGrid, ReconstructionPlan
+
+        return ReconstructionPlan(
+            FrustumGrid(self.camera, self.depths_mm, self.block),
+            noise=self.noise,
+            strength=self.strength,
+            background=self.background,
+        )
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings."""
-        from lf_flame.tomography import reconstruct
-
-        found = reconstruct(frame.light_field, self._grid, noise=self.noise, strength=self.strength)
+        last = frame.before.get("emission")
+        found = self._plan.reconstruct(frame.light_field, start=last)
+        frame.before["emission"] = found
         frame.warnings += found.warnings
         return {
             "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
