@@ -136,7 +136,7 @@ class Refocus:
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
-    The fit of a frame starts from that of the frame before in the same task, and takes its strength.
+    A frame's fit starts from that of the frame before in the same task, and takes its strength.
 
     Attributes
     ----------
