@@ -23,6 +23,10 @@ LEAST_DARK = 0.2
 """Smallest variance of the noise in the dark, relative to that of all pixels, from which the dark
 tells of its correlation. In photon noise there is next to none in the dark."""
 
+LEAST_NOISE = 3e-3
+"""Smallest noise, relative to the brightest pixel, whose correlation is measured where there is
+light, as what no emission explains is the error of decoding and of the model, too."""
+
 Residuals = Callable[[], tuple[np.ndarray, np.ndarray | None]]
 """Function that gives the part of the views that no emission explains, shape (v, u, t, s), and that
 of white noise, or None if it is nearly white."""
@@ -78,7 +82,8 @@ def correlation_factor(
     found = None
     if np.count_nonzero(dark) * np.count_nonzero(counted) >= FEWEST:
         found = _of_differences(views, known, LEAST_DARK * variance)
-    if found is None and residuals is not None and counted.sum() * smooth.size >= FEWEST:
+    noisy = np.sqrt(variance) > LEAST_NOISE * float(views.max())
+    if found is None and residuals and noisy and counted.sum() * smooth.size >= FEWEST:
         known = np.broadcast_to(counted[:, :, None, None], views.shape)
         rest, white = residuals()
         found = _of_differences(rest, known, 0.0)

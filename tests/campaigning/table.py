@@ -147,6 +147,7 @@ CALLS = (
 UNTRIED = {
     "experiments results": "lists, and writes nothing",
     "experiments screenshots": "needs a browser",
+    "experiments rivals": "takes minutes; its files are those of experiments emission",
     "experiments soot": "traces rays for minutes; its files are those of experiments emission",
 }
 # Names of the parameters by which commands are told what to write.

@@ -115,7 +115,7 @@ def test_a_page_that_can_hold_the_views_sums_them_itself(tab, make_exhibit):
 def test_any_interpolation_is_shown(opened, make_exhibit, interpolation):
     exhibit = make_exhibit((4, 5, 20, 26, 3), bits=16, interpolation=interpolation)
     tab = opened(exhibit)
-    assert interpolation in tab.page.locator("main > p").inner_text()
+    assert interpolation in tab.page.locator("header p").inner_text()
     tab.set(slope=0.71, shape="round", width=0.9)
     weights = aperture_weights((4, 5), 0.9)
     image = refocus(exhibit.light_field, [0.71], interpolation=interpolation, weights=weights)[0]
