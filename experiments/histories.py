@@ -11,7 +11,7 @@ from lf_flame._common.input_files import read_text, readable
 from lf_flame.errors import InputError
 
 LEAST_EPOCHS = 20
-"""Of a run whose second half tells a trend."""
+"""Smallest number of epochs of a run whose second half tells a trend."""
 
 COLUMNS = ["epoch", "seconds", "val_psnr_db"]
 

@@ -11,20 +11,20 @@ from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render
 
 TOLERANCE = 0.05
-"""Of the plans whose decisions the images follow."""
+"""Tolerance of the plans whose decisions the images follow."""
 
 RAY_COUNTS = (12, 36, 108)
 """Rays per pixel and axis that are tried where only rays show an effect: few have an error."""
 
 ROUNDING = 1e-6
-"""Of float32 images, relative to the brightest pixel."""
+"""Rounding of float32 images, relative to the brightest pixel."""
 
 WITHOUT = {
     "round_aperture": ("f_number_mismatch",),
     "occlusion": ("main_lens_diffraction",),
     "self_absorption": ("main_lens_diffraction",),
 }
-"""What is left out where an effect is measured: what is another effect without it. Where planes
+"""Effects left out where an effect is measured, as they are others without it. Where planes
 hide or dim, diffraction at the main lens is taken of each lenslet's light as a whole."""
 
 

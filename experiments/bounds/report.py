@@ -74,7 +74,7 @@ class MeasuredScene:
 
 @dataclass(frozen=True)
 class BoundsRecord:
-    """What an earlier record must say."""
+    """Entries of an earlier record."""
 
     seed: int
     scenes: list[MeasuredScene]

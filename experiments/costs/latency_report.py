@@ -12,7 +12,7 @@ from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
 
 COLOURS = {"resize": "#999999", "backbone": "#56B4E9", "decoder": "#E69F00"}
-"""Of the stages, told apart by colour-blind readers as well."""
+"""Colours of the stages, told apart by colour-blind readers as well."""
 
 FLOOR_COLOUR = "#D55E00"
 

@@ -5,7 +5,7 @@ import keras
 REFERENCE = "float32"
 
 PRECISIONS = (REFERENCE, "bfloat16", "float16", "int8")
-"""What Keras offers; in int8 it has dense layers, but no convolutions."""
+"""Precisions of Keras; in int8 it has dense layers, but no convolutions."""
 
 
 def in_precision(network: keras.Model, precision: str) -> keras.Model:

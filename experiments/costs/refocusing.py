@@ -33,7 +33,7 @@ from lf_flame.lightfield import LightField
 from lf_flame.refocus import fourier_refocus, fourier_slice, shift_and_sum
 
 SHOWN = {"raw": "the mean of all views", "views": "three views", "grid": "views side by side"}
-"""What networks are shown, by their kind of input."""
+"""Input of networks in words, by its kind."""
 
 NETWORK, ALONE = "ResNet-50", "ResNet-50, its input given"
 """Labels of the trained network: from the light field, and without averaging its views."""

@@ -73,7 +73,7 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the systems made of one scenario.
+    """Results of the systems on one scenario.
 
     Parameters
     ----------

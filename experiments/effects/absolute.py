@@ -22,7 +22,7 @@ from lf_flame.simulation.planning.decisions import plan_effects
 from lf_flame.simulation.rendering import render
 
 TOLERANCE = 1e-3
-"""Of the images that the library makes."""
+"""Tolerance of the images that the library makes."""
 
 PIXELS = 24
 """Pixels that are traced for each effect: half of them those that change most."""
@@ -36,7 +36,7 @@ REPEATS = 8
 SEED = 1
 
 DIFFRACTION = {"lenslet_diffraction": ("lenslet",), "main_lens_diffraction": ("main_lens",)}
-"""Whose diffraction the tracer is asked for."""
+"""Openings whose diffraction the tracer adds, by effect."""
 
 NOISE = ("shot_noise", "read_noise")
 """Effects whose change is a root-mean-square over the image, and has a closed form."""

@@ -27,7 +27,7 @@ diffraction throws it on the sensor (2) and on the lenslet array (2)."""
 
 
 class Traced(NamedTuple):
-    """What a tracer found for some pixels.
+    """Light and rays of some pixels, as traced.
 
     Attributes
     ----------

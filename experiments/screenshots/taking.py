@@ -34,10 +34,10 @@ CELLS = [
     "widget = show(demo_light_field(), camera=DEMO_CAMERA)\n"
     "widget",
 ]
-"""Of the notebook."""
+"""Cells of the notebook."""
 
 PLACE = {"x": 350, "y": 400}
-"""Of the pointer, in the picture."""
+"""Place of the pointer in the picture."""
 
 
 def take_screenshots(out: Path, jupyter: Path | None) -> list[Path]:

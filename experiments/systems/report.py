@@ -10,7 +10,7 @@ from experiments.systems.learning import learning_text
 MISSING = "missing"
 
 CLAIMED_SSIM = 0.925
-"""Of RefNet against the Fourier slice, as the paper reports it of Hedayati et al."""
+"""SSIM of RefNet against the Fourier slice, as the paper reports it of Hedayati et al."""
 
 
 COSTS = {

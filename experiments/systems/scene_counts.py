@@ -26,7 +26,7 @@ FIRST_SCORED = 2_000_000
 PRESET = "scenes"
 
 KEPT = ("system", "seed", "recipe", "counts", "epochs", "best_epoch", "git_revision", "date")
-"""Of a run's record."""
+"""Entries that are kept of a run's record."""
 
 
 def run_scene_counts(

@@ -20,7 +20,7 @@ COMPARED = (0.03, 0.97)
 tip is finer than a pixel."""
 
 STRENGTHS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""Of PyAbel's penalty; the one of least true error is shown, which a user could not choose."""
+"""Strengths of PyAbel's penalty; that of least true error is shown, which no user could choose."""
 
 TASK = "round flame"
 

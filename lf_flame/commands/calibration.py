@@ -3,48 +3,24 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the command.
 """
 
-import math
 from pathlib import Path
 
 import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FOLDER, FiniteRange
+from lf_flame.commands.options import FOLDER, FiniteRange, PlacedFile
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
 
-class PlacedTarget(click.ParamType):
-    """A light field and its depth in mm, as ``board.npz@-20``; None without a depth."""
-
-    name = "target@mm"
-
-    def convert(self, value, param, ctx):
-        """Split the path from the depth, at the last @."""
-        if isinstance(value, tuple):
-            return value
-        if "\0" not in value and Path(value).exists():
-            return Path(value), None
-        path, at, depth = value.rpartition("@")
-        try:
-            number = float(depth)
-        except ValueError:
-            number = math.nan
-        if not at or not path or not math.isfinite(number):
-            self.fail(
-                f"{value!r} must be a light field and its depth in mm, as board.npz@-20.",
-                param,
-                ctx,
-            )
-        if "\0" in path or not Path(path).exists():
-            self.fail(f"{value!r}: there is no {path!r}.", param, ctx)
-        return Path(path), number
-
-
 @cloup.command()
 @click.argument(
-    "placed", nargs=-1, required=True, type=PlacedTarget(), metavar="TARGET[@DEPTH_MM]..."
+    "placed",
+    nargs=-1,
+    required=True,
+    type=PlacedFile("a light field and its depth in mm", "board.npz@-20", optional=True),
+    metavar="TARGET[@DEPTH_MM]...",
 )
 @cloup.option(
     "--square-mm",

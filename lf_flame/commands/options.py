@@ -61,17 +61,21 @@ class PlacedFile(click.ParamType):
     what : str
         Meaning of file and number, for messages.
     example : str
+    optional : bool, optional
+        Whether the number may be missing; it is None then.
     """
 
     name = "file@number"
 
-    def __init__(self, what: str, example: str):
-        self._what, self._example = what, example
+    def __init__(self, what: str, example: str, *, optional: bool = False):
+        self._what, self._example, self._optional = what, example, optional
 
     def convert(self, value, param, ctx):
         """Split the path from the number, at the last @."""
         if isinstance(value, tuple):
             return value
+        if self._optional and "\0" not in value and Path(value).exists():
+            return Path(value), None
         path, at, text = value.rpartition("@")
         try:
             number = float(text)

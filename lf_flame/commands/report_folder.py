@@ -1,4 +1,4 @@
-"""What a folder of results holds for its report: records, tables and pictures.
+"""Content of a folder of results for its report: records, tables and pictures.
 
 Only regular files that lie directly in the folder are opened, by the names that the folder itself
 has; where records list their files, only those. Nothing else that a record says becomes a path.
@@ -43,7 +43,7 @@ class Table:
 
 @dataclass
 class Folder:
-    """What is found in a folder.
+    """Content of a folder.
 
     Attributes
     ----------

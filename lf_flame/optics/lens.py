@@ -1,4 +1,4 @@
-"""What refocusing and reconstruction in mm need of a camera, measured or computed."""
+"""Base of cameras, measured or computed: all that refocusing and reconstruction in mm need."""
 
 from typing import TYPE_CHECKING, Any, ClassVar
 

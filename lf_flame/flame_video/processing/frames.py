@@ -45,7 +45,7 @@ SAME_EXPOSURE = 0.01
 
 
 class Done(NamedTuple):
-    """What became of a frame: its number, its state, and sentences on it."""
+    """Outcome of a frame: its number, its state, and sentences on it."""
 
     frame: int
     state: int

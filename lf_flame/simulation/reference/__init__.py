@@ -1,1 +1,1 @@
-"""What the integrators are held against: forward tracing and closed forms."""
+"""References for the integrators: forward tracing and closed forms."""
