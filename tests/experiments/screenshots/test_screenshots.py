@@ -42,7 +42,7 @@ def test_pictures_differ_and_have_a_record(tmp_path):
     written = names | {NOTEBOOK} if find_jupyter() else names
     assert json.loads((tmp_path / "screenshots.json").read_text())["files"].keys() == written
     pictures = [read_image(tmp_path / name) for name in sorted(names)]
-    assert all(picture.shape == (720, 1100, 3) for picture in pictures)
+    assert all(picture.shape == (800, 1280, 3) for picture in pictures)
     for one, other in zip(pictures, pictures[1:], strict=False):
         assert abs(one - other).mean() > 0.005
 
