@@ -13,8 +13,8 @@ from experiments.report import markdown, origin, write_report
 from lf_flame._common.figures import subplots
 
 BENCHMARKS = (
-    "busy", "busy_passive", "decoding", "installing", "refocusing", "speed", "starting", "training",
-    "viewer",
+    "busy", "busy_passive", "decoding", "installing", "reconstructing", "refocusing", "speed",
+    "starting", "training", "video", "viewer",
 )  # fmt: skip
 
 
