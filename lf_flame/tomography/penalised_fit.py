@@ -12,9 +12,10 @@ from lf_flame._common import progress
 from lf_flame._common.threads import pieces, shared
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
-STEP = 150.0
+STEP = 60.0
 """Step of the splitting, in units of 1 / `FrequencyGram.scale`. A shorter one is quicker for
-separate sheets, but flames behind each other are then far from converged (14 % for 1 %)."""
+separate sheets, but flames behind each other are then far from converged (14 % for 1 %); with a
+longer one faint light is lost."""
 
 CONVERGED = 1e-4
 """Largest difference of fit and light, relative to the brightest cell, at which a fit ends."""

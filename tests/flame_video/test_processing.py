@@ -178,7 +178,7 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
         found = step(Frame(light_field, before=before))
         alone = reconstruct(light_field, grid, **options)
         apart = np.abs(found["emission"].values - alone.emission).max()
-        assert apart < 5e-3 * alone.emission.max()
+        assert apart < 0.02 * alone.emission.max()
     assert before["emission"].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
