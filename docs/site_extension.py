@@ -136,7 +136,7 @@ ACCESSIBLE = {
     "<pre>": '<pre tabindex="0">',
     'display="block">': 'display="block" tabindex="0">',
 }
-"""What theme and Sphinx write, and what keyboards and screen readers need."""
+"""Changes to the pages of theme and Sphinx for keyboards and screen readers."""
 
 
 def make_accessible(app: Sphinx, error: Exception | None) -> None:

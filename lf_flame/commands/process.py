@@ -43,8 +43,8 @@ STEPS = cloup.option_group(
     cloup.option(
         "--strength",
         type=click.FloatRange(min=0),
-        help="Strength of the penalty of emission (default: chosen for each frame; one that is "
-        "stated is faster).",
+        help="Strength of the penalty of emission (default: chosen for the first of some "
+        "frames, and again when the light changes).",
     ),
     cloup.option(
         "--background",

@@ -12,11 +12,14 @@ from lf_flame._common.printable import printable
 from lf_flame.commands.options import PATH, RUN
 from lf_flame.errors import InputError
 
+DEFAULT, MARK, HEAD = Path("report.html"), b'content="lf-flame report"', 2000
+"""File of a report that is not named, and the text in its first bytes by which it is known."""
+
 
 @cloup.command()
 @click.argument("folder", type=RUN)
-@click.option("--out", type=PATH, default=Path("report.html"), show_default=True, help="HTML file.")
-def report(folder: Path, out: Path) -> None:
+@click.option("--out", type=PATH, help="HTML file (default: report.html, if that is a report).")
+def report(folder: Path, out: Path | None) -> None:
     """Write a report of a folder of results: one HTML file to read, print or mail.
 
     FOLDER is what a command has written: a training run, a data set, emission, temperatures,
@@ -34,6 +37,10 @@ def report(folder: Path, out: Path) -> None:
     from lf_flame.commands import verification
     from lf_flame.commands.report_page import report_page
 
+    if out is None:
+        out = DEFAULT
+        if out.exists() and MARK not in out.read_bytes()[:HEAD]:
+            raise InputError(f"{out} is there and is no report: name another file by --out.")
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out must end in .html, got {printable(out)}.")
     page = report_page(folder, verification.verify_here(folder))

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import as_slopes, as_weights, for_slopes
 from lf_flame.refocus.interpolation import INTERPOLATIONS, check_interpolation
 from lf_flame.refocus.shift import shift_views
@@ -44,7 +45,8 @@ def refocus_large(
     Raises
     ------
     InputError
-        If an argument cannot be used, or a pixel that counts is NaN or infinite.
+        If an argument cannot be used, a pixel that counts is NaN or infinite, or the views are a
+        light field, which is in memory already.
 
     Examples
     --------
@@ -57,6 +59,8 @@ def refocus_large(
     True
     """
     check_interpolation(interpolation, INTERPOLATIONS)
+    if isinstance(views, LightField):
+        raise InputError("A light field is in memory already: refocus it by `refocus`.")
     shape = tuple(getattr(views, "shape", ()))
     if len(shape) not in (4, 5) or 0 in shape:
         raise InputError(f"A light field needs views[v, u, t, s], got an array of shape {shape}.")

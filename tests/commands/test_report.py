@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -89,6 +90,20 @@ def test_names_in_records_and_links_open_nothing(tmp_path):
     assert "hidden" not in page
     for name in ("torn.png", "torn.csv", "wide.csv", "broken.json", "other.json"):
         assert f"{name} is not shown" in page
+
+
+def test_a_page_of_yours_is_not_replaced_unasked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("one").mkdir()
+    Path("one/any.json").write_text('{"seed": 7}')
+    Path("report.html").write_text("my thesis")
+    refused = CliRunner().invoke(cli.commands, ["report", "one"])
+    assert "is no report: name another" in str(refused.exception)
+    assert Path("report.html").read_text() == "my thesis"
+    Path("report.html").unlink()
+    for _ in range(2):
+        assert CliRunner().invoke(cli.commands, ["report", "one"]).exit_code == 0
+    assert "seed" in Path("report.html").read_text()
 
 
 def test_pictures_are_reduced_until_they_fit(tmp_path):

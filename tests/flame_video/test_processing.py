@@ -22,6 +22,11 @@ from lf_flame.tomography import FrustumGrid, reconstruct
 
 ROWS, COLUMNS, SLOPE = 24, 20, 1
 TOPS = (5, 7, 6, 9, 8, 4)
+CAMERA = PlenopticCamera(
+    main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
+    lenslet_pitch_mm=0.112, views=3, lenslets=(ROWS, COLUMNS),
+)  # fmt: skip
+DEPTHS = (float(CAMERA.slope_to_depth(-SLOPE)), 0.0)
 
 
 def bar(top, rows=ROWS):
@@ -140,7 +145,8 @@ def test_processes_make_the_same_bytes(tmp_path):
     paths = [tmp_path / f"{number}.npy" for number in range(20)]
     for number, path in enumerate(paths):
         np.save(path, bar(4 + number % 6))
-    steps = find_steps("refocus@1,height,contour")
+    emission = {"camera": CAMERA, "depths_mm": DEPTHS, "noise": 0.01}
+    steps = find_steps("refocus@1,height,contour,emission", **emission)
     for workers in (1, 2):
         process_frames(paths, tmp_path / f"by{workers}", steps, times_s=range(20), workers=workers)
     assert files(tmp_path / "by1") == files(tmp_path / "by2")
@@ -164,11 +170,7 @@ def test_lengths_are_in_mm_with_the_size_of_a_pixel():
 
 def test_emission_of_a_frame_is_that_of_its_light_field_alone():
     """A background of 0.2 is fitted; the second frame starts from the first."""
-    camera = PlenopticCamera(
-        main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
-        lenslet_pitch_mm=0.112, views=3, lenslets=(ROWS, COLUMNS),
-    )  # fmt: skip
-    depths = (float(camera.slope_to_depth(-SLOPE)), 0.0)
+    camera, depths = CAMERA, DEPTHS
     options = {"noise": 0.01, "strength": 0.1, "background": "fit"}
     (step,) = find_steps("emission", camera=camera, depths_mm=depths, **options)
     before, noise = {}, 0.01 * np.random.default_rng(1).standard_normal((3, 3, ROWS, COLUMNS))
@@ -179,8 +181,19 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
         alone = reconstruct(light_field, grid, **options)
         apart = np.abs(found["emission"].values - alone.emission).max()
         assert apart < 0.02 * alone.emission.max()
-    assert before["emission"].background == pytest.approx(0.2, abs=0.01)
+    assert before["emission"][0].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
+
+
+def test_a_dark_frame_leaves_no_strength_to_the_flame_after_it():
+    (step,) = find_steps("emission", camera=CAMERA, depths_mm=DEPTHS)
+    before, rng = {}, np.random.default_rng(1)
+    lit = bar(8) + 0.01 * rng.standard_normal((3, 3, ROWS, COLUMNS))
+    for views in (lit - bar(8), lit):
+        step(Frame(LightField(views), before=before))
+    alone = reconstruct(LightField(lit), FrustumGrid(CAMERA, DEPTHS))
+    assert before["emission"][0].strength == alone.strength
+    np.testing.assert_array_equal(before["emission"][0].emission, alone.emission)
 
 
 def test_verify_finds_damage_and_loss(made):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lf_flame import InputError
+from lf_flame import InputError, LightField
 from lf_flame.refocus import refocus, refocus_large
 
 
@@ -41,6 +41,8 @@ def test_rows_add_up_to_the_whole(kind, interpolation, rng):
 def test_what_cannot_be_refocused_is_refused():
     with pytest.raises(InputError, match=r"got an array of shape \(3, 4, 5\)"):
         refocus_large(np.ones((3, 4, 5)), 0.0)
+    with pytest.raises(InputError, match="in memory already"):
+        refocus_large(LightField(np.ones((3, 3, 8, 8))), 0.0)
     with pytest.raises(InputError, match="interpolation must be one of linear, nearest, cubic"):
         refocus_large(np.ones((3, 3, 8, 8)), 0.0, interpolation="sinc")
     with pytest.raises(InputError, match="NaN"):

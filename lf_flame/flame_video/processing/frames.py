@@ -1,7 +1,8 @@
 """Processing of the frames of a video by processes or machines, into one Zarr group.
 
-Every frame is processed by itself, and every task writes whole chunks of its own. Therefore the
-bytes do not depend on the workers, and a run that was interrupted continues with what is missing.
+Every task takes the same frames whoever carries it out, begins anew, and writes whole chunks of its
+own. Therefore the bytes do not depend on the workers, and a run that was interrupted continues with
+the tasks that are missing.
 """
 
 import hashlib

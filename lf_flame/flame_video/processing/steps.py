@@ -27,6 +27,10 @@ DOUBTS = {"dark": DARK, "speck": SPECK, "cut": CUT, "ceiling": CEILING, "apart":
           "spark": SPARK}  # fmt: skip
 """Sentences on a flame's shape by the names of their bits in the array ``doubts``."""
 
+ALIKE = 2.0
+"""Largest ratio of the light of two frames of which one takes the strength of the penalty, and the
+dependence of noise on brightness, from the other: a dark frame knows neither."""
+
 POINTS = 256
 """Number of points of a stored contour, at equal distances along it."""
 
@@ -54,7 +58,7 @@ class Frame:
     warnings : list of str
         Sentences on what makes the results doubtful.
     before : dict
-        What steps keep of the frame before in the same task, by their names.
+        Results of the frame before in the same task that steps keep, by their names.
     """
 
     light_field: LightField
@@ -136,7 +140,8 @@ class Refocus:
 class Emission:
     """Reconstruct the emission on depth planes, as `lf_flame.tomography.reconstruct` does.
 
-    A frame's fit starts from that of the frame before in the same task, and takes its strength.
+    A frame's fit starts from that of the frame before in the same task, and takes its strength,
+    unless its light differs by more than `ALIKE` from that for which the strength was chosen.
 
     Attributes
     ----------
@@ -171,9 +176,14 @@ class Emission:
 
     def __call__(self, frame: Frame) -> dict[str, Values]:
         """Give emission, noise of a pixel, and number of warnings."""
-        last = frame.before.get("emission")
+        last, light = frame.before.get("emission", (None, 0.0))
         found = self._plan.reconstruct(frame.light_field, start=last)
-        frame.before["emission"] = found
+        now = float(found.emission.sum(dtype=np.float64))
+        if not light / ALIKE <= now <= light * ALIKE:
+            if last is not None:
+                found = self._plan.reconstruct(frame.light_field)
+            light = now
+        frame.before["emission"] = found, light
         frame.warnings += found.warnings
         return {
             "depth": Values(np.array(self.depths_mm), ("depth",), {"units": "mm"}),
