@@ -32,7 +32,7 @@ def emission(out: Path, seed: int, networks: tuple[Path, ...], bars: int | None)
 
     The paper's four flames at known depths, flames behind each other, at unknown depths, a flame
     that is round in depth, flames that absorb, and a camera that is not as was said; with refocused
-    images, a fit cut off at zero and plain gradient steps as rivals. A round flame's half section,
+    images and a fit cut off at zero as rivals (more: rivals). A round flame's half section,
     with PyAbel as the rival where it is installed. Soot in two colours, and a video at full size.
 
     OUT gets emission.csv, .md and .json, the record, and pictures; with --network, networks.csv,

@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from pyproximal import Box
-from pyproximal.optimization.primal import ProximalGradient
-from pyproximal.proximal import Quadratic
 
 from experiments.tomography.phantoms import (
     BLOCK,
@@ -27,14 +24,12 @@ from experiments.tomography.phantoms import (
 )
 from lf_flame import PAPER_CAMERA, LightField, PlenopticCamera, render
 from lf_flame.refocus import shift_and_sum
-from lf_flame.tomography import FrustumGrid, ProjectionOperator, Roughness, reconstruct
+from lf_flame.tomography import FrustumGrid, Roughness, reconstruct
 from lf_flame.tomography.reconstruction import planes_between
 from lf_flame.tomography.resolution import angular_width
 
 DEPTHS_MM = (20.0, 10.0, 0.0, -10.0)
 EXCHANGED_MM = (-10.0, 20.0, 0.0, 10.0)
-
-GRADIENT_STEPS = 100
 
 SEPARATIONS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)
 """Distances of two blobs that are tried, in those by the rule."""
@@ -94,29 +89,12 @@ def by_clipping(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
     return np.clip(linear.emission, 0, None)
 
 
-def by_gradients(light_field: LightField, grid: FrustumGrid) -> np.ndarray:
-    """Take accelerated projected gradient steps (FISTA), without a penalty."""
-    operator = ProjectionOperator(grid)
-    rows, columns = grid.pixels
-    blocks = light_field.views.reshape(*operator.dimsd[:2], rows, BLOCK, columns, BLOCK)
-    views = blocks.mean(axis=(3, 5))
-    gram = operator.H @ operator
-    steepest = grid.camera.views**2 * grid.shape[0]  # of planes seen alike: the largest
-    fit = Quadratic(Op=gram, b=-(operator.H @ views.ravel()))
-    start = np.zeros(operator.shape[1], np.float32)
-    cells = ProximalGradient(
-        fit, Box(lower=0.0), start, tau=1 / steepest, niter=GRADIENT_STEPS, acceleration="fista"
-    )
-    return grid.crop(cells.reshape(grid.shape))
-
-
 OURS = "reconstruct"
 IGNORED = "reconstruct, light taken to add"
 METHODS: dict[str, Method] = {
     OURS: by_reconstruction,
     "focal stack as emission": by_focal_stack,
     "linear fit, negative light cut off": by_clipping,
-    f"{GRADIENT_STEPS} accelerated gradient steps": by_gradients,
 }
 
 Noise = dict[str, Callable[[Recorder, np.random.Generator], LightField]]
