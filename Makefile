@@ -37,6 +37,7 @@ BACKBONE := $(if $(BACKBONE_WEIGHTS),--backbone-weights $(BACKBONE_WEIGHTS)) \
 TRAINING := --minutes $(MINUTES) $(BACKBONE) \
             $(if $(SEED),--seed $(SEED)) $(if $(EPOCHS),--epochs $(EPOCHS))
 INSTALLED := $(VENV)/installed
+TOOLS := $(VENV)/tools
 # GPL-licensed programs of others stay in an environment of their own, and out of ours.
 BASELINES := .venv-baselines
 
@@ -58,11 +59,16 @@ help:  ## show this list
 	@echo 'make TARGET [PRESET=paper|closed-form|smoke] [MINUTES=4] [BACKBONE_WEIGHTS=...] [BACKBONE_DEPTH=...] [SEED=...] [EPOCHS=...] [RUN=...]'
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-install: $(INSTALLED)  ## create .venv and install lf_flame with its test tools
+install: $(TOOLS)  ## create .venv and install lf_flame with all it can use, and tools for tests and documentation
+PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --editable
+# The tables need half of what tests and documentation do, in half the time.
 $(INSTALLED): setup.cfg pyproject.toml
 	@echo 'Installing lf_flame and TensorFlow into $(VENV): one to five minutes, more on a slow line, once'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --editable '.[dev]'
+	$(PIP_INSTALL) '.[learn]'
+	@touch $@
+$(TOOLS): $(INSTALLED)
+	$(PIP_INSTALL) '.[dev]'
 	@touch $@
 
 # Before minutes of simulation it is said whether the network's weights can be had.
@@ -131,22 +137,22 @@ hard-cases:  ## compute hard cases exactly, by the obvious formula, and by lf_fl
 screenshots:  ## take the pictures of the viewer for the documentation (needs Chromium, JupyterLab)
 slope-maps:  ## set slope maps beside the truth and simpler ones
 system-scenes:  ## measure refocusing systems against the number of light fields to learn from
-$(RECORDS): | $(INSTALLED)
+$(RECORDS): | $(TOOLS)
 	$(EXPERIMENT) $@
 
-flames: | $(INSTALLED)  ## measure how well emission by depth is found, beside simple rivals
+flames: | $(TOOLS)  ## measure how well emission by depth is found, beside simple rivals
 	$(EXPERIMENT) emission --out results/tomography
 	$(EXPERIMENT) rivals --out results/tomography
 	$(EXPERIMENT) soot --out results/tomography
 
-error-bars: | $(INSTALLED)  ## count how often error bars of emission by depth hold the truth
+error-bars: | $(TOOLS)  ## count how often error bars of emission by depth hold the truth
 	$(EXPERIMENT) emission --bars 10 --out results/tomography
 
 flames-by-networks: $(RUNS)/flames/model.keras  ## take the planes of the paper's network for sections of flames
 	$(EXPERIMENT) emission --out results/tomography \
 	  $(foreach run,$(RUNS)/flames $(PAPERS_NETWORK),--network $(run))
 
-costs: learning-costs latency | $(INSTALLED)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
+costs: learning-costs latency | $(TOOLS)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs
 
 latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
@@ -165,10 +171,10 @@ encodings: encodings_flames.study  ## measure what the network learns from other
 learning-costs: STUDY_OUT = results/costs
 learning-costs: learning_costs.study  ## measure what accuracy costs in time, for learning
 STUDY_OUT = results/studies
-%.study: | $(INSTALLED)
+%.study: | $(TOOLS)
 	$(STUDY) --out $(STUDY_OUT)
 
-benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machine (see baselines)
+benchmarks: | $(TOOLS)  ## measure speed against baselines, on an idle machine (see baselines)
 	$(BIN)/python -m experiments.benchmarks.speed --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.starting --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.busy --out results/benchmarks
@@ -180,10 +186,10 @@ benchmarks: | $(INSTALLED)  ## measure speed against baselines, on an idle machi
 	$(BIN)/python -m experiments.benchmarks.reconstructing --out results/benchmarks
 	$(BIN)/python -m experiments.benchmarks.training --out results/benchmarks
 
-viewer-benchmark: | $(INSTALLED)  ## time the page of the viewer in a browser (needs Chromium, idle machine)
+viewer-benchmark: | $(TOOLS)  ## time the page of the viewer in a browser (needs Chromium, idle machine)
 	$(BIN)/python -m experiments.benchmarks.viewer --out results/benchmarks
 
-installs: | $(INSTALLED)  ## install in new environments, with the oldest versions too, and test there (OTHER_PYTHONS=...)
+installs: | $(TOOLS)  ## install in new environments, with the oldest versions too, and test there (OTHER_PYTHONS=...)
 	$(BIN)/python -m experiments.benchmarks.installing --out results/benchmarks $(addprefix --python ,$(OTHER_PYTHONS))
 
 baselines: $(BASELINES)/installed  ## install other refocusing programs apart, for benchmarks (Python 3.11)
@@ -195,17 +201,17 @@ $(BASELINES)/installed: experiments/benchmarks/baselines.txt
 report: | $(INSTALLED)  ## write a report of results as one HTML file (FOLDER=...; default: those of RUN)
 	$(LF) report $(or $(FOLDER),$(RESULTS)) --out $(or $(FOLDER),$(RESULTS))/report.html
 
-docs: | $(INSTALLED)  ## build the documentation site, build/site/index.html; a warning ends it
+docs: | $(TOOLS)  ## build the documentation site, build/site/index.html; a warning ends it
 	MPLBACKEND=agg $(BIN)/python -m sphinx -W --keep-going -q -c docs -d build/doctrees . build/site
 	@echo 'The site is $(CURDIR)/build/site/index.html'
 
-test: | $(INSTALLED)  ## run the tests that a change should pass before it is committed (some minutes)
+test: | $(TOOLS)  ## run the tests that a change should pass before it is committed (some minutes)
 	$(BIN)/python -m pytest -m 'not slow' $(TEST_JOBS)
 
-test-all: | $(INSTALLED)  ## run all tests, as CI does
+test-all: | $(TOOLS)  ## run all tests, as CI does
 	$(BIN)/python -m pytest $(TEST_JOBS)
 
-test-jit-off: | $(INSTALLED)  ## run the kernels' tests as plain Python
+test-jit-off: | $(TOOLS)  ## run the kernels' tests as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/_common/test_threads.py tests/simulation/test_kernels.py tests/simulation/test_polygons.py tests/projection tests/refocus/test_shift.py -m 'not jit'
 
 # MUTANTS names a package of lf_flame, or a file of it; its tests are those of the folder, or of the file, of
@@ -223,8 +229,8 @@ mutants: $(SESSION)  ## plant small errors in a package, one at a time, and list
 	$(IN_MUTATED) cosmic-ray exec mutants.toml session.sqlite
 	$(IN_MUTATED) cr-report session.sqlite --surviving-only --show-diff && cr-rate session.sqlite
 MUTABLE := $(wildcard lf_flame/$(MUTANTS) lf_flame/$(MUTANTS)/*.py lf_flame/$(MUTANTS)/*/*.py)
-$(SESSION): tests/mutants.toml $(filter %.py,$(MUTABLE)) | $(INSTALLED)
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet --editable '.[mutants]'
+$(SESSION): tests/mutants.toml $(filter %.py,$(MUTABLE)) | $(TOOLS)
+	$(PIP_INSTALL) '.[mutants]' --quiet
 	rm -rf $(MUTATED) && mkdir -p $(MUTATED)
 	$(COPY)
 	sed 's:MUTANTS:$(MUTANTS):; s:TESTS:$(TESTS):' tests/mutants.toml > $(MUTATED)/mutants.toml
@@ -235,14 +241,14 @@ $(SESSION): tests/mutants.toml $(filter %.py,$(MUTABLE)) | $(INSTALLED)
 
 # CAMPAIGN=--quick for some minutes, CAMPAIGN="-k simulate" or "-k kills" for some cases, "--seed 2" for
 # other draws.
-campaign: | $(INSTALLED)  ## try to lose files, to hang and to break every command, and count (an hour)
+campaign: | $(TOOLS)  ## try to lose files, to hang and to break every command, and count (an hour)
 	$(BIN)/python -m pytest tests/campaigning/outputs.py tests/campaigning/inputs.py -n auto -o timeout=7200 \
 	  --report results/campaign/campaign.md $(CAMPAIGN)
 
-lint: | $(INSTALLED)  ## check style with ruff
+lint: | $(TOOLS)  ## check style with ruff
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
-types: | $(INSTALLED)  ## check types with mypy
+types: | $(TOOLS)  ## check types with mypy
 	$(BIN)/mypy
 
 clean:  ## remove caches; data sets, runs and results stay
