@@ -24,7 +24,9 @@ TEST_JOBS ?= -n auto --dist loadfile
 BIN := $(VENV)/bin
 LF := $(BIN)/lf-flame
 EXPERIMENT := $(BIN)/python -m experiments
-DATA := data/$(PRESET)
+# The closed form learns from the images of the paper's method, where it has made none of its own.
+DATA := data/$(if $(and $(filter closed-form,$(PRESET)),$(wildcard data/paper/flames.zarr/zarr.json), \
+          $(wildcard data/paper/shapes.zarr/zarr.json),$(if $(wildcard data/closed-form),,yes)),paper,$(PRESET))
 RUNS := runs/$(RUN)
 # A user's results are his own: git ignores data/, runs/ and results/.
 RESULTS := results/$(RUN)

@@ -119,8 +119,8 @@ def train(
     show : bool, optional
         Whether to show progress.
     minutes : float, optional
-        Time in minutes after which the call ends, after the current epoch, with the best network
-        so far; the next call continues. 0 trains to the end.
+        Time in minutes at which the call ends, at the nearest end of an epoch, with the best
+        network so far; the next call continues. 0 trains to the end.
 
     Returns
     -------

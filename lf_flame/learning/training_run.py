@@ -78,7 +78,7 @@ class Job:
     metadata : dict
         Content of the record beside `request`.
     minutes : float, optional
-        Time in minutes after which the call ends, after the current epoch; 0 trains to the end.
+        Time in minutes at which the call ends, at the nearest end of an epoch; 0 trains to the end.
     """
 
     request: dict
@@ -221,7 +221,9 @@ def _fit(run: Checkpoint, trainer, job: Job, out: Path, show: bool, started: flo
             bar.update(epoch > 0)
             if epoch == first + TIMED_EPOCHS:
                 _tell_duration(job, run.history[-1]["seconds"])
-            over = job.minutes > 0 and epoch > 0 and now - started >= 60 * job.minutes
+            # Whichever end of an epoch is nearest to the time: half of them are early, half late.
+            middle_of_next = now - started + (now - begun) / 2
+            over = job.minutes > 0 and epoch > 0 and middle_of_next >= 60 * job.minutes
             ends = epoch == job.epochs or over or bool(interrupted)
             if ends or now - saved_at >= job.checkpoint_s:
                 run.state = trainer.state

@@ -65,6 +65,22 @@ def test_a_second_interrupt_is_not_waited_for(tmp_path):
     assert not list(tmp_path.glob("checkpoint-*"))
 
 
+@pytest.mark.parametrize(("minutes", "epochs"), [(2.4, 2), (2.6, 3)])
+def test_minutes_end_a_call_at_the_nearest_end_of_an_epoch(tmp_path, monkeypatch, minutes, epochs):
+    """Epochs of a minute each, by a clock of their own."""
+
+    class Timed(RandomWalk):
+        def train_epoch(self, rng):
+            clock[0] += 60.0
+            return super().train_epoch(rng)
+
+    clock = [0.0]
+    monkeypatch.setattr("lf_flame.learning.training_run.time.perf_counter", lambda: clock[0])
+    some = Timed()
+    train(tmp_path, some, minutes)
+    assert some.epochs == epochs
+
+
 def test_minutes_end_a_call_behind_its_epoch_and_the_next_goes_on(tmp_path):
     """The clock has run since time 0: any minutes are over at once, but an epoch is always done."""
     whole = train(tmp_path / "whole", RandomWalk())
