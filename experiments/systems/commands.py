@@ -7,7 +7,7 @@ import cloup
 
 from experiments.beside_reference import set_beside
 from experiments.paths import DATA_SETS, EXPERIMENTS
-from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, quiet_tensorflow
+from lf_flame.commands.options import FILE, FOLDER, PATH, RUN, FiniteRange, quiet_tensorflow
 from lf_flame.errors import InputError
 from lf_flame.learning.keras_loading import load_keras
 
@@ -34,7 +34,7 @@ from lf_flame.learning.keras_loading import load_keras
 )
 @click.option(
     "--electrons",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     multiple=True,
     default=[1, 10, 100, 1000],
     show_default=True,

@@ -63,9 +63,15 @@ def naming(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno is not None and error.filename is None:  # without errno, the text is lost
-            error.filename = str(path)
+        name_file(error, error.filename or path)
         raise
+
+
+def name_file(error: OSError, path: str | Path) -> None:
+    """Give an error the name of a file, and keep a text without a number, as NumPy's are."""
+    if error.errno is None:
+        error.strerror = error.strerror or str(error)
+    error.filename = str(path)
 
 
 @contextmanager

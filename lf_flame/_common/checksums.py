@@ -34,7 +34,7 @@ def sealed(record: dict[str, Any]) -> dict[str, Any]:
     return valid | {SEAL: _hash(valid)}
 
 
-def check_seal(path: Path) -> dict[str, Any]:
+def check_seal(path: str | Path) -> dict[str, Any]:
     """Read a record and compare it with its own hash; records of older versions have none.
 
     Returns

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lf_flame._common import provenance
-from lf_flame._common.atomic_files import together, write_json
+from lf_flame._common.atomic_files import name_file, together, write_json
 from lf_flame._common.checksums import SEAL, check_seal, file_sha256, sealed
 from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import read_record
@@ -292,6 +292,6 @@ def output_folder(folder: str | Path, record: str, *, adds: bool = False) -> Ite
                 outputs.finish()
             except OSError as error:  # a full disk names the temporary file; name the final one
                 if str(error.filename or aside).startswith(str(aside)):
-                    error.filename = str(outputs.latest)
+                    name_file(error, outputs.latest)
                 raise
         outputs.remove_older()

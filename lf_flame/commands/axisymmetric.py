@@ -18,7 +18,7 @@ from lf_flame.commands.colour_fits import (
     soot_options,
     write_soot,
 )
-from lf_flame.commands.options import FILE, FOLDER, PATH, SEED
+from lf_flame.commands.options import FILE, FOLDER, PATH, SEED, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -68,12 +68,12 @@ FITTING = cloup.option_group(
     cloup.option("--central", is_flag=True, help="Use the central view alone."),
     cloup.option(
         "--noise",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
         "--strength",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Strength of the penalty on roughness (default: chosen from the noise).",
     ),
     cloup.option(

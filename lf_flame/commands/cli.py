@@ -37,9 +37,9 @@ A first tour:
   lf-flame camera                   the camera of the paper in numbers
   lf-flame plan SCENE.toml          which physical effects a scene needs
   lf-flame simulate SCENE.toml      your own scene, as pictures
-  lf-flame info FILE                what a file is, and which command comes next
+  lf-flame info FILE                what a file is, and what to type next
   lf-flame refocus FOLDER           any light field, refocused
-  lf-flame view FOLDER              the same, with a focus slider in the browser
+  lf-flame view FOLDER              the same in the browser, by a focus slider
 
 Details of each command: lf-flame COMMAND --help.
 """

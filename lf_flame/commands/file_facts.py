@@ -89,6 +89,7 @@ def _other_folder(source: Path, error: InputError) -> Found:
     found = Found("folder of single files")
     more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
     found.facts["files"] = ", ".join(path.name for path in paths[:MOST_NAMED]) + more
+    found.notes.append(f"the files are not read as the views of one light field. {error}")
     found.command = typed("info", paths[0])
     return found
 

@@ -10,7 +10,7 @@ import click
 import cloup
 
 from lf_flame._common.printable import printable
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading
 from lf_flame.errors import InputError
 
@@ -18,7 +18,7 @@ TIMES = cloup.option_group(
     "When the frames were taken",
     cloup.option(
         "--frames-per-second",
-        type=click.FloatRange(min=0, min_open=True),
+        type=FiniteRange(1e-9, 1e15),
         help="Number of frames a second, more than twice the frequency of interest; the numbers in "
         "the file names count the frames.",
     ),
@@ -33,14 +33,14 @@ TIMES = cloup.option_group(
 SHAPE = (
     cloup.option(
         "--level",
-        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        type=FiniteRange(0, 1, min_open=True, max_open=True),
         default=0.5,
         show_default=True,
         help="Brightness of the contour, relative to the peak of the frame.",
     ),
     cloup.option(
         "--pixel-mm",
-        type=click.FloatRange(min=0, min_open=True),
+        type=FiniteRange(min=0, min_open=True),
         help="Size in mm of a lenslet's image at the flame (default: by the camera; without a "
         "camera, lengths are in pixels).",
     ),
@@ -153,8 +153,6 @@ def _check_rate(frames_per_second: float | None, timestamps: Path | None) -> Non
         raise InputError(
             "Say when the frames were taken: either --frames-per-second or --timestamps FILE."
         )
-    if frames_per_second is not None and not math.isfinite(frames_per_second):
-        raise InputError(f"--frames-per-second must be finite, got {frames_per_second}.")
 
 
 def _times(paths: list[Path], frames_per_second: float | None, timestamps: Path):

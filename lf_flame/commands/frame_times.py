@@ -12,6 +12,7 @@ import numpy as np
 from lf_flame._common.input_files import check_regular, readable
 from lf_flame._common.numbered_names import Parts, split_numbers
 from lf_flame.errors import InputError
+from lf_flame.flame_video.flicker import check_times
 
 EVEN = 0.05
 """Largest deviation of decimal numbers of frames from whole steps, in steps."""
@@ -186,8 +187,7 @@ def read_timestamps(path: Path, frames: int) -> FrameTimes:
         raise InputError(
             f"{path} must hold a time for each of the {frames} frames, got {len(seconds)}."
         )
-    if not (np.isfinite(seconds).all() and (np.diff(seconds) > 0).all()):
-        raise InputError(f"The times in {path} must be finite and rise from frame to frame.")
+    check_times(seconds, f"in {path}")
     slowest = float(np.median(np.diff(seconds))) if frames > 1 else 0.0
     if slowest > SLOW_STEP_S:
         note = (

@@ -12,7 +12,7 @@ import cloup
 
 from lf_flame._common.printable import printable
 from lf_flame.commands.flicker import SHAPE, TIMES
-from lf_flame.commands.options import FILE, FOLDER, PATH
+from lf_flame.commands.options import FILE, FOLDER, PATH, FiniteRange
 from lf_flame.commands.reading_options import READING, Reading, tell
 from lf_flame.commands.tomography import DEPTHS
 from lf_flame.commands.workers import WORKERS, Crew
@@ -37,12 +37,12 @@ STEPS = cloup.option_group(
     ),
     cloup.option(
         "--noise",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Standard deviation of the noise of a pixel (default: measured in each frame).",
     ),
     cloup.option(
         "--strength",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Strength of the penalty of emission (default: chosen for the first of some "
         "frames, and again when the light changes).",
     ),

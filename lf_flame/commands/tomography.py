@@ -110,7 +110,7 @@ FITTING = cloup.option_group(
     ),
     cloup.option(
         "--noise",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Standard deviation of the noise of a pixel (default: measured).",
     ),
     cloup.option(
@@ -131,7 +131,7 @@ FITTING = cloup.option_group(
     ),
     cloup.option(
         "--strength",
-        type=click.FloatRange(min=0),
+        type=FiniteRange(min=0),
         help="Strength of the penalty (default: chosen from the noise).",
     ),
     cloup.option(

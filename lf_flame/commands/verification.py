@@ -1,5 +1,7 @@
 """Check that results are still as written: data sets, runs, exported networks, pictures."""
 
+import errno
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,7 +124,7 @@ def _results(path: Path) -> Iterator[tuple[Path, str | OSError]]:
 
 def _look(path: Path) -> tuple[list[str], list[Path]]:
     """Find the results at a place, and the places inside it to search for others."""
-    found = [path.name] if path.suffix == ".keras" else []
+    found = [path.name] if path.suffix == ".keras" and path.exists() else []
     if not path.is_dir():
         return found, []
     for known in (*WHOLE, *RECORDS):
@@ -144,6 +146,9 @@ def _holds_training(folder: Path) -> bool:
 
 
 def _verify_one(path: Path, known: str) -> str:
+    marks = path / known if path.is_dir() else path
+    if not os.access(marks, os.R_OK):  # a record that may not be read can be sound
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(marks))
     if known in RECORDS:
         return f"{verify_outputs(path, known)} files, as {known} says"
     if known in WHOLE:
@@ -168,12 +173,13 @@ def _verify_dataset(path: Path) -> str:
 
 
 def _verify_run(folder: Path) -> str:
-    from lf_flame.learning.checkpoints import find_checkpoints, verify_checkpoint
+    from lf_flame.learning.checkpoints import find_checkpoints, verify_checkpoint, verify_history
     from lf_flame.learning.run_folders import load_run
 
     request = read_record(folder / "config.json")
     for checkpoint in find_checkpoints(folder):
         _compare(request, verify_checkpoint(checkpoint).run, folder)
+        verify_history(checkpoint)
     if not (folder / "model.keras").exists():
         return "run that is not finished: its checkpoint"
     record = load_run(folder)

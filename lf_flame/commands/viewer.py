@@ -3,6 +3,7 @@
 As in `lf_flame.commands.cli`, heavy modules are imported inside the commands.
 """
 
+import math
 import webbrowser
 from dataclasses import replace
 from pathlib import Path
@@ -111,7 +112,7 @@ def view(source, slopes, no_map, title, camera, interpolation, network, **option
     reading = reading.for_camera(source, lens)
     light_field = reading.read(source)
     light_field = light_field if lens is None else lens.corrected(light_field)
-    chosen = _choose_slopes(light_field, slopes, system)
+    chosen = _choose_slopes(light_field, slopes, system, lens)
     exhibit = Exhibit(
         light_field,
         title or source.resolve().name,
@@ -186,12 +187,15 @@ def _check_single_file(single_file: Path | None, read: tuple[Path | None, ...] =
         raise InputError(f"--single-file must end in .html, got {single_file}.")
 
 
-def _choose_slopes(light_field, slopes: tuple[float, float] | None, network=None):
+def _choose_slopes(light_field, slopes: tuple[float, float] | None, network=None, camera=None):
     from lf_flame.viewer.exhibit import choose_slopes
 
     chosen = choose_slopes(light_field, slopes, network)
     if slopes is None:
-        click.echo(f"{chosen.describe()} (--slopes FROM TO for others)", err=True)
+        ends = [camera.slope_to_real_depth(end) for end in (chosen.low, chosen.high) if camera]
+        known = ends and all(math.isfinite(end) for end in ends)
+        depths = f", {ends[0]:+.4g} to {ends[1]:+.4g} mm" if known else ""
+        click.echo(f"{chosen.describe()}{depths} (--slopes FROM TO for others)", err=True)
     return chosen
 
 

@@ -21,6 +21,7 @@ from lf_flame.flame_video.bright_spots import (
     larger_flame,
     region_of,
 )
+from lf_flame.optics.camera import LONGEST, SHORTEST
 
 LEAST_SIGNAL = 8.0
 """Number of standard deviations of noise by which a flame's peak must exceed the image's median.
@@ -164,12 +165,14 @@ def check_measures(level: float, pixel_mm: float) -> None:
     Raises
     ------
     InputError
-        If the level is not between 0 and 1, or the size not above 0 and finite.
+        If the level is not between 0 and 1, or the size no length from `SHORTEST` to `LONGEST`.
     """
     if not 0 < level < 1:
         raise InputError(f"level must be a share of the peak between 0 and 1, got {level}.")
-    if not (np.isfinite(pixel_mm) and pixel_mm > 0):
-        raise InputError(f"pixel_mm must be a finite number above 0, got {pixel_mm}.")
+    if not SHORTEST <= pixel_mm <= LONGEST:
+        raise InputError(
+            f"pixel_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {pixel_mm}."
+        )
 
 
 def _checked_image(image: ArrayLike) -> np.ndarray:

@@ -36,6 +36,9 @@ OVERSAMPLING = 5
 FALSE_ALARM = 0.01
 """Probability below which a peak is more than noise."""
 
+SHORTEST_STEP_S, LONGEST_TIME_S = 1e-15, 1e12
+"""Range of times of frames, in s: from the fastest cameras to more than any clock counts."""
+
 NEGLIGIBLE = 5e-3
 """Residual scatter, relative to that of the heights, that is neglected: a drift that is no cubic,
 or a slightly uneven rhythm, leaves as much."""
@@ -167,8 +170,8 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
     Raises
     ------
     InputError
-        If times and heights do not match, times do not rise, or fewer than `LEAST_FRAMES` heights
-        are known.
+        If times and heights do not match, times cannot be those of frames (`check_times`), or
+        fewer than `LEAST_FRAMES` heights are known.
 
     Examples
     --------
@@ -194,6 +197,29 @@ def find_flicker(times_s: ArrayLike, heights: ArrayLike) -> Flicker:
     )  # fmt: skip
 
 
+def check_times(times_s: np.ndarray, source: str = "of frames") -> None:
+    """Refuse times that cannot be those of frames.
+
+    Parameters
+    ----------
+    times_s : ndarray of float64, shape (frames,)
+    source : str, optional
+        Whose times these are, for the message.
+
+    Raises
+    ------
+    InputError
+        If times do not rise by `SHORTEST_STEP_S` or more, or one is beyond `LONGEST_TIME_S`.
+    """
+    if not (
+        np.all(np.abs(times_s) <= LONGEST_TIME_S) and np.all(np.diff(times_s) >= SHORTEST_STEP_S)
+    ):
+        raise InputError(
+            f"The times {source} must rise from frame to frame, by {SHORTEST_STEP_S:g} s or more, "
+            f"and be at most {LONGEST_TIME_S:g} s."
+        )
+
+
 def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     times, values = (np.asarray(one, np.float64) for one in (times_s, heights))
     if times.ndim != 1 or times.shape != values.shape:
@@ -207,8 +233,7 @@ def _checked_series(times_s: ArrayLike, heights: ArrayLike) -> tuple[np.ndarray,
             f"A frequency needs {LEAST_FRAMES} frames with a height at least, got "
             f"{np.count_nonzero(known)}."
         )
-    if not (np.all(np.isfinite(times)) and np.all(np.diff(times) > 0)):
-        raise InputError("The times of frames must be finite and rise from frame to frame.")
+    check_times(times)
     return times[known], values[known]
 
 

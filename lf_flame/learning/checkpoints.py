@@ -17,6 +17,7 @@ from lf_flame._common.array_files import open_arrays
 from lf_flame._common.atomic_files import atomic_folder, write_json, write_text
 from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
+from lf_flame._common.input_files import read_record, read_text
 from lf_flame.errors import InputError
 
 MANIFEST = "manifest.json"
@@ -114,9 +115,31 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path, run: dict) -> None:
 
 def _tidy(folder: Path, checkpoint: Checkpoint) -> None:
     """Write the history for reading, and remove all checkpoints but the newest."""
-    write_text(folder / "history.csv", pd.DataFrame(checkpoint.history).to_csv(index=False))
+    write_text(folder / "history.csv", _history_table(checkpoint.history))
     for path in find_checkpoints(folder)[:-1]:
         shutil.rmtree(path, ignore_errors=True)
+
+
+def _history_table(history: list[dict]) -> str:
+    """History as a CSV table, a row for each epoch."""
+    return pd.DataFrame(history).to_csv(index=False)
+
+
+def verify_history(path: Path) -> None:
+    """Compare ``history.csv`` with the history in a checkpoint of its run.
+
+    After a kill it may lack the last epochs, or be missing: the next call writes it anew.
+
+    Raises
+    ------
+    InputError
+        If it holds anything but the first rows of that history.
+    """
+    table = path.parent / "history.csv"
+    if table.exists():
+        whole = _history_table(read_record(path / "history.json")["epochs"])
+        if not whole.startswith(read_text(table)):
+            raise InputError(f"{table} is not what was written: {path.name} holds another history.")
 
 
 def load_checkpoint(folder: Path, run: dict) -> Checkpoint:

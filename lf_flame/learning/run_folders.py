@@ -13,9 +13,8 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from lf_flame._common.checksums import file_sha256
+from lf_flame._common.checksums import check_seal, file_sha256
 from lf_flame._common.config import build_record
-from lf_flame._common.input_files import read_record
 from lf_flame._common.recorded_paths import recorded_places
 from lf_flame.datasets.config import DatasetConfig, config_from_json
 from lf_flame.datasets.split import split_indices
@@ -207,7 +206,7 @@ def load_run(folder: str | Path) -> dict:
 
 def read_run_record(folder: Path) -> dict:
     """Read the record of a run, without a check of the network."""
-    record = read_record(folder / "run.json")
+    record = check_seal(folder / "run.json")
     build_record(RunRecord, record, folder / "run.json")
     return record
 

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics.camera import PlenopticCamera
@@ -19,6 +20,7 @@ def _slope_axis(axis, camera: PlenopticCamera | None) -> str:
     """Write depths below an axis's slopes, if the camera is known; returns the label."""
     if camera is None:
         return "slope (lenslets per view step)"
+    axis.set_major_locator(MaxNLocator(5))  # the depths below more of them would collide
     axis.set_major_formatter(
         lambda slope, _: with_depth(f"{slope:g}", slope, camera).replace(" (", "\n(")
     )

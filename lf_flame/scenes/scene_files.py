@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 from skimage.util import img_as_float64
 
+from lf_flame._common.checksums import check_seal
 from lf_flame._common.config import build, strict
-from lf_flame._common.input_files import read_record, read_toml
+from lf_flame._common.input_files import read_toml
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import check_levels, read_pixels, read_shape
 from lf_flame.errors import InputError
@@ -166,7 +167,8 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     Raises
     ------
     InputError
-        If the file cannot be read, has no camera, or a value cannot be used.
+        If the file cannot be read, is a record that does not fit its own hash, has no camera, or a
+        value cannot be used.
 
     Examples
     --------
@@ -174,7 +176,7 @@ def read_camera(path: str | Path) -> PlenopticCamera:
     >>> read_camera("scene.toml").views
     9
     """
-    values = read_record(path) if Path(path).suffix == ".json" else read_toml(path)
+    values = check_seal(Path(path)) if Path(path).suffix == ".json" else read_toml(path)
     if "law" in values and "camera" not in values:
         raise InputError(
             f"{path} holds the measured law of a camera, and the thin-lens camera is needed here: "

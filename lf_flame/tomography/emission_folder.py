@@ -9,6 +9,7 @@ from lf_flame._common.checksums import file_sha256
 from lf_flame._common.config import load_record
 from lf_flame._common.tiff_files import read_tiff
 from lf_flame.errors import InputError
+from lf_flame.optics.camera import LONGEST, SHORTEST
 
 RECORD = "reconstruct.json"
 EMISSION, SIGMA, DRAWS, CORRECTION = "emission.tif", "sigma.tif", "draws.tif", "correction.tif"
@@ -21,7 +22,8 @@ class EmissionRecord:
     Attributes
     ----------
     depths_mm, cell_mm : list of float
-        Depth of each plane, and side of its cells, above 0; lists of equal length.
+        Depth of each plane, and side of its cells, from `SHORTEST` to `LONGEST`; lists of equal
+        length.
     files : dict of str, or list of str, optional
         SHA-256 of each file by its name. Older versions stored only names, or nothing.
     """
@@ -36,8 +38,11 @@ class EmissionRecord:
                 f"depths_mm and cell_mm must hold a number for each plane, got "
                 f"{len(self.depths_mm)} and {len(self.cell_mm)}."
             )
-        if not min(self.cell_mm) > 0:
-            raise InputError(f"cell_mm must be above 0, got {min(self.cell_mm)}.")
+        for side in self.cell_mm:
+            if not SHORTEST <= side <= LONGEST:
+                raise InputError(
+                    f"cell_mm must hold lengths from {SHORTEST:g} to {LONGEST:g} mm, got {side}."
+                )
 
 
 class EmissionFolder:

@@ -25,7 +25,11 @@ from lf_flame.tomography.noise_correlation import correlation_factor
 from lf_flame.tomography.penalised_fit import Fit, RangeFit
 from lf_flame.tomography.penalties import Penalty, Roughness, TotalVariation
 from lf_flame.tomography.projection_operator import ProjectionOperator
-from lf_flame.tomography.strength_search import StrengthSearch, TriedStrength
+from lf_flame.tomography.strength_search import (
+    StrengthSearch,
+    TriedStrength,
+    check_noise_and_strength,
+)
 from lf_flame.tomography.total_variation import STRENGTH, fit_total_variation
 
 MOST_TURNS, FILLED = 40, 1e-3
@@ -48,7 +52,7 @@ class FitOptions:
     Raises
     ------
     InputError
-        If noise or strength is negative or not finite, or there is no iteration.
+        If noise or strength is negative, not finite or too large, or there is no iteration.
     """
 
     noise: float | None
@@ -57,9 +61,7 @@ class FitOptions:
     penalty: Penalty
 
     def __post_init__(self) -> None:
-        for name, value in (("noise", self.noise), ("strength", self.strength)):
-            if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
+        check_noise_and_strength(self.noise, self.strength)
         if self.iterations < 1:
             raise InputError(f"iterations must be 1 or more, got {self.iterations}.")
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lf_flame.errors import InputError
+from lf_flame.optics.camera import LONGEST, SHORTEST
 from lf_flame.tomography.error_bars import bar_times, scatter
 
 
@@ -130,8 +131,10 @@ def _checked(plane: ArrayLike, draws: ArrayLike, cell_mm: float) -> tuple[np.nda
             f"A profile is taken of a plane (rows, columns) and draws (n, rows, columns), got "
             f"shapes {image.shape} and {again.shape}."
         )
-    if not (np.isfinite(cell_mm) and cell_mm > 0):
-        raise InputError(f"cell_mm must be a finite number above 0, got {cell_mm}.")
+    if not SHORTEST <= cell_mm <= LONGEST:
+        raise InputError(
+            f"cell_mm must be a length from {SHORTEST:g} to {LONGEST:g} mm, got {cell_mm}."
+        )
     return image, again
 
 

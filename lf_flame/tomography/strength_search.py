@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from lf_flame.errors import InputError
 from lf_flame.tomography.penalised_fit import Fit
 
 STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
@@ -13,6 +14,23 @@ STRENGTHS = tuple(10.0 ** (k / 2) for k in range(-12, 7))
 
 FIRST = 13
 """Index of the strength that is tried first: a strong one, as weaker fits need a start nearby."""
+
+
+MOST = 1e30
+"""Largest noise and strength: far above any use, and their products are float64 numbers."""
+
+
+def check_noise_and_strength(noise: float | None, strength: float | None) -> None:
+    """Refuse a noise or a strength of the penalty that cannot be used; None is to be found.
+
+    Raises
+    ------
+    InputError
+        If one is negative, not finite, or above `MOST`.
+    """
+    for name, value in (("noise", noise), ("strength", strength)):
+        if value is not None and not 0 <= value <= MOST:
+            raise InputError(f"{name} must be a finite number from 0 to {MOST:g}, got {value}.")
 
 
 @dataclass(frozen=True)

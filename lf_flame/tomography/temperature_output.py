@@ -157,18 +157,9 @@ def write_temperature(
     if absolute:
         stacks["optical_thickness.tif"] = found.amount
     for name, planes in stacks.items():
-        _write_planes(folder, name, np.asarray(planes, np.float32))
+        tifffile.imwrite(folder.path(name), np.asarray(planes, np.float32))
     maps = (found.kelvin, np.asarray(found.sigma), emission)
     kelvin, sigma, light = (places[0].whole(one) for one in maps)
     figure = temperature_figure(kelvin, sigma, light, places)
     figures.save(figure, folder.path("temperature.png"), dpi=300)
     folder.facts["depths_mm"] = [place.depth_mm for place in places]
-
-
-def _write_planes(folder: OutputFolder, name: str, planes: np.ndarray) -> None:
-    """Write a TIFF file; if the disk is full, the error names it, which NumPy's does not."""
-    try:
-        tifffile.imwrite(folder.path(name), planes)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OSError(error.errno, reason, str(folder.folder / name)) from None

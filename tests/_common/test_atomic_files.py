@@ -180,7 +180,9 @@ def test_a_made_up_leftover_moves_nothing(tmp_path):
     assert names(tmp_path) == ["a.json", "thesis.txt"]
 
 
-def test_an_error_in_words_keeps_them(tmp_path):
-    """One of a download, say: given a file's name, it would read "[Errno None] None"."""
-    with pytest.raises(OSError, match="^not all of it$"), atomic_write(tmp_path / "file"):
-        raise OSError("not all of it")
+def test_an_error_in_words_keeps_them_and_gets_the_file(tmp_path):
+    """As NumPy's where the disk is full; without words it would read "[Errno None] None"."""
+    with pytest.raises(OSError, match="90 requested") as caught, atomic_write(tmp_path / "file"):
+        raise OSError("90 requested and 8 written")
+    assert caught.value.strerror == "90 requested and 8 written"
+    assert caught.value.filename == str(tmp_path / "file")

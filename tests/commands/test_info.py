@@ -203,3 +203,12 @@ def test_a_thumbnail_that_is_no_jpeg_is_not_written(told, tmp_path, monkeypatch)
         with pytest.raises(InputError, match="holds a thumbnail that is no JPEG"):
             told("a.lfr", "--thumbnail", "a.jpg")
         assert not (tmp_path / "a.jpg").exists()
+
+
+def test_a_picture_that_cannot_be_read_is_told_of_its_folder(told, tmp_path):
+    levels = np.zeros((8, 8), np.uint8)
+    (tmp_path / "views").mkdir(exist_ok=True)
+    for number in range(9):
+        write_image(tmp_path / "views" / f"{number // 3}_{number % 3}.png", levels)
+    (tmp_path / "views" / "1_1.png").write_bytes(b"not a picture")
+    assert "views/1_1.png cannot be read" in told("views")

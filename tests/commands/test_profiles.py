@@ -172,7 +172,8 @@ def test_one_plane_is_read_back_as_one(tmp_path, count):
     [
         ({"cell_mm": [1.0]}, "must hold a number for each plane"),
         ({"depths_mm": [], "cell_mm": []}, "must hold a number for each plane"),
-        ({"cell_mm": [1.0, 0.0]}, "cell_mm must be above 0"),
+        ({"cell_mm": [1.0, 0.0]}, "cell_mm must hold lengths from"),
+        ({"cell_mm": [1.0, 1e308]}, "cell_mm must hold lengths from"),
         ({"files": ["emission.tif"]}, "has no hashes of its files"),
         ({"files": {}}, "names no emission.tif"),
     ],

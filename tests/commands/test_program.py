@@ -3,8 +3,10 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import CliRunner
 
 from lf_flame._common.printable import printable
+from lf_flame.commands.cli import commands
 from lf_flame.commands.program import LONGEST
 
 
@@ -129,3 +131,7 @@ def test_what_the_package_says_is_told_once_however_often_a_process_is_prepared(
         "logging.getLogger('lf_flame.anything').info('It takes a while.')"
     )
     assert (result.returncode, result.stderr) == (0, "It takes a while.\n")
+
+
+def test_the_first_help_fits_a_terminal():
+    assert max(map(len, CliRunner().invoke(commands, ["--help"]).output.splitlines())) <= 80

@@ -218,3 +218,34 @@ def test_a_flip_in_the_record_of_a_run_is_noticed(training):
     assert run(training)[1] == ["whole"]
     record.write_text(record.read_text().replace("3.5", "3.7"))
     assert run(training)[1] == ["DAMAGED"]
+
+
+def test_a_record_that_may_not_be_read_can_be_sound(results, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "refocus.json")
+    result, marks = run(results)
+    assert sorted(marks) == ["UNCHECKED", "whole", "whole", "whole"]
+    assert "Permission denied" in result.output
+
+
+def test_a_network_that_is_not_there_is_not_damaged(tmp_path):
+    assert run(tmp_path / "net.keras")[1] == ["UNCHECKED"]
+
+
+def test_a_history_that_changed_is_noticed(training):
+    """A kill may leave it an epoch behind, and the next call writes it anew."""
+    from lf_flame.learning.checkpoints import MANIFEST
+
+    checkpoint, table = training / "checkpoint-000002", training / "history.csv"
+    rows = [{"epoch": 1, "loss": 0.5}, {"epoch": 2, "loss": 0.25}]
+    write_json(checkpoint / "history.json", {"epochs": rows})
+    manifest = json.loads((checkpoint / MANIFEST).read_text())
+    manifest["sha256"]["history.json"] = file_sha256(checkpoint / "history.json")
+    write_json(checkpoint / MANIFEST, manifest)
+    for text, mark in (
+        ("epoch,loss\n1,0.5\n2,0.25\n", "whole"),
+        ("epoch,loss\n1,0.5\n", "whole"),
+        ("epoch,loss\n1,0.4\n2,0.25\n", "DAMAGED"),
+        ("epoch,loss\n1,0.5\n2,0.25\n3,0.1\n", "DAMAGED"),
+    ):
+        write_text(table, text)
+        assert run(training)[1] == [mark], text

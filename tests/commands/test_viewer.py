@@ -6,10 +6,11 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from builders import camera_toml
 from click.testing import CliRunner
 
 from lf_flame import PAPER_CAMERA, read_light_field
@@ -122,3 +123,13 @@ def test_the_demo_holds_what_its_help_says(tmp_path):
     assert result.exit_code == 0, result.output
     assert (tmp_path / "d.html").stat().st_size < 10e6
     assert read_light_field(tmp_path / "d.npy").views.shape == (9, 9, 180, 270)
+
+
+def test_the_ends_of_the_slider_are_told_in_mm_too(source, tmp_path):
+    lens = replace(PAPER_CAMERA, views=3, lenslets=(30, 50))
+    camera = tmp_path / "camera.toml"
+    camera.write_text(camera_toml(3, (30, 50)), encoding="utf-8")
+    result = run("view", source, "--camera", camera, "--single-file", tmp_path / "page.html")
+    found = find_slope_range(read_light_field(source))
+    low, high = (lens.slope_to_depth(end) for end in (found.low, found.high))
+    assert f"to {found.high:+.2f}, {low:+.4g} to {high:+.4g} mm" in result.output

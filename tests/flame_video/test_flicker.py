@@ -235,6 +235,8 @@ def test_times_far_apart_are_no_reason_to_fail():
         (np.arange(20)[::-1], np.ones(20), "rise"),
         (np.zeros(20), np.ones(20), "rise"),
         (np.full(20, np.nan), np.ones(20), "rise"),
+        (np.arange(20) * 1e-310, np.ones(20), "rise"),
+        (np.arange(20) * 1e305, np.ones(20), "at most"),
     ],
 )
 def test_bad_input_is_refused(times, heights, message):

@@ -195,6 +195,7 @@ def test_wrong_depths_are_noticed_where_the_noise_is_stated(camera, noisy, clean
         ({"noise": -1.0}, "noise must be"),
         ({"noise": float("nan")}, "noise must be"),
         ({"strength": float("inf")}, "strength must be"),
+        ({"strength": 1e300}, "strength must be"),
         ({"iterations": 0}, "iterations must be"),
         ({"bootstrap": 1}, "bootstrap must be"),
     ],

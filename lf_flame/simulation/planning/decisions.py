@@ -232,9 +232,12 @@ def check_request(tolerance: float, forced: Mapping[str, bool]) -> None:
     """
     if not (tolerance > 0 and math.isfinite(tolerance)):
         raise InputError(f"tolerance must be above 0, got {tolerance}.")
+    unknown = [repr(name) for name in forced if name not in EFFECTS]
+    if unknown:
+        raise InputError(
+            f"Unknown effect {', '.join(unknown)}; the known ones are {', '.join(EFFECTS)}."
+        )
     for name, value in forced.items():
-        if name not in EFFECTS:
-            raise InputError(f"Unknown effect {name!r}; the known ones are {', '.join(EFFECTS)}.")
         if not isinstance(value, bool | np.bool_):
             raise InputError(f"Effect {name} must be forced by True or False, got {value!r}.")
 

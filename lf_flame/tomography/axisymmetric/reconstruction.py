@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lf_flame.errors import InputError
 from lf_flame.lightfield import LightField
 from lf_flame.tomography.axisymmetric.axis import FlameAxis, find_axis
 from lf_flame.tomography.axisymmetric.grid import AxisymmetricGrid
@@ -25,6 +24,7 @@ from lf_flame.tomography.counted_views import fitted_views
 from lf_flame.tomography.data_checks import check_data, check_range
 from lf_flame.tomography.error_bars import bar_times, check_bootstrap, noise_variance
 from lf_flame.tomography.plane_fit import average_blocks
+from lf_flame.tomography.strength_search import check_noise_and_strength
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,9 +246,8 @@ def check_fit_options(noise: float | None, strength: float | None, bootstrap: in
     Raises
     ------
     InputError
-        If noise or strength is negative or not finite, or the number of draws is 1 or negative.
+        If noise or strength is negative, not finite or too large, or the number of draws is 1 or
+        negative.
     """
-    for name, value in (("noise", noise), ("strength", strength)):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{name} must be a finite number, 0 or above, got {value}.")
+    check_noise_and_strength(noise, strength)
     check_bootstrap(bootstrap)

@@ -308,6 +308,7 @@ def test_a_plan_reads_as_a_table():
     ("effects", "tolerance", "message"),
     [
         ({"blooming": True}, 1e-3, "Unknown effect 'blooming'; the known ones are defocus, occl"),
+        ({"cos4": True, "blooming": True, "fog": True}, 1e-3, "effect 'blooming', 'fog'; the"),
         ({"cos4": "yes"}, 1e-3, "cos4 must be forced by True or False, got 'yes'"),
         ({"f_number_mismatch": True, "round_aperture": False}, 1e-3, "both are one round stop"),
         ({}, 0.0, "tolerance must be above 0, got 0.0"),
