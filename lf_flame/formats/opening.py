@@ -73,7 +73,7 @@ def open_light_field(
     """
     path = Path(path)
     if is_view_folder(path):
-        return scan_view_folder(path, order, grid=grid).unpack(progress)
+        return scan_view_folder(path, order, grid=grid, larger=True).unpack(progress)
     if path.suffix.lower() not in ARRAY_SUFFIXES:
         raise InputError(
             f"Parts of {path} cannot be read: a light field larger than memory must be a folder of "

@@ -68,9 +68,10 @@ class GreyViews:
     def groups(self, rows: np.ndarray, reach: int) -> list[np.ndarray]:
         """Part rising rows into groups that are taken at once with those near them."""
         starts = [0]
-        for k, row in enumerate(rows):
-            if row - rows[starts[-1]] + 2 * reach >= self.rows_at_once and self._lazy:
-                starts += [k] if k else []
+        for k in range(1, len(rows)) if self._lazy else ():
+            tall = rows[k] - rows[starts[-1]] + 2 * reach >= self.rows_at_once
+            if tall or rows[k] - rows[k - 1] > 2 * reach:  # what lies between is not needed
+                starts.append(k)
         return [rows[a:b] for a, b in pairwise([*starts, len(rows)])]
 
     @property

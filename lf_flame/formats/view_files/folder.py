@@ -176,7 +176,11 @@ class ViewFolder:
 
 
 def scan_view_folder(
-    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
+    path: str | Path,
+    order: str | None = None,
+    *,
+    grid: Grid | str | None = None,
+    larger: bool = False,
 ) -> ViewFolder:
     """Find the files that are the views of a light field, and their order.
 
@@ -202,6 +206,8 @@ def scan_view_folder(
     grid : (int, int) or str, optional
         Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
         than a third of the views are missing. What is missing gets weight 0.
+    larger : bool, optional
+        Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
 
     Returns
     -------
@@ -249,7 +255,8 @@ def scan_view_folder(
         if placed is not None:
             return _placed_folder(path, files, placed, order, left_out)
         numbered, missing = number_grid(files, shape)
-    _check_memory([file for file in numbered.flat if file], path, 0)
+    places = 0 if larger else numbered.size
+    _check_memory([file for file in numbered.flat if file], path, places)
     if numbered.ndim == 1:
         numbered = fold(numbered, path, shape, read_image)
     if order is None:
@@ -263,6 +270,7 @@ def _placed_folder(
     path: Path, files: list[File], pairs: list[Pair], order: str | None, left_out: int
 ) -> ViewFolder:
     """Arrange views at positions of their own as rows of one column."""
+    _check_memory(files, path, len(files))
     positions, found = place_views(pairs, order)
     column = np.empty((len(files), 1), object)
     column[:, 0] = files
@@ -281,7 +289,7 @@ def _check_memory(files: list[File], folder: Path, places: int) -> None:
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
-    reading = (FLOAT + 1) * values * places + decoding * _readers(files)
+    reading = (FLOAT + 1) * values * places + decoding * (_readers(files) if places else 1)
     packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
     check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
 
