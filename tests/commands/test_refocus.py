@@ -165,9 +165,7 @@ def test_convert_writes_what_reads_the_same_again(folder, light_field, tmp_path)
         source = tmp_path / target
     found = read_light_field(source, views=5)
     np.testing.assert_array_equal(found.views, light_field.views)
-    with pytest.raises(
-        InputError, match=r"folder, .png, .tif, .npy, .npz or .zarr, got .*light.xyz"
-    ):
+    with pytest.raises(InputError, match=r".png, .tif, .npy, .npz or .zarr, got .*light.xyz"):
         run(folder, tmp_path / "light.xyz", command="convert")
 
 

@@ -107,9 +107,10 @@ def test_what_cannot_be_opened_is_refused_in_a_sentence(views, tmp_path, monkeyp
     write_light_field(LightField(views[..., 0]), tmp_path / "a.png")
     with pytest.raises(InputError, match=r"lf-flame convert SOURCE TARGET\.zarr"):
         open_light_field(tmp_path / "a.png")
+    np.save(tmp_path / "a.npy", views)
+    opened = open_light_field(tmp_path / "a.npy")
     with pytest.raises(InputError, match=r"written as \.npy or \.zarr"):
-        np.save(tmp_path / "a.npy", views)
-        write_light_field(open_light_field(tmp_path / "a.npy"), tmp_path / "a.tif")
+        write_light_field(opened, tmp_path / "a.tif")
     (tmp_path / "empty.zarr").mkdir()
     with pytest.raises(InputError, match=r"empty\.zarr"):
         open_light_field(tmp_path / "empty.zarr")
