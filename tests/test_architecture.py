@@ -16,6 +16,7 @@ FLOORS = [
     ["errors"],
     ["_common"],
     ["lightfield"],
+    ["lazy_light_field"],
     ["optics"],
     ["scenes"],
     ["simulation"],

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
-from typing import IO
+from typing import IO, Any, Literal
 from zipfile import ZipFile, is_zipfile
 
 import numpy as np
@@ -50,6 +50,47 @@ class ArrayHeader:
     def nbytes(self) -> int:
         """Bytes of the array in memory."""
         return math.prod(self.shape) * self.dtype.itemsize
+
+
+class MappedArray:
+    """Array in a ``.npy`` file, of which parts are read and written.
+
+    The file is mapped into memory for each part only: the memory of a process counts what is
+    mapped.
+
+    Parameters
+    ----------
+    path : str or Path
+    held : optional
+        Object that is kept as long as the array, such as the folder that holds it.
+
+    Attributes
+    ----------
+    shape : tuple of int
+    dtype : numpy.dtype
+    """
+
+    def __init__(self, path: str | Path, held: Any = None):
+        self._path, self._held = path, held
+        with open_arrays(path) as file:
+            header = file.header("")
+        self.shape, self.dtype = header.shape, header.dtype
+
+    @classmethod
+    def new(cls, path: str | Path, shape: tuple[int, ...], held: Any = None) -> "MappedArray":
+        """Make a file of zeros, float32."""
+        np.lib.format.open_memmap(path, "w+", np.float32, shape)
+        return cls(path, held)
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        return np.array(self._map("r")[key])
+
+    def __setitem__(self, key: Any, values: np.ndarray) -> None:
+        self._map("r+")[key] = values
+
+    def _map(self, mode: Literal["r", "r+"]) -> np.ndarray:
+        with readable(self._path, NUMPY_ERRORS):
+            return np.load(self._path, mmap_mode=mode, allow_pickle=False)
 
 
 class ArrayFile:
@@ -97,6 +138,18 @@ class ArrayFile:
         names = list(names)
         check_memory(int(copies * sum(self.header(name).nbytes for name in names)), self.path)
         return [self._read(name) for name in names]
+
+    def open(self, name: str) -> MappedArray:
+        """Open the array of a ``.npy`` file, to read parts of it.
+
+        Raises
+        ------
+        InputError
+            If the file is a ``.npz`` file, of which no parts can be read.
+        """
+        if self._archive is not None:
+            raise InputError(f"Parts of {self.path} cannot be read: store it as .npy or .zarr.")
+        return MappedArray(self.path)
 
     def _read(self, name: str) -> np.ndarray:
         with self._open(name) as file, readable(self.path, NUMPY_ERRORS + ZIP_ERRORS):

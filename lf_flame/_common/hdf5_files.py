@@ -80,6 +80,19 @@ class Hdf5File:
         with readable(self.path, HDF5_ERRORS), self._h5py.File(self.path, "r") as file:
             return [self._read(file[name], name) for name in names]
 
+    def open(self, name: str) -> Any:
+        """Open an array, to read parts of it; its axes are as stored, see `reversed`.
+
+        Raises
+        ------
+        InputError
+            If it is damaged or packed in another way than by DEFLATE.
+        """
+        with readable(self.path, HDF5_ERRORS):
+            dataset = self._h5py.File(self.path, "r")[name]  # holds the file open
+            self._check(dataset, name)
+        return dataset
+
     def _search(self, group: Any, prefix: str, left: int) -> int:
         """Note the arrays of a group and of those in it; returns how many objects may still come.
 
@@ -107,6 +120,12 @@ class Hdf5File:
         return link.type == self._h5py.h5l.TYPE_HARD
 
     def _read(self, dataset: Any, name: str) -> np.ndarray:
+        self._check(dataset, name)
+        array = dataset[()]
+        return array.T if self.reversed else array
+
+    def _check(self, dataset: Any, name: str) -> None:
+        """Refuse filters that the library would load, and chunks that hold more than they say."""
         plain = {DEFLATE, SHUFFLE, CHECKSUM}
         filters = _filters(dataset)
         if not set(filters) <= plain:
@@ -117,8 +136,6 @@ class Hdf5File:
             )
         if DEFLATE in filters:
             self._refuse_bombs(dataset, filters, name)
-        array = dataset[()]
-        return array.T if self.reversed else array
 
     def _refuse_bombs(self, dataset: Any, filters: list[int], name: str) -> None:
         """Refuse chunks that hold more than an array's chunk: the library would unpack them whole.

@@ -10,9 +10,10 @@ from lf_flame._common.input_files import read_record
 from lf_flame.errors import InputError
 from lf_flame.formats import write_light_field
 from lf_flame.formats.images import TIFF_SUFFIXES
+from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 
-ARRAYS = (".npy", ".npz")
+ARRAYS = (".npy", ".npz", ".zarr")
 """Endings of the formats that keep values unchanged."""
 
 LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
@@ -20,13 +21,16 @@ LEVEL_0, LEVEL_1 = "radiance_of_black", "radiance_of_white"
 
 
 def convert_light_field(
-    light_field: LightField, target: Path, bits: int | None = None, linear: bool = True
+    light_field: LightField | LazyLightField,
+    target: Path,
+    bits: int | None = None,
+    linear: bool = True,
 ) -> str:
     """Write a light field; values outside the levels become floats, or are scaled.
 
     Parameters
     ----------
-    light_field : LightField
+    light_field : LightField or LazyLightField
     target : Path
         As in `write_light_field`.
     bits : int, optional
@@ -40,6 +44,9 @@ def convert_light_field(
     str
         Note on the values for the user; empty if they are unchanged, in levels of 16 bits.
     """
+    if isinstance(light_field, LazyLightField):
+        write_light_field(light_field, target)
+        return ""
     views = light_field.views
     low, high = min(float(views.min()), 0.0), max(float(views.max()), 1.0)
     fits, suffix = (low, high) == (0.0, 1.0), target.suffix.lower()

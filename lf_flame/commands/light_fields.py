@@ -49,8 +49,8 @@ def refocus(source, camera, out, **options):
     """Refocus a light field of any kind; find its sharpest slope; sweep through its focus.
 
     SOURCE is a folder with one image for each view (HCI, Stanford, row_col.png ...), such a folder
-    in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat), a TIFF
-    of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
+    in a .zip, a list of views (.csv: file, row, column), an array (.npy, .npz, .h5, .mat, .zarr), a
+    TIFF of many pages, one picture of views side by side (--mosaic 8x8), a lenslet image with N x N
     pixels under each lenslet (--views N; Lytro's ESLF is one), a raw lenslet image (--white or
     --pitch; --focused for a Raytrix camera), or a raw picture of a Lytro camera (.lfp, .lfr).
     `lf-flame info SOURCE` says what it is.
@@ -79,8 +79,8 @@ def refocus(source, camera, out, **options):
         look.refuse_for_network(focus.maps)
     with picture_folder(_folder_for(source, out), source) as folder:
         network = open_network(look.network)
-        light_field = reading.for_camera(source, lens).read(source)
-        views = light_field.views.shape[:2]
+        light_field = reading.for_camera(source, lens).read_or_open(source)
+        views = light_field.shape[:2]
         if lens is not None:
             lens.check_views(views)
             light_field = lens.corrected(light_field)
@@ -240,8 +240,9 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     """Write a light field of any kind in another form.
 
     SOURCE is read as by `lf-flame refocus`. TARGET is a new folder (one PNG for each view), a .png
-    or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]) or
-    .npz (views, their weights if some do not count, and which pixels are known if some are not).
+    or .tif file (a lenslet image, N x N pixels under each lenslet), .npy (views[v, u, t, s]), .npz
+    or .zarr (views, their weights if some do not count, and which pixels are known if some are
+    not). What exceeds the memory limit is written as .npy or .zarr, band by band.
     Levels of 8 and 16 bits hold values from 0 to 1. Values outside, as in most raw images divided
     by a white image, are written as floats in TIFF files; where that is impossible (.png, or --bits
     8 or 16), they are scaled, and TARGET.json holds the scale.
@@ -258,16 +259,16 @@ def convert(source: Path, target: Path, bits: str | None, **options) -> None:
     if target.resolve() in {path.resolve() for path in (source, *reading.files)}:
         raise InputError(f"{target} is read, and cannot be replaced; name another file.")
     with exclusive(target):
-        light_field = reading.read(source)
+        light_field = reading.read_or_open(source)
         coded = notes_on_coding(source)
         said = convert_light_field(light_field, target, int(bits) if bits else None, not coded)
     for note in coded:
         click.echo(note, err=True)
     lost = {
-        "which views count": light_field.uncounted,
-        "which pixels are known": light_field.unknown,
+        "which views count": light_field.weights is not None and not light_field.weights.all(),
+        "which pixels are known": light_field.valid is not None,
     }
-    if target.suffix.lower() != ".npz" and any(lost.values()):
-        what = " and ".join(name for name, note in lost.items() if note)
-        click.echo(f"{printable(target)} does not hold {what}; .npz does", err=True)
+    if target.suffix.lower() not in (".npz", ".zarr") and any(lost.values()):
+        what = " and ".join(name for name, is_lost in lost.items() if is_lost)
+        click.echo(f"{printable(target)} does not hold {what}; .npz and .zarr do", err=True)
     click.echo(f"{printable(target)} is written{said}")

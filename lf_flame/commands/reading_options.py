@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from lf_flame.formats import DecodePlan, FocusedPlan, LensletGrid, ViewFolder
+    from lf_flame.lazy_light_field import LazyLightField
     from lf_flame.lightfield import LightField
     from lf_flame.optics.lens import Lens
 
@@ -181,7 +182,7 @@ class Reading:
         tell(f"{printable(source)}: {said}")
         return plan, image
 
-    def scan(self, source: Path) -> "ViewFolder":
+    def scan(self, source: Path, larger: bool = False) -> "ViewFolder":
         """Find the views of a folder, an archive or a list, and print what was found."""
         from lf_flame import formats
 
@@ -190,7 +191,7 @@ class Reading:
             bayer=self.bayer, mosaic=self.mosaic, array=self.array,
             virtual_depth=self.virtual_depth,
         )  # fmt: skip
-        folder = formats.scan_view_folder(source, self.order, grid=self.grid)
+        folder = formats.scan_view_folder(source, self.order, grid=self.grid, larger=larger)
         tell(folder.describe())
         return folder
 
@@ -204,6 +205,42 @@ class Reading:
             refuse_options("a mosaic of views", views=self.views)
         names = ("views", "order", "grid", "mosaic", "axes", "array", "dark")
         return formats.read_light_field(source, **{name: getattr(self, name) for name in names})
+
+    def read_or_open(self, source: Path) -> "LightField | LazyLightField":
+        """Read a light field, or open one that exceeds the memory limit, and say so."""
+        from lf_flame._common.memory import OverLimitError
+        from lf_flame.formats.view_files.sources import is_view_folder
+
+        try:
+            return self.read(source)
+        except OverLimitError as error:
+            if self.is_raw or any(x is not None for x in (self.views, self.mosaic, self.dark)):
+                raise
+            reason = str(error).partition(";")[0]
+        is_folder = is_view_folder(source)
+        where = "from a temporary copy" if is_folder else "from the file"
+        tell(f"{reason}: bands of rows are read {where}")
+        return self._open(source, is_folder)
+
+    def _open(self, source: Path, is_folder: bool) -> "LazyLightField":
+        """Open a light field that exceeds the memory limit, and print what was found."""
+        from tqdm import tqdm
+
+        from lf_flame import formats
+        from lf_flame.formats.coding import notes_on_values
+
+        if is_folder:
+            folder = self.scan(source, larger=True)
+            opened = folder.unpack(lambda files: tqdm(files, "unpacking", unit="view", leave=None))
+        else:
+            opened = formats.open_light_field(
+                source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
+            )
+        v, u, t, s = opened.shape[:4]
+        tell(f"{v} x {u} views of {t} x {s} pixels")
+        for note in notes_on_values(opened.brightest_rows, source):
+            tell(note)
+        return opened
 
     def read(self, source: Path) -> "LightField":
         """Read a light field of any kind, and print what was found."""

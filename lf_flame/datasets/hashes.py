@@ -12,7 +12,8 @@ import zarr
 from zarr.storage import FsspecStore, LocalStore
 
 from lf_flame._common.input_files import parse_json, read_record, readable
-from lf_flame.datasets.metadata import METADATA, SIMULATED, ZARR_ERRORS
+from lf_flame._common.zarr_files import ZARR_ERRORS
+from lf_flame.datasets.metadata import METADATA, SIMULATED
 from lf_flame.errors import InputError
 
 ATTRIBUTES_SHA256 = "attributes_sha256"

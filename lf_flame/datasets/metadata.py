@@ -15,10 +15,6 @@ from lf_flame._common.memory import check_memory
 from lf_flame.datasets.config import MOST_SAMPLES, DatasetConfig
 from lf_flame.errors import InputError
 
-ZARR_ERRORS = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError,
-               NotImplementedError, OverflowError)  # fmt: skip
-"""Exceptions of Zarr and its codecs for damaged metadata and chunks."""
-
 METADATA = "zarr.json"
 
 IMAGES = ("complete", "input", "target")

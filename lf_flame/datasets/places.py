@@ -17,11 +17,11 @@ from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.config import build_record
 from lf_flame._common.input_files import parse_json, readable
 from lf_flame._common.locks import exclusive
+from lf_flame._common.zarr_files import ZARR_ERRORS
 from lf_flame.datasets.config import DatasetConfig
 from lf_flame.datasets.hashes import describe_arrays
 from lf_flame.datasets.metadata import (
     METADATA,
-    ZARR_ERRORS,
     Attributes,
     check_array_files,
     check_array_records,

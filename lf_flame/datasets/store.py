@@ -21,6 +21,7 @@ import zarr
 
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
+from lf_flame._common.zarr_files import ZARR_ERRORS
 from lf_flame.datasets.config import config_from_json, config_to_json
 from lf_flame.datasets.hashes import (
     ATTRIBUTES_SHA256,
@@ -30,7 +31,7 @@ from lf_flame.datasets.hashes import (
     open_array,
     samples_together,
 )
-from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, check_array_files, read_attributes
+from lf_flame.datasets.metadata import METADATA, check_array_files, read_attributes
 from lf_flame.errors import InputError
 
 

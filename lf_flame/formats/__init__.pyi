@@ -15,6 +15,7 @@ from .lytro.picture import read_lytro as read_lytro
 from .lytro.products import read_lytro_products as read_lytro_products
 from .lytro.white import find_white as find_white
 from .movie import write_movie as write_movie
+from .opening import open_light_field as open_light_field
 from .raw.decode_plan import DecodePlan as DecodePlan
 from .raw.decoding import decode_raw as decode_raw
 from .raw.lenslet_grid import LensletGrid as LensletGrid

@@ -1,4 +1,4 @@
-"""Light fields in files of arrays: NumPy, HDF5 and MATLAB; nothing is unpickled."""
+"""Light fields in files of arrays: NumPy, HDF5, MATLAB and Zarr; nothing is unpickled."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,15 +12,16 @@ from lf_flame._common.hdf5_files import Hdf5File, is_matlab_hdf5
 from lf_flame._common.matlab_files import MatlabFile
 from lf_flame._common.pixels import to_unit
 from lf_flame._common.tiff_files import FLOAT
+from lf_flame._common.zarr_files import ZarrFile
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import cut_views
 from lf_flame.formats.view_files.orders import Grid, as_grid
 from lf_flame.formats.view_files.parallax_order import fold
 from lf_flame.lightfield import LightField
 
-HDF5_SUFFIXES, MATLAB_SUFFIX = (".h5", ".hdf5"), ".mat"
+HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX = (".h5", ".hdf5"), ".mat", ".zarr"
 
-ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX)
+ARRAY_SUFFIXES = (".npy", ".npz", *HDF5_SUFFIXES, MATLAB_SUFFIX, ZARR_SUFFIX)
 """File endings of arrays."""
 
 WEIGHTS, VALID = "weights", "valid"
@@ -63,11 +64,11 @@ def read_array(
     Parameters
     ----------
     path : str or Path
-        ``.npy``, ``.npz``, ``.h5``, ``.hdf5`` or ``.mat`` file with an array ``[v, u, t, s]`` or
-        ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3 axes: the array named
-        ``views`` or ``LF``, or the only array, or the only one of 4 or 5 axes. In a ``.npz`` file
-        an array ``weights``, [v, u], holds the weights of views, and ``valid``, [v, u, t, s],
-        whether each pixel is known. Arrays of MATLAB have the axes that MATLAB shows.
+        ``.npy``, ``.npz``, ``.h5``, ``.hdf5``, ``.mat`` or ``.zarr`` file with an array ``[v, u,
+        t, s]`` or ``[v, u, t, s, channels]``, or a raw lenslet array of 2 or 3 axes: the one named
+        ``views`` or ``LF``, or the only array, or the only one of 4 or 5 axes. In a ``.npz`` or
+        ``.zarr`` file an array ``weights``, [v, u], holds the weights of views, and ``valid``, [v,
+        u, t, s], whether each pixel is known. Arrays of MATLAB have the axes that MATLAB shows.
     views : int, optional
         Number of pixels under a lenslet along each axis of a raw lenslet array.
     axes : str, optional
@@ -102,12 +103,13 @@ def read_array(
     >>> formats.read_array("views.npy")
     LightField(3 x 3 views of 20 x 30 pixels, grey)
     """
-    with _open(path) as file:
-        name = _choose(file, axes, array)
+    with open_file(path) as file:
+        name = choose_array(file, axes, array)
         stored = file.header(name).dtype.itemsize
         # As stored, as floats, and once more after the axes are reordered.
         (held,) = file.read([name], copies=1 + (1 + (stored < FLOAT)) * FLOAT / stored)
-        beside = set(file.names) - {name} if isinstance(file, ArrayFile) else set()
+        keeps = isinstance(file, ArrayFile | ZarrFile)
+        beside = set(file.names) - {name} if keeps else set()
         weights, valid = (
             file.read([one])[0] if one in beside else None for one in (WEIGHTS, VALID)
         )
@@ -123,17 +125,23 @@ def read_array(
             f"{path} must hold views[v, u, t, s] (with a last axis of channels or without), or a "
             f"raw lenslet array, got shape {held.shape}."
         )
-    _check_shape(held.shape, path)
+    check_shape(held.shape, path)
     held = to_unit(held, path)
     ours = cut_views(held, views, path) if held.ndim < 4 else held
     return LightField(ours, weights=weights, valid=valid)
 
 
+AnyFile = ArrayFile | Hdf5File | MatlabFile | ZarrFile
+"""A file of arrays."""
+
+
 @contextmanager
-def _open(path: str | Path) -> Iterator[ArrayFile | Hdf5File | MatlabFile]:
+def open_file(path: str | Path) -> Iterator[AnyFile]:
     """Open a file of arrays by its ending, and one of MATLAB by its content."""
     suffix = Path(path).suffix.lower()
-    if suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
+    if suffix == ZARR_SUFFIX:
+        yield ZarrFile(path)
+    elif suffix in HDF5_SUFFIXES or (suffix == MATLAB_SUFFIX and is_matlab_hdf5(path)):
         yield Hdf5File(path)
     elif suffix == MATLAB_SUFFIX:
         yield MatlabFile(path)
@@ -184,7 +192,7 @@ def _arrange(array: np.ndarray, axes: str, path: str | Path, shape: Grid | None)
     return ours
 
 
-def _check_shape(shape: tuple[int, ...], path: str | Path) -> None:
+def check_shape(shape: tuple[int, ...], path: str | Path) -> None:
     """Refuse an array with a shape that is unlikely for the default axes."""
     axes = {2: "ts", 3: "tsc", 4: "vuts", 5: "vutsc"}[len(shape)]
     if not _unlikely(shape, axes):
@@ -225,7 +233,7 @@ def _unlikely(shape: tuple[int, ...], axes: str) -> bool:
     )
 
 
-def _choose(file: ArrayFile | Hdf5File | MatlabFile, axes: str | None, stated: str | None) -> str:
+def choose_array(file: AnyFile, axes: str | None, stated: str | None) -> str:
     """Name of the array that holds the views."""
     ranks = (4, 5) if axes is None else (len(axes),)
     if stated is not None:

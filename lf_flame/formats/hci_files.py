@@ -6,6 +6,7 @@ z - shift``: by so many pixels it moves to the left from one view to the next on
 slope is minus that. One of the two axes of views is stored the other way round.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def _is_hci(file: Hdf5File) -> bool:
     return VIEWS in file.names and set(NEEDED) <= set(file.numbers)
 
 
-def find_hci_order(path: str | Path, views: np.ndarray) -> str:
+def find_hci_order(path: str | Path, views: np.ndarray, read: Callable = np.asarray) -> str:
     """Find the order of the views, by the parallax and, if the file has depths, by their slopes.
 
     The parallax shows which axis is turned against the other, but not which of the two it is, on
@@ -49,10 +50,12 @@ def find_hci_order(path: str | Path, views: np.ndarray) -> str:
     Parameters
     ----------
     path : str or Path
-    views : ndarray, shape (v, u, t, s) or with channels
-        Views as stored.
+    views : ndarray, shape (v, u, ...)
+        Views as stored, or arguments of `read`.
+    read : callable, optional
+        Function that gives the view for an entry of `views`.
     """
-    found, file = find_order(views), Hdf5File(path)
+    found, file = find_order(views, read), Hdf5File(path)
     if found.slopes is None or DEPTH not in file.names:
         return found.order
     seen, slopes = np.array(found.slopes), _slopes(file)[..., ::4, ::4]  # a sample is enough

@@ -4,26 +4,37 @@ from pathlib import Path
 
 import numpy as np
 
-from lf_flame._common.atomic_files import atomic_write
+from lf_flame._common.array_files import MappedArray
+from lf_flame._common.atomic_files import atomic_folder, atomic_write
+from lf_flame._common.zarr_files import import_zarr
 from lf_flame.errors import InputError
 from lf_flame.formats.lenslet_image import write_lenslet_image
 from lf_flame.formats.view_files.folder import write_view_folder
-from lf_flame.lightfield import LightField, refuse_placed
+from lf_flame.lazy_light_field import LazyLightField
+from lf_flame.lightfield import AXES, LightField, refuse_placed
+
+CHUNK_ROWS = 64
+"""Number of rows of a view in a chunk of a Zarr array, so that bands of rows are read alone."""
 
 
 def write_light_field(
-    light_field: LightField, path: str | Path, bits: int = 16, *, linear: bool = True
+    light_field: LightField | LazyLightField,
+    path: str | Path,
+    bits: int = 16,
+    *,
+    linear: bool = True,
 ) -> None:
     """Write a light field in the format that the path's ending selects.
 
     Parameters
     ----------
     light_field : LightField
-        Light field; for images of 8 or 16 bits, values from 0 to 1.
+        Light field; for images of 8 or 16 bits, values from 0 to 1. A `LazyLightField` is written
+        band by band, as .npy or .zarr.
     path : str or Path
         Without an ending, a new folder with one image for each view; .png or .tif, a lenslet image;
-        .npy, the array ``views``; .npz, ``views`` and, if there are any, ``weights`` and ``valid``,
-        which no other format stores.
+        .npy, the array ``views``; .npz, or .zarr, a new folder: ``views`` and, if there are any,
+        ``weights`` and ``valid``, which no other format stores.
     bits : int, optional
         Number of bits of images, 8 or 16; 32 for floats, in TIFF files.
     linear : bool, optional
@@ -47,7 +58,11 @@ def write_light_field(
     refuse_placed(light_field, "A file")
     path = Path(path)
     suffix = path.suffix.lower()
-    if not suffix:
+    if suffix == ".zarr":
+        _write_zarr(light_field, path)
+    elif isinstance(light_field, LazyLightField):
+        _write_bands(light_field, path)
+    elif not suffix:
         write_view_folder(light_field, path, bits, linear=linear)
     elif suffix in (".png", ".tif", ".tiff"):
         write_lenslet_image(light_field, path, bits, linear=linear)
@@ -62,5 +77,40 @@ def write_light_field(
             np.savez(file, allow_pickle=False, **arrays)
     else:
         raise InputError(
-            f"A light field is written to a folder, .png, .tif, .npy or .npz, got {path}."
+            f"A light field is written to a folder, .png, .tif, .npy, .npz or .zarr, got {path}."
         )
+
+
+def _write_bands(light_field: LazyLightField, path: Path) -> None:
+    """Write the views as a ``.npy`` file, band by band."""
+    if path.suffix.lower() != ".npy":
+        raise InputError(
+            f"A light field larger than memory is written as .npy or .zarr, got {path}."
+        )
+    with atomic_write(path) as aside:
+        stored = MappedArray.new(aside, light_field.shape)
+        for band, some in light_field.bands(what="writing"):
+            stored[:, :, band.rows] = some.views
+
+
+def _write_zarr(light_field: LightField | LazyLightField, path: Path) -> None:
+    """Write views, weights and known pixels as a Zarr group, with named axes."""
+    zarr = import_zarr()
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"A Zarr folder is written new, got {path}, which is there.")
+    shape = light_field.shape
+    with atomic_folder(path) as aside:
+        group = zarr.create_group(str(aside))
+        views = group.create_array(
+            "views", shape=shape, dtype=np.float32, dimension_names=AXES[: len(shape)],
+            chunks=(1, 1, min(shape[2], CHUNK_ROWS), *shape[3:]),
+        )  # fmt: skip
+        if isinstance(light_field, LightField):
+            views[...] = light_field.views
+        else:
+            for band, some in light_field.bands(what="writing"):
+                views[:, :, band.rows] = some.views
+        for name, axes in (("weights", 2), ("valid", 4)):
+            array = getattr(light_field, name)
+            if array is not None:
+                group.create_array(name, data=array, dimension_names=AXES[:axes])

@@ -7,6 +7,8 @@ the device for a whole epoch. Both use Keras's own layers. Up to rounding, their
 `KerasTrainer`, which compiles the decoder with `keras.optimizers.Adam` and calls its `fit`.
 """
 
+import logging
+import math
 from abc import ABC, abstractmethod
 
 import keras
@@ -20,6 +22,8 @@ from lf_flame.learning.array_training import (
     ParameterArrays,
     mean_squared_error,
 )
+
+LOGGER = logging.getLogger(__name__)
 
 EVALUATION_BATCH = 32
 
@@ -146,17 +150,31 @@ class ArrayTrainer(_Trainer):
 
 
 class DeviceTrainer(_Trainer):
-    """Trainer for an accelerator, through JAX; see `lf_flame.learning.trainers`."""
+    """Trainer for accelerators, through JAX; see `lf_flame.learning.trainers`.
+
+    Several devices share each batch (`keras.distribution.DataParallel`): every device holds the
+    parameters, and computes the gradients of its part. Up to rounding, the losses are those of one
+    device. As many devices are used as divide the batch; a smaller last batch that they do not
+    divide is computed by each of them in whole.
+    """
 
     def __init__(self, decoder: keras.Model, learning_rate, batch_size: int, arrays: dict):
         import jax
 
-        super().__init__(decoder, batch_size, jax.device_put(arrays))
+        devices = keras.distribution.list_devices()
+        count = math.gcd(batch_size, len(devices))
+        if count < len(devices):
+            LOGGER.warning(
+                f"Training on {count} of {len(devices)} devices, which divide the batch of "
+                f"{batch_size} samples."
+            )
+        self.devices = keras.distribution.DataParallel(devices=devices[:count])
+        super().__init__(decoder, batch_size, jax.tree.map(self._on_all, arrays))
         self._adam = keras.optimizers.Adam(learning_rate)
         self._adam.build(decoder.trainable_variables)
         groups = decoder.trainable_variables, decoder.non_trainable_variables, self._adam.variables
         # Copied, because an epoch takes over the memory of the state passed to it.
-        self._state = [[x.value.copy() for x in group] for group in groups]
+        self._state = [[self._on_all(x.value.copy()) for x in group] for group in groups]
         self._epoch = jax.jit(self._run, donate_argnums=0)
         self._evaluate = jax.jit(self._loss_in_inference)
 
@@ -177,11 +195,24 @@ class DeviceTrainer(_Trainer):
         def step(state, batch):
             trainable, others, optimizer = state
             gradient = jax.value_and_grad(self._loss_in_training, has_aux=True)
-            (loss, others), gradients = gradient(trainable, others, features[batch], targets[batch])
+            parts = (self._shared(x[batch]) for x in (features, targets))
+            (loss, others), gradients = gradient(trainable, others, *parts)
             trainable, optimizer = self._adam.stateless_apply(optimizer, gradients, trainable)
             return [list(trainable), list(others), list(optimizer)], loss
 
         return jax.lax.scan(step, state, batches)
+
+    def _on_all(self, array):
+        """Give every device the whole array."""
+        layout = keras.distribution.TensorLayout([None] * array.ndim, self.devices.device_mesh)
+        return keras.distribution.distribute_tensor(array, layout)
+
+    def _shared(self, batch):
+        """Give each device its part of a batch, if they divide it."""
+        if len(batch) % self.devices.device_mesh.devices.size:
+            return self._on_all(batch)
+        layout = self.devices.get_data_layout(batch.shape)
+        return keras.distribution.distribute_tensor(batch, layout)
 
     def _loss_in_training(self, trainable, others, features, targets):
         stack, others = self.model.stateless_call(trainable, others, features, training=True)
@@ -213,10 +244,8 @@ class DeviceTrainer(_Trainer):
 
     @state.setter
     def state(self, values) -> None:
-        import jax
-
         values = iter(values)
-        self._state = [[jax.device_put(next(values)) for _ in group] for group in self._state]
+        self._state = [[self._on_all(next(values)) for _ in group] for group in self._state]
 
 
 class KerasTrainer(_Trainer):

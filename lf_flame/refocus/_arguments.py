@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 
 from lf_flame._common.arrays import centred
 from lf_flame.errors import InputError
+from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField, as_view_weights, in_order, refuse_placed
 
-Views = LightField | ArrayLike
-"""A light field, or its views alone."""
+Views = LightField | LazyLightField | ArrayLike
+"""A light field, or its views alone; one that is not in memory is refused where all is needed."""
 
 Region = tuple[int, int, int, int]
 """Rows and columns of lenslets, ``(t_start, t_stop, s_start, s_stop)``; stops are excluded."""
@@ -25,8 +26,13 @@ def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
     """Sub-aperture views of any real type, not copied; NaN and infinity are not checked.
 
     Unknown pixels of a light field are filled. Views at positions of their own are refused unless
-    `placed` says that the caller heeds them.
+    `placed` says that the caller heeds them. A light field that is not in memory is refused.
     """
+    if isinstance(views, LazyLightField):
+        raise InputError(
+            "This needs the whole light field in memory; shift_and_sum, refocus_surface, "
+            "all_in_focus and find_slope_range read a LazyLightField in bands."
+        )
     if not placed:
         refuse_placed(views, "This")
     views = views.filled if isinstance(views, LightField) else np.asarray(in_order(views))
@@ -36,6 +42,13 @@ def as_views(views: Views, *, placed: bool = False) -> np.ndarray:
             f"got an array of shape {views.shape} and type {views.dtype}."
         )
     return views
+
+
+def shape_of(views: Views) -> tuple[int, ...]:
+    """Shape of the views, which are not read."""
+    if isinstance(views, LazyLightField):
+        return views.shape
+    return as_views(views, placed=True).shape
 
 
 def view_places(views: Views) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +61,7 @@ def view_places(views: Views) -> tuple[np.ndarray, np.ndarray]:
     ndarray of float64, shape (v, u)
         Places to the right.
     """
-    v, u = as_views(views, placed=True).shape[:2]
+    v, u = shape_of(views)[:2]
     if not isinstance(views, LightField) or views.positions is None:
         return centred(v), np.broadcast_to(centred(u), (v, u))
     places = views.positions - views.positions.mean(axis=(0, 1))
@@ -100,7 +113,7 @@ def farthest_slope(views: Views) -> float:
     >>> farthest_slope(np.ones((5, 5, 24, 30)))
     12.0
     """
-    lengths = as_views(views, placed=True).shape[2:4]
+    lengths = shape_of(views)[2:4]
     farthest = [float(np.abs(places).max()) for places in view_places(views)]
     limits = [n / far for n, far in zip(lengths, farthest, strict=True) if far > 0]
     return min(limits, default=2 * max(lengths))
@@ -141,8 +154,8 @@ def as_weights(weights: ArrayLike | None, views: Views) -> np.ndarray:
     InputError
         If they cannot be used, or all products are 0.
     """
-    shape = as_views(views, placed=True).shape[:2]
-    own = views.weights if isinstance(views, LightField) else None
+    shape = shape_of(views)[:2]
+    own = views.weights if isinstance(views, LightField | LazyLightField) else None
     stated = (
         np.ones(shape)
         if weights is None
@@ -203,7 +216,7 @@ def refuse_uncounted(views: Views, indices: Iterable[tuple[int, int]], what: str
     what : str
         Method that needs them, for the message.
     """
-    own = views.weights if isinstance(views, LightField) else None
+    own = views.weights if isinstance(views, LightField | LazyLightField) else None
     for v, u in indices:
         if own is not None and own[v, u] == 0:
             raise InputError(

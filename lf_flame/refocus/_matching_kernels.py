@@ -58,13 +58,15 @@ def _bring_to_level(level, down, start, height, row):
 
 
 def _compare_views(
-    queue, views, rows, down, down_weights, across, across_weights, parts_down, parts_across,
-    counts, middle_counts, shifts_down, shifts_across, even, levels, limit, middles, out,
+    queue, views, first, height, rows, down, down_weights, across, across_weights, parts_down,
+    parts_across, counts, middle_counts, shifts_down, shifts_across, even, levels, limit, middles,
+    out,
 ):  # fmt: skip
     """Differences of shifted views from the central one: out[i, part, s] for row rows[i].
 
     The central view itself goes to middles[i, s].
 
+    views[v, u, t, s]: some rows of views of `height` rows, of which row 0 is row `first`.
     down[v], across[u]: shift of tap 0; down_weights[v, a], across_weights[u, b]: weights of taps.
     parts_down[v], parts_across[u]: 0 before the centre, 1 in it, 2 after it; a part is
     ``3 parts_down + parts_across``, and the central view is the mean of the views of part 4.
@@ -73,7 +75,7 @@ def _compare_views(
     even: whether all views are as bright as the central one; else levels[v, u, power] multiply.
     limit: largest absolute difference that counts.
     """
-    height, width = views.shape[2:]
+    width = views.shape[3]
     reach = TAPS
     for start in across:
         reach = max(reach, abs(start) + TAPS)
@@ -86,7 +88,7 @@ def _compare_views(
         for turn in range(2):
             for v in range(views.shape[0]):
                 for a in range(TAPS):
-                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1)
+                    row[a] = min(max(rows[i] + down[v] + a, 0), height - 1) - first
                 for u in range(views.shape[1]):
                     part = 3 * parts_down[v] + parts_across[u]
                     used = counts[v, u] if turn == 1 else middle_counts[v, u]

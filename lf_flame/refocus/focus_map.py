@@ -24,17 +24,19 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from lf_flame._common.arrays import centred
+from lf_flame._common.scratch import StoredBands
 from lf_flame.errors import InputError
+from lf_flame.lazy_light_field import FLOAT, LazyLightField
 from lf_flame.lightfield import LightField
 from lf_flame.refocus._arguments import (
     Views,
-    as_readable,
     as_steps,
     as_views,
     as_weights,
     refuse_not_finite,
     refuse_uncounted,
 )
+from lf_flame.refocus.grey_views import GreyViews
 from lf_flame.refocus.interpolation import check_interpolation
 from lf_flame.refocus.matching import ComparedViews
 from lf_flame.refocus.semi_global import choose_slopes
@@ -117,7 +119,9 @@ def depth_from_focus(stack: ArrayLike, slopes: ArrayLike, *, window: float = 3.0
     stack, slopes = np.asarray(stack), as_steps(slopes)
     costs = _blur(stack, slopes, window)
     picture = _between_slices(stack, slopes, slopes[costs.argmin(axis=2)])
-    slope, confidence = choose_slopes(costs, slopes, _guide(picture), window, slopes[1] - slopes[0])
+    slope, confidence = choose_slopes(
+        [costs], slopes, _guide(picture), window, slopes[1] - slopes[0]
+    )
     return FocusMap(slope, confidence, _between_slices(stack, slopes, slope))
 
 
@@ -140,6 +144,7 @@ def all_in_focus(
     Parameters
     ----------
     light_field : LightField or array_like, shape (v, u, t, s) or (v, u, t, s, channels)
+        Or a `LazyLightField`: the result is the same, and costs wait in a temporary file.
     slopes : sequence of float
         Slopes to search, at least three, rising in equal steps. A peak at the first or last is not
         trusted: include one step more on each side than the scene needs.
@@ -180,34 +185,40 @@ def all_in_focus(
         slopes = as_steps(slopes)
         stack = shift_and_sum(light_field, slopes, interpolation="cubic", weights=weights)
         return depth_from_focus(stack, slopes, window=window)
-    views, slopes = as_views(light_field), as_steps(slopes)
-    refuse_not_finite(views)
-    middle = [((n - 1) // 2, n // 2) for n in views.shape[:2]]
+    views, slopes = GreyViews(light_field), as_steps(slopes)
+    down, right = (((n - 1) // 2, n // 2) for n in views.shape[:2])
     refuse_uncounted(
-        light_field, product(*middle), "A slope map, which compares all views with one,"
+        light_field, product(down, right), "A slope map, which compares all views with one,"
     )
-    grey = views if views.ndim == 4 else views.mean(axis=4, dtype=np.float32)
-    compared = ComparedViews(as_readable(grey), slopes, weights)
-    slope, confidence = _matched(compared, views, window, weights)
-    if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
-        slope, confidence = _matched(compared, views, window, weights)
+    compared = ComparedViews(views, slopes, weights)
     # The light field's own weights are among these already.
-    own: Views = views
-    if isinstance(light_field, LightField):
-        own = LightField.trusted(light_field.views, valid=light_field.valid)
+    own = light_field
+    if isinstance(own, LightField):
+        own = LightField.trusted(own.views, valid=own.valid)
+    elif isinstance(own, LazyLightField):
+        own = own.rearranged()
+    slope, confidence = _matched(compared, own, window, weights)
+    if not compared.even and compared.find_levels(slope, confidence >= TRUSTED):
+        slope, confidence = _matched(compared, own, window, weights)
     image = refocus_surface(own, slope, interpolation=interpolation, weights=weights)
     return FocusMap(slope, confidence, image)
 
 
 def _matched(
-    compared: ComparedViews, views: np.ndarray, window: float, weights: np.ndarray
+    compared: ComparedViews, light_field: Views, window: float, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slopes at which compared views match best, and their confidence."""
-    slopes = compared.slopes
-    used = (np.abs(centred(n))[some] for n, some in zip(views.shape, _used(weights), strict=False))
+    slopes, shape = compared.slopes, compared.views.shape
+    used = (np.abs(centred(n))[some] for n, some in zip(shape, _used(weights), strict=False))
     farthest = max(steps.max() for steps in used)
-    costs = compared.costs()
-    picture = _middle(views, slopes[costs.argmin(axis=2)])
+    limit, best = compared.limit(), np.empty(shape[2:])
+    size = FLOAT * best.size * len(slopes)
+    costs: list | StoredBands = [] if len(compared.bands) == 1 else StoredBands(size)
+    for rows in compared.bands:
+        band = compared.costs(rows, limit)
+        best[rows] = slopes[band.argmin(axis=2)]
+        costs.append(band)
+    picture = _middle(light_field, shape[:2], best)
     return choose_slopes(costs, slopes, _guide(picture), window, RESOLVED / max(farthest, 0.5))
 
 
@@ -221,9 +232,15 @@ def _used(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.any(weights > 0, axis=1), np.any(weights > 0, axis=0)
 
 
-def _middle(views: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def _middle(light_field: Views, shape: tuple[int, ...], slope: np.ndarray) -> np.ndarray:
     """Central view; for an even number of views, the mean of the central ones on the surface."""
-    down, right = (np.abs(centred(n)) < 1 for n in views.shape[:2])
+    down, right = (np.abs(centred(n)) < 1 for n in shape)
+    if down.sum() == right.sum() == 1:
+        at = shape[0] // 2, shape[1] // 2
+        if isinstance(light_field, LazyLightField):
+            return light_field.view(*at)
+        return as_views(light_field)[at].astype(np.float32, copy=False)
+    views = light_field if isinstance(light_field, LazyLightField) else as_views(light_field)
     return refocus_surface(views, slope, weights=np.outer(down, right))
 
 

@@ -27,6 +27,7 @@ from scipy.ndimage import gaussian_filter1d
 from lf_flame._common import progress
 from lf_flame._common.arrays import centred
 from lf_flame.refocus import _matching_kernels
+from lf_flame.refocus.grey_views import GreyViews, reach_of
 from lf_flame.refocus.view_levels import even_levels, find_levels
 
 MARGIN = 0.07
@@ -66,9 +67,10 @@ SAMPLED_ROWS = 32
 def match_views(
     views: np.ndarray, slopes: np.ndarray, weights: np.ndarray | None = None
 ) -> np.ndarray:
-    """Mismatch of the views at each pixel and slope: `ComparedViews.costs`."""
+    """Mismatch of the views at each pixel and slope: `ComparedViews.costs` of all rows."""
     weights = np.ones(views.shape[:2]) if weights is None else weights
-    return ComparedViews(views, slopes, weights).costs()
+    compared = ComparedViews(GreyViews(views), slopes, weights)
+    return np.concatenate([compared.costs(rows, compared.limit()) for rows in compared.bands])
 
 
 def _sides(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,8 +98,7 @@ class ComparedViews:
 
     Parameters
     ----------
-    views : ndarray, shape (v, u, t, s)
-        Grey, finite views of a type that the kernels read.
+    views : GreyViews
     slopes : ndarray of float64, shape (n,)
         Slopes to compare at, in lenslets per view step.
     weights : ndarray of float64, shape (v, u)
@@ -109,9 +110,11 @@ class ComparedViews:
         Sum of the weights in each of the nine parts of the aperture; weights have mean 1.
     even : bool
         Whether all views are as bright as the central one.
+    bands : list of slice
+        Rows of pixels that are compared at once: all of them, of a light field in memory.
     """
 
-    def __init__(self, views: np.ndarray, slopes: np.ndarray, weights: np.ndarray):
+    def __init__(self, views: GreyViews, slopes: np.ndarray, weights: np.ndarray):
         self.views, self.slopes = views, slopes
         self._weights = weights / weights[weights > 0].mean()
         self._parts = [_part_of_view(n) for n in views.shape[:2]]
@@ -121,10 +124,12 @@ class ComparedViews:
         self.counts = np.zeros((3, 3))
         np.add.at(self.counts, np.ix_(*self._parts), self._weights)
         # The brightest pixel becomes 1, so that squares stay within float32.
-        brightest = max(float(np.abs(row).max()) for row in views)
+        brightest = views.brightest
         self._unit = 1.0 / brightest if brightest > np.finfo(np.float32).tiny else 1.0
         self._levels = even_levels(views.shape[:2])
         self.even = True
+        self._reach = reach_of(slopes, views.shape[0])
+        self.bands = views.bands(self._reach)
         height = views.shape[2]
         self._rows = np.arange(height)[:: max(height // SAMPLED_ROWS, 1)]
         read = self._rows.size * views.shape[3]
@@ -150,46 +155,70 @@ class ComparedViews:
         self.even = bool(np.array_equal(self._levels, even))
         return bool(np.abs(self._levels - before).max() > SETTLED)
 
-    def costs(self) -> np.ndarray:
-        """Mismatch of the views at each pixel and slope.
+    def limit(self) -> float:
+        """Largest difference that counts, from the contrast and the noise of some rows."""
+        least, _, contrast = self._best()
+        return max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
+
+    def costs(self, rows: slice, limit: float) -> np.ndarray:
+        """Mismatch of the views at each pixel of some rows and slope.
+
+        Parameters
+        ----------
+        rows : slice
+        limit : float
+            Largest difference that counts, see `limit`.
 
         Returns
         -------
-        ndarray of float32, shape (t, s, n)
+        ndarray of float32, shape (rows, s, n)
             Costs, from 0 for equal views to about 1.
         """
-        views, slopes = self.views, self.slopes
-        least, _, contrast = self._best()
-        limit = max(LIMIT * contrast, NOISY * float(np.median(least)), FLOOR)
+        slopes, (height, width) = self.slopes, self.views.shape[2:]
         shares, margins = _sides(self.counts)
-        costs = np.empty((*views.shape[2:], len(slopes)), np.float32)
-        rows = np.arange(views.shape[2])
+        # Differences are smoothed over three rows.
+        read = np.arange(max(rows.start - 1, 0), min(rows.stop + 1, height))
+        inner = slice(rows.start - read[0], rows.stop - read[0])
+        window = self.views.near(read, self._reach)
+        costs = np.empty((rows.stop - rows.start, width, len(slopes)), np.float32)
+        line = np.empty((read.size, width), np.float32)
         each = enumerate(progress.steps(slopes, "matching views", len(slopes), "slope"))
         for n, slope in each:
-            parts = self._differences(float(slope), rows, limit)[0]
-            _matching_kernels.choose_sides(
-                parts, (shares / np.float32(limit)), margins, costs[..., n]
-            )
+            parts = self._differences(window, float(slope), read, limit)[0]
+            _matching_kernels.choose_sides(parts, (shares / np.float32(limit)), margins, line)
+            costs[..., n] = line[inner]
         return costs
 
     def _best(self) -> tuple[np.ndarray, np.ndarray, float]:
         """Least difference in some rows, about the slope where it occurs, and the contrast."""
-        least = np.full((self._rows.size, self.views.shape[3]), np.inf, np.float32)
+        groups = self.views.groups(self._rows, self._reach)
+        bar = progress.steps(groups, "reading some rows", len(groups), "row")
+        least, best, middle = zip(*map(self._best_of, bar), strict=True)
+        contrast = float(np.concatenate(middle).std())
+        return np.concatenate(least), np.concatenate(best), contrast
+
+    def _best_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Least difference in rows that are read at once, its slope, and the central view."""
+        window = self.views.near(rows, self._reach)
+        least = np.full((rows.size, self.views.shape[3]), np.inf, np.float32)
         smoothest, best = least.copy(), np.zeros(least.shape)
         for slope in self.slopes:
-            parts, middle = self._differences(float(slope), self._rows, np.inf)
+            parts, middle = self._differences(window, float(slope), rows, np.inf)
             total = parts.sum(axis=1)
             total /= np.float32(self.counts.sum())
             np.minimum(least, total, out=least)
             smooth = gaussian_filter1d(total, SLOPE_WINDOW, axis=1, mode="nearest")
             best[smooth < smoothest] = slope
             np.minimum(smoothest, smooth, out=smoothest)
-        return least, best, float(middle.std())
+        return least, best, middle
 
     def _differences(
-        self, slope: float, rows: np.ndarray, limit: float
+        self, window: tuple[np.ndarray, int], slope: float, rows: np.ndarray, limit: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Differences from the central view in nine parts, (rows, 9, s), and the central view."""
+        """Differences from the central view in nine parts, (rows, 9, s), and the central view.
+
+        The window is the rows of all views near those, and the number of its first.
+        """
         views = self.views
         middle = np.empty((rows.size, views.shape[3]), np.float32)
         out = np.empty((rows.size, 9, views.shape[3]), np.float32)
@@ -197,7 +226,8 @@ class ComparedViews:
         across, across_weights = _taps(slope, *views.shape[1::2])
         shifts = (slope * centred(n) for n in views.shape[:2])
         _matching_kernels.compare_views(
-            views, rows, down, (self._unit * down_weights).astype(np.float32), across,
+            *window, views.shape[2], rows, down, (self._unit * down_weights).astype(np.float32),
+            across,
             across_weights.astype(np.float32), *self._parts, self._weights.astype(np.float32),
             self._middle, *shifts, self.even, self._levels, np.float32(limit), middle, out,
         )  # fmt: skip

@@ -10,6 +10,7 @@ single wrong slopes and averages noise, without inventing a surface halfway betw
 All loops gather in a fixed order; the bits do not depend on the number of threads.
 """
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -45,15 +46,20 @@ MATCHED = 0.5
 """Cost at the best slope that makes it half certain."""
 
 
+DIRECTIONS = [(down, across) for down, across in product((-1, 0, 1), repeat=2) if down or across]
+"""Steps (down, across) of the paths."""
+
+
 def choose_slopes(
-    costs: np.ndarray, slopes: np.ndarray, guide: np.ndarray, window: float, width: float
+    costs: Sequence[np.ndarray], slopes: np.ndarray, guide: np.ndarray, window: float, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Give each pixel the slope of least cost that its surroundings agree with.
 
     Parameters
     ----------
-    costs : ndarray of float32, shape (t, s, n)
-        Cost of each slope, from 0 to about 1.
+    costs : sequence of ndarray of float32, shape (rows, s, n)
+        Cost of each slope, from 0 to about 1, in bands of rows from the top. Each band is taken out
+        twice, so that the bands need not be in memory together; the bits do not depend on them.
     slopes : ndarray of float64, shape (n,)
         Slopes in equal rising steps.
     guide : ndarray, shape (t, s)
@@ -69,15 +75,19 @@ def choose_slopes(
         Confidence is from 0 to 1; it is 0 where the best slope is the first or last.
     """
     guide = (guide / max(float(guide.std()), np.finfo(np.float32).tiny)).astype(np.float32)
-    sums = np.zeros_like(costs)
-    for down, across in product((-1, 0, 1), repeat=2):
-        if down or across:
-            _add_paths(costs, guide, down, across, sums)
     step = slopes[1] - slopes[0]
     reach = max(round(width / step), 1)
     place, trust = np.empty(guide.shape, np.float32), np.empty(guide.shape, np.float32)
-    _pick(costs, sums, reach, place, trust)
-    del sums
+    edge = np.zeros((guide.shape[1], len(slopes)), np.float32)
+    below = _enter_from_below(costs, guide, edge)
+    above = dict.fromkeys(DIRECTIONS, edge)
+    end = 0
+    for band, entered in zip(costs, reversed(below), strict=True):
+        top, end = end, end + len(band)
+        sums, left = _sum_paths(band, guide, top, {**above, **entered}, DIRECTIONS)
+        above = left
+        _pick(band, sums, reach, place[top:end], trust[top:end])
+        del band, sums
     reach = min(int(np.ceil(REACH * window)), FARTHEST)
     near = np.exp(-((np.arange(reach + 1) / window) ** 2) / 2)
     voted, share = np.empty(guide.shape), np.empty(guide.shape)
@@ -85,9 +95,37 @@ def choose_slopes(
     return slopes[0] + step * voted, np.where(share > 0, trust * share, 0.0)
 
 
+def _enter_from_below(costs: Sequence[np.ndarray], guide: np.ndarray, edge: np.ndarray) -> list:
+    """Costs with which upward paths enter each band, from the lowest band to the highest."""
+    upward = [way for way in DIRECTIONS if way[0] < 0]
+    entered = [dict.fromkeys(upward, edge)]
+    top = len(guide)
+    for k in reversed(range(1, len(costs))):
+        band = costs[k]
+        top -= len(band)
+        entered.append(_sum_paths(band, guide, top, entered[-1], upward)[1])
+    return entered
+
+
+def _sum_paths(
+    band: np.ndarray, guide: np.ndarray, top: int, entered: dict, ways: list[tuple[int, int]]
+) -> tuple[np.ndarray, dict]:
+    """Sum the costs along all paths of some directions; and those with which paths leave."""
+    sums = np.zeros_like(band)
+    left = {way: np.empty_like(entered[way]) for way in ways}
+    for way in ways:
+        _add_paths(band, guide, top, *way, entered[way], left[way], sums)
+    return sums, left
+
+
 @shared
-def _add_paths(queue, costs, guide, down, across, sums):
-    """Add the costs along all paths of one direction: sums[t, s, n]."""
+def _add_paths(queue, costs, guide, top, down, across, entered, left, sums):
+    """Add the costs along all paths of one direction, within a band of rows: sums[t, s, n].
+
+    guide[y, s]: the whole image, whose row `top` is row 0 of the band. entered[s, n]: costs of the
+    paths in the row before the first, 0 at the edge of the image; left[s, n]: those in the last
+    row.
+    """
     height, width, count = costs.shape
     total = width if across == 0 else height if down == 0 else width + height - 1
     for path in pieces(queue, total):
@@ -96,18 +134,23 @@ def _add_paths(queue, costs, guide, down, across, sums):
         if down != 0 and path >= width:
             t = path - width + 1
         s = first
+        enters = down != 0 and t == 0
         if down < 0:
             t = height - 1 - t
         if across < 0:
             s = width - 1 - s
         way = np.full(count + 2, np.float32(np.inf))
         new = way.copy()
-        least, before = np.float32(0.0), guide[t, s]
+        least, before = np.float32(0.0), guide[top + t, s]
         way[1:-1] = 0.0
+        y, x = top + t - down, s - across
+        if enters and 0 <= y < guide.shape[0] and 0 <= x < width:
+            least, before = entered[x].min(), guide[y, x]
+            way[1:-1] = entered[x]
         while 0 <= t < height and 0 <= s < width:
-            change = abs(guide[t, s] - before)
+            change = abs(guide[top + t, s] - before)
             jump = least + max(np.float32(JUMP) / (1 + np.float32(EDGE) * change), np.float32(STEP))
-            before = guide[t, s]
+            before = guide[top + t, s]
             for n in range(np.uint64(count)):
                 beside = min(way[n], way[n + np.uint64(2)]) + np.float32(STEP)
                 best = min(min(way[n + np.uint64(1)], beside), jump)
@@ -120,6 +163,8 @@ def _add_paths(queue, costs, guide, down, across, sums):
             way, new = new, way
             t += down
             s += across
+            if down != 0 and not 0 <= t < height:
+                left[s - across] = way[1:-1]
 
 
 @shared

@@ -5,7 +5,14 @@ from itertools import product
 
 import numpy as np
 
-from lf_flame.refocus._arguments import Views, as_views, as_weights, farthest_slope
+from lf_flame.lazy_light_field import LazyLightField
+from lf_flame.refocus._arguments import (
+    Views,
+    as_views,
+    as_weights,
+    farthest_slope,
+    shape_of,
+)
 from lf_flame.refocus.sharpness import find_sharpest_slopes
 
 SIDE = 192
@@ -76,10 +83,8 @@ def find_slope_range(light_field: Views) -> SlopeRange:
     (True, True)
     """
     weights = as_weights(None, light_field)
-    views = as_views(light_field)
-    limit = farthest_slope(views)
-    block = max(1, round(max(views.shape[2:4]) / SIDE))
-    small = _averaged(views, block)
+    limit = farthest_slope(light_field)
+    small, block = reduced(light_field, SIDE)
     tiles = tuple(max(1, min(12, n // TILE)) for n in small.shape[2:4])
     found = find_sharpest_slopes(small, tiles=tiles, weights=weights)
     slopes = block * np.array([one.slope for one in found]).reshape(tiles)
@@ -102,6 +107,32 @@ def _certain(slopes: np.ndarray, confidence: np.ndarray) -> np.ndarray:
             neighbour = around[down : down + rows, right : right + columns]
             agrees |= np.abs(neighbour - slopes) < AGREEING
     return sure & (agrees | (confidence >= ALONE))
+
+
+def reduced(light_field: Views, side: int) -> tuple[np.ndarray, int]:
+    """Grey views, with blocks of lenslets averaged so that the longer side is about `side`.
+
+    Incomplete blocks at the ends are left out.
+
+    Returns
+    -------
+    ndarray of float32, shape (v, u, t / block, s / block)
+    int
+        Number of lenslets along each side of a block, by which slopes are smaller.
+    """
+    shape = shape_of(light_field)
+    block = max(1, round(max(shape[2:4]) / side))
+    if not isinstance(light_field, LazyLightField):
+        return _averaged(as_views(light_field), block), block
+    small = np.empty((*shape[:2], *(n // block for n in shape[2:4])), np.float32)
+    for band, part in light_field.bands(block, "reading"):
+        # Blocks belong to the band in which they begin.
+        first, last = -(-band.rows.start // block), -(-band.rows.stop // block)
+        last = min(last, small.shape[2])
+        start = first * block - band.read.start
+        rows = part.views[:, :, start : start + (last - first) * block]
+        small[:, :, first:last] = _averaged(rows, block)
+    return small, block
 
 
 def _averaged(views: np.ndarray, block: int) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from lf_flame._common.arrays import centred
+from lf_flame.refocus.grey_views import GreyViews
 
 FEWEST = 100
 """Smallest number of pixels with which a view's level is fitted."""
@@ -52,14 +53,18 @@ def even_levels(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def find_levels(
-    views: np.ndarray, slope: np.ndarray, rows: np.ndarray, weights: np.ndarray, known: np.ndarray
+    views: np.ndarray | GreyViews,
+    slope: np.ndarray,
+    rows: np.ndarray,
+    weights: np.ndarray,
+    known: np.ndarray,
 ) -> np.ndarray:
     """Find the factor, over the image, that makes each view as bright as the central one.
 
     Parameters
     ----------
-    views : ndarray, shape (v, u, t, s)
-        Grey views.
+    views : GreyViews, or ndarray of shape (v, u, t, s)
+        Grey views, which are taken one at a time.
     slope : ndarray of float64, shape (rows, s)
         Approximate slopes of the pixels in some rows.
     rows : ndarray of int
@@ -86,7 +91,7 @@ def find_levels(
         axis=0,
     )
     fits = []
-    for v, u in np.argwhere(weights > 0):
+    for v, u in np.argwhere(weights > 0).tolist():
         light, powers, inside = _read(views[v, u], places, slope, down[v], across[u])
         inside &= known & (light + middle > LIT * (light + middle).max())
         if max(abs(down[v]), abs(across[u])) < 1 or np.count_nonzero(inside) < FEWEST:

@@ -148,6 +148,44 @@ def test_the_same_on_jax():
     assert "3 passed" in done.stdout
 
 
+@pytest.mark.skipif(
+    keras.backend.backend() != "jax" or len(keras.distribution.list_devices()) != 8,
+    reason="needs JAX with eight devices; the test below starts it",
+)
+def test_devices_share_a_batch(samples, monkeypatch):
+    """With a last batch of 1 that eight do not divide."""
+    devices = keras.distribution.list_devices()
+    several = make_trainer(decoder(), 1e-3, 8, samples)
+    monkeypatch.setattr(keras.distribution, "list_devices", lambda: devices[:1])
+    alone = make_trainer(decoder(), 1e-3, 8, samples)
+    order = np.random.default_rng(0).permutation(9)
+    losses = [[one.train_in_order(order) for _ in range(3)] for one in (several, alone)]
+    np.testing.assert_allclose(*losses, rtol=1e-5)
+    assert losses[0][-1] < losses[0][0]
+    part = several._shared(np.ones((8, 3), np.float32))
+    assert [shard.data.shape for shard in part.addressable_shards] == [(1, 3)] * 8
+    assert len(several._state[0][0].sharding.device_set) == 8
+    monkeypatch.setattr(keras.distribution, "list_devices", lambda: devices)
+    assert make_trainer(decoder(), 1e-3, 6, samples).devices.device_mesh.devices.size == 2
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(keras.backend.backend() == "jax", reason="this is the test on JAX")
+def test_eight_devices_have_the_losses_of_one():
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", f"{__file__}::test_devices_share_a_batch"],
+        env={
+            **os.environ,
+            "KERAS_BACKEND": "jax",
+            "XLA_FLAGS": "--xla_force_host_platform_device_count=8",
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert "1 passed" in done.stdout
+
+
 def test_another_backend_is_refused(monkeypatch, samples):
     monkeypatch.setattr(keras.backend, "backend", lambda: "torch")
     with pytest.raises(InputError, match="tensorflow and jax; KERAS_BACKEND is torch"):

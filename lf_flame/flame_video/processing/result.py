@@ -16,8 +16,9 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 from lf_flame._common.config import build_record, load_record
 from lf_flame._common.input_files import readable
 from lf_flame._common.memory import check_memory
+from lf_flame._common.zarr_files import ZARR_ERRORS
 from lf_flame.datasets.hashes import check_attributes, describe_arrays, open_array
-from lf_flame.datasets.metadata import METADATA, ZARR_ERRORS, ArrayFile, GroupFile
+from lf_flame.datasets.metadata import METADATA, ArrayFile, GroupFile
 from lf_flame.errors import InputError
 from lf_flame.flame_video.processing.steps import Values
 

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from lf_flame._common.array_files import MappedArray
 from lf_flame._common.atomic_files import atomic_folder
 from lf_flame._common.input_files import File, PackedFile
 from lf_flame._common.memory import check_memory
 from lf_flame._common.pixels import read_shape
 from lf_flame._common.printable import printable
+from lf_flame._common.scratch import Scratch
 from lf_flame._common.tiff_files import FLOAT
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image, to_levels, write_image
@@ -27,6 +29,7 @@ from lf_flame.formats.view_files.positions import (
     place_views,
 )
 from lf_flame.formats.view_files.sources import LIST, find_files, read_list
+from lf_flame.lazy_light_field import LazyLightField
 from lf_flame.lightfield import LightField
 
 
@@ -113,18 +116,50 @@ class ViewFolder:
         InputError
             If a file cannot be read, or differs from the first in size or channels.
         """
-        there = np.array([file is not None for file in self.files.flat])
-        places, paths = np.flatnonzero(there), [file for file in self.files.flat if file]
-        _check_memory(paths, self.path, len(there))
-        first = read_image(paths[0])
-        views = np.zeros((len(there), *first.shape), np.float32)
+        paths = [file for file in self.files.flat if file]
+        _check_memory(paths, self.path, self.files.size)
+        shape = read_image(paths[0]).shape
+        views = np.zeros((self.files.size, *shape), np.float32)
+        self._fill(views, progress)
+        views = views.reshape(*self.files.shape, *shape)
+        return LightField(views, weights=self._weights, positions=self.positions)
+
+    def unpack(self, progress: Callable = iter) -> LazyLightField:
+        """Decode the views into a temporary file, of which parts are then read.
+
+        Parameters and errors are those of `read`.
+        """
+        if self.positions is not None:
+            raise InputError(
+                f"The views in {self.path} stand at positions of their own, and are refocused in "
+                f"memory only."
+            )
+        shape = read_image(next(file for file in self.files.flat if file)).shape
+        scratch = Scratch(FLOAT * self.files.size * prod(shape))
+        views = MappedArray.new(scratch.folder / "views.npy", (self.files.size, *shape), scratch)
+        self._fill(views, progress)
+        return LazyLightField(
+            views,
+            axes="nts" + "c" * (len(shape) - 2),
+            numbers=np.arange(self.files.size).reshape(self.files.shape),
+            weights=self._weights,
+            source=str(self.path),
+        )
+
+    def _fill(self, views: np.ndarray | MappedArray, progress: Callable) -> None:
+        """Decode the views that there are into an array of zeros, [number, t, s] or with colours.
+
+        A missing view is black.
+        """
+        places = [k for k, file in enumerate(self.files.flat) if file is not None]
+        paths = [self.files.flat[k] for k in places]
 
         def place(k: int) -> None:
             image = read_image(paths[k])
-            if image.shape != first.shape:
+            if image.shape != views.shape[1:]:
                 raise InputError(
-                    f"All views must be alike: {paths[k]} is {_kind(image)}, {paths[0].name} is "
-                    f"{_kind(first)}."
+                    f"All views must be alike: {paths[k]} is {_kind(image.shape)}, {paths[0].name} "
+                    f"is {_kind(views.shape[1:])}."
                 )
             views[places[k]] = image
 
@@ -132,13 +167,20 @@ class ViewFolder:
             done = pool.map(place, range(len(paths)))
             for _ in zip(progress(paths), done, strict=True):
                 pass
-        weights = None if there.all() else there.reshape(self.files.shape)
-        views = views.reshape(*self.files.shape, *first.shape)
-        return LightField(views, weights=weights, positions=self.positions)
+
+    @property
+    def _weights(self) -> np.ndarray | None:
+        """0 for the views that are missing, if any are."""
+        there = np.array([file is not None for file in self.files.flat])
+        return None if there.all() else there.reshape(self.files.shape)
 
 
 def scan_view_folder(
-    path: str | Path, order: str | None = None, *, grid: Grid | str | None = None
+    path: str | Path,
+    order: str | None = None,
+    *,
+    grid: Grid | str | None = None,
+    larger: bool = False,
 ) -> ViewFolder:
     """Find the files that are the views of a light field, and their order.
 
@@ -164,6 +206,8 @@ def scan_view_folder(
     grid : (int, int) or str, optional
         Number of rows and columns, such as (1, 9) or ``1x9``, for a running number, or where more
         than a third of the views are missing. What is missing gets weight 0.
+    larger : bool, optional
+        Whether the views together may exceed the memory limit, for `ViewFolder.unpack`.
 
     Returns
     -------
@@ -211,7 +255,8 @@ def scan_view_folder(
         if placed is not None:
             return _placed_folder(path, files, placed, order, left_out)
         numbered, missing = number_grid(files, shape)
-    _check_memory([file for file in numbered.flat if file], path, numbered.size)
+    places = 0 if larger else numbered.size
+    _check_memory([file for file in numbered.flat if file], path, places)
     if numbered.ndim == 1:
         numbered = fold(numbered, path, shape, read_image)
     if order is None:
@@ -236,7 +281,7 @@ def _check_memory(files: list[File], folder: Path, places: int) -> None:
     """Refuse views that need too much memory, from the header of the first, before decoding.
 
     Counted are the places of views as floats, with files being decoded, or with the search for
-    the order.
+    the order, which reads four views and takes no places.
     """
     shape = read_shape(files[0])
     values = prod(shape)
@@ -244,7 +289,7 @@ def _check_memory(files: list[File], folder: Path, places: int) -> None:
         values -= prod(shape[:2])  # transparency is left out
     decoding = 2 * FLOAT * prod(shape)
     # One byte per value stores whether it is finite.
-    reading = (FLOAT + 1) * values * places + decoding * _readers(files)
+    reading = (FLOAT + 1) * values * places + decoding * (_readers(files) if places else 1)
     packed = sum(len(file.content) for file in files if isinstance(file, PackedFile))
     check_memory(packed + max(reading, order_memory(shape) + decoding), folder)
 
@@ -277,8 +322,8 @@ def read_view_folder(
     return scan_view_folder(path, order, grid=grid).read(progress)
 
 
-def _kind(image: np.ndarray) -> str:
-    return f"{image.shape[0]} x {image.shape[1]} {'grey' if image.ndim == 2 else 'colour'}"
+def _kind(shape: tuple[int, ...]) -> str:
+    return f"{shape[0]} x {shape[1]} {'grey' if len(shape) == 2 else 'colour'}"
 
 
 def write_view_folder(

@@ -6,13 +6,14 @@ from decimal import Decimal
 from pathlib import Path
 
 from lf_flame._common.input_files import File, read_text
+from lf_flame._common.zarr_files import is_zarr
 from lf_flame._common.zip_files import list_zip, read_zip
 from lf_flame.errors import InputError
 from lf_flame.formats.images import IMAGE_SUFFIXES
 from lf_flame.formats.view_files.names import Count, largest_set
 
-ARCHIVE, LIST = ".zip", ".csv"
-"""File endings of an archive of views, and of a list of views."""
+ARCHIVE, LIST, ZARR = ".zip", ".csv", ".zarr"
+"""File endings of an archive of views, of a list of views, and of a folder that is an array."""
 
 LARGEST_LIST = 1 << 20
 """Largest size of a list, in bytes."""
@@ -23,6 +24,8 @@ POSITION = re.compile(r"[-+]?[0-9]{1,9}(\.[0-9]{1,9})?")
 
 def is_view_folder(path: str | Path) -> bool:
     """Whether a path is read as one file for each view: a folder, an archive, or a list."""
+    if Path(path).suffix.lower() == ZARR and is_zarr(path):
+        return False
     return Path(path).is_dir() or Path(path).suffix.lower() in (ARCHIVE, LIST)
 
 
