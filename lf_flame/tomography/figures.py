@@ -171,7 +171,7 @@ def trust_figure(found: "Reconstruction"):
     right.set_xlabel("strength of the penalty")
     right.set_ylabel("squared residual, relative to noise")
     for axis in (right.xaxis, right.yaxis):  # 0.01 and 6, for 10 to a power
-        axis.set_major_formatter(LogFormatter())
+        axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.4)))
     # Few strengths span less than a decade, where minor ticks have labels that would collide.
     right.tick_params(axis="x", which="minor", labelsize=6, labelrotation=60)
