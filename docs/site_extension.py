@@ -130,6 +130,8 @@ def _mathml(self: SphinxTranslator, node: nodes.math, block: bool) -> None:
 
 
 ACCESSIBLE = {
+    # A table that is wider than a phone scrolls, by the keyboard too.
+    '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
     'role="heading">': 'role="heading" aria-level="2">',
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="All pages">',
     '<aside class="toc-drawer">': '<aside class="toc-drawer" aria-label="This page">',

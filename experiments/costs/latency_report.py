@@ -8,6 +8,7 @@ import pandas as pd
 
 from experiments.costs.latency import STAGES, WHOLE, columns
 from experiments.costs.precision import REFERENCE
+from experiments.histories import recipe_in_words
 from experiments.report import markdown, write_report
 from lf_flame._common.figures import subplots
 
@@ -151,9 +152,7 @@ def figure(record: dict):
     )  # fmt: skip
     reach = max(_reach(variants) for _, variants in groups)
     for axis, (label, variants) in zip(axes[:, 0], groups, strict=True):
-        axis.set_title(
-            _title(label, record["networks"][label]), fontsize=10, loc="left", parse_math=False
-        )
+        axis.set_title(_title(record["networks"][label]), fontsize=10, loc="left", parse_math=False)
         _draw_variants(axis, variants, reach)
     axes[-1, 0].set_xlim(0, 1.5 * reach)  # the words stand behind the longest bar
     axes[-1, 0].set_xlabel("milliseconds (median)")
@@ -170,12 +169,13 @@ def figure(record: dict):
     return picture
 
 
-def _title(label: str, network: dict) -> str:
+def _title(network: dict) -> str:
     height, width = network["raw_pixels"]
     rows, cols = network["image"]
+    depth = network["backbone_weights"].rpartition(", ")[2]
     return (
-        f"{label}: “{network['title']}” ({network['preset']}), {height} x {width} pixels to "
-        f"{network['planes']} images of {rows} x {cols}\nbackbone {network['backbone_weights']}"
+        f"{network['title']}, {recipe_in_words(network['preset'])}, backbone up to {depth}: "
+        f"{height} x {width} pixels to {network['planes']} images of {rows} x {cols}"
     )
 
 

@@ -117,21 +117,26 @@ def score_figure(table: pd.DataFrame, subjects: Sequence, kind: str):
                 rows[measure], np.arange(len(scenarios)) + place, MARKERS[subject.trained],
                 color=color,
                 markerfacecolor="white" if k % 2 and not subject.trained else color, markersize=6,
-                label=f"{subject.name}{subject.trained and f' ({subject.trained})'}",
+                label=_label(subject),
             )  # fmt: skip
         for edge in range(1, len(scenarios)):
             axis.axhline(edge - 0.5, color="0.8", lw=0.8)
         axis.set_yticks(range(len(scenarios)), scenarios)
         axis.grid(axis="x", alpha=0.3)
     axes[0].set_xlabel("PSNR against shift-and-sum of all views (dB)")
-    axes[1].set_xlabel("share memorised: 0 draws what is there, 1 every object at its own depth")
+    axes[1].set_xlabel("share memorised (0: as it is, 1: as in training)")
     for x in (0, 1):
         axes[1].axvline(x, color="black", ls="--", lw=1)
-    figure.suptitle(
-        f"depth permutation test ({kind}): objects that stand otherwise than in training"
-    )
+    figure.suptitle(f"Networks on {kind} at other depths than in training")
     figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside lower center")
     return figure
+
+
+def _label(subject) -> str:
+    """Name in words, and what it was trained with, unless the name says so."""
+    name = subject.name.replace("-shuffled-depths", "").replace("-", " ")
+    name = name.replace("shift and sum", "shift-and-sum")
+    return f"{name}, {subject.trained}" if subject.trained else name
 
 
 def scenario_figure(config, subjects: Sequence, outcome):
@@ -142,7 +147,7 @@ def scenario_figure(config, subjects: Sequence, outcome):
     matplotlib.figure.Figure
     """
     rows = {"truth: shift-and-sum of all views": outcome.truth[0]}
-    rows |= {subject.name: outcome.drawn[subject.name][0] for subject in subjects}
+    rows |= {_label(subject): outcome.drawn[subject.name][0] for subject in subjects}
     if outcome.learnt is not outcome.truth:
         rows["memorised: every object at its own depth"] = outcome.learnt[0]
     planes, height, width = outcome.truth[0].shape

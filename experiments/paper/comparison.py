@@ -265,12 +265,24 @@ def report_tables(folders: Sequence[Path], paper_values: Path, out: Path | None 
 
 
 def _picture_learning(folders: Sequence[Path], paper_values: Path):
-    panels, printed = {}, {}
+    panels, printed, names = {}, {}, {}
+    own = not all(map(is_reference, folders))
     for name in TABLES:
         paper = read_paper_values(paper_values, name)
         panels[paper["title"]] = read_histories(folders, name)
         printed[paper["title"]] = paper["psnr_db"]
-    return learning_figure(panels, printed)
+        for folder, run in zip(folders, _short_names(folders), strict=True):
+            result = read_result(folder, name, run, paper["depth_mm"])
+            if result.request:
+                names[run] = _name(result) + " (committed)" * (own and result.committed)
+    return learning_figure(panels, printed, names)
+
+
+def _name(result: Result) -> str:
+    """Name of a curve: seeds of one recipe have the same."""
+    preset = result.request["preset"]
+    name = {"paper": "the paper's method"}.get(result.method, result.method)
+    return name if preset in ("paper", "closed-form") else f"{name}, preset {preset}"
 
 
 def read_histories(folders: Sequence[Path], name: str) -> dict[str, pd.DataFrame]:

@@ -1,7 +1,5 @@
 """Figures 7 and 8 of the paper, sharpness against slope, and how networks learn."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
@@ -163,26 +161,26 @@ FEW_EPOCHS = 60
 """Up to which each epoch is marked."""
 
 
-def draw_learning(axis, curves: dict, runs: Sequence[str] | None = None) -> None:
+def draw_learning(axis, curves: dict, names: dict[str, str] | None = None) -> None:
     """Draw validation PSNR against seconds, a line for each run, its best epoch marked.
 
     Parameters
     ----------
     axis : matplotlib.axes.Axes
     curves : dict of str to DataFrame
-        By label, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
-    runs : sequence of str, optional
-        All labels, in the order of their colours. Default: those of the curves.
+        By run, with columns ``seconds`` since the run was started, and ``val_psnr_db``.
+    names : dict of str to str, optional
+        Names of the runs, in the order of their colours; runs of one name have one colour.
+        Default: the runs themselves.
     """
-    runs = list(curves if runs is None else runs)
-    for label, curve in curves.items():
-        k = runs.index(label)
-        style = ".-" if len(curve) <= FEW_EPOCHS else "-"
-        axis.plot(
-            curve.seconds, curve.val_psnr_db, style, color=f"C{k}", lw=1, markersize=3, label=label
-        )
+    names = {run: run for run in curves} if names is None else names
+    colours = {name: f"C{k}" for k, name in enumerate(dict.fromkeys(names.values()))}
+    for run, curve in curves.items():
+        style = {"color": colours[names[run]], "lw": 1, "markersize": 3, "label": names[run]}
+        marked = ".-" if len(curve) <= FEW_EPOCHS else "-"
+        axis.plot(curve.seconds, curve.val_psnr_db, marked, **style)
         best = curve.loc[curve.val_psnr_db.idxmax()]
-        axis.plot(best.seconds, best.val_psnr_db, "o", color=f"C{k}", markersize=6)
+        axis.plot(best.seconds, best.val_psnr_db, "o", color=style["color"], markersize=6)
     axis.set_xscale("log")
     # 1 and 3 are half a decade apart, so that no two labels meet.
     axis.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
@@ -193,7 +191,7 @@ def draw_learning(axis, curves: dict, runs: Sequence[str] | None = None) -> None
     axis.grid(alpha=0.3, which="both")
 
 
-def learning_figure(panels: dict, printed: dict):
+def learning_figure(panels: dict, printed: dict, names: dict[str, str] | None = None):
     """Draw how runs learnt, one panel a data set.
 
     Parameters
@@ -202,6 +200,8 @@ def learning_figure(panels: dict, printed: dict):
         By title, see `draw_learning`.
     printed : dict of str to sequence of float
         PSNR that the paper prints for each plane, by title.
+    names : dict of str to str, optional
+        Names of all runs, see `draw_learning`.
 
     Returns
     -------
@@ -210,12 +210,12 @@ def learning_figure(panels: dict, printed: dict):
     figure, axes = subplots(
         1, len(panels), figsize=(6.5 * len(panels), 5.8), squeeze=False, layout="constrained"
     )
-    runs = list(dict.fromkeys(run for curves in panels.values() for run in curves))
+    names = names or {run: run for curves in panels.values() for run in curves}
     shown: dict = {}
     for axis, (title, curves) in zip(axes[0], panels.items(), strict=True):
         low, high = min(printed[title]), max(printed[title])
         axis.axhspan(low, high, color="0.85", label="the paper's planes, on its test split")
-        draw_learning(axis, curves, runs)
+        draw_learning(axis, curves, names)
         axis.set_title(title, fontsize=11)
         handles, labels = axis.get_legend_handles_labels()
         shown |= dict(zip(labels, handles, strict=True))

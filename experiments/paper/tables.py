@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from experiments.histories import epochs_in_words
+from experiments.histories import epochs_in_words, recipe_in_words
 from experiments.paper.figures import result_figure
 from experiments.paper.paper_values import read_paper_values
 from experiments.paper.result_files import (
@@ -226,8 +226,8 @@ def evaluate_run(run: Path, table: str, figure: str, paper_values: Path, out: Pa
         targets[0],
         predictions[0],
         dataset.config.depths_mm,
-        f"{record['title']}: sample {indices[0]}, the first of the test split ({record['preset']}, "
-        f"backbone {record['backbone_weights']})",
+        f"{record['title']}: sample {indices[0]}, the first of the test split "
+        f"({recipe_in_words(record['preset'])})",
     )
     train = training_indices(len(dataset), record)
     baselines = score_baselines(dataset, train, indices)

@@ -300,9 +300,14 @@ def time_figure(title: str, curves: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    figure, axis = subplots(figsize=(8, 6), layout="constrained")
+    figure, axis = subplots(figsize=(9, 5), layout="constrained")
     draw_learning(axis, dict(iter(curves.groupby("variant", sort=False))))
     axis.set_title(title, fontsize=11)
     if len(curves):
-        figure.legend(ncols=2, fontsize=9, loc="outside lower center")
+        # Names stand in the order of the best epochs, as the points do.
+        best = curves.groupby("variant")["val_psnr_db"].max()
+        handles, names = axis.get_legend_handles_labels()
+        order = sorted(zip(names, handles, strict=True), key=lambda pair: -best[pair[0]])
+        shown = [handle for _, handle in order], [fill(name, 30) for name, _ in order]
+        figure.legend(*shown, fontsize=9, loc="outside right upper")
     return figure

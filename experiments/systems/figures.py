@@ -12,6 +12,9 @@ SHOWN_DB = (15.0, 70.0)
 PANELS = ("flames", "flames, order reversed", "flames, round aperture", "lytro_2067")
 """Test sets that are drawn: as in training, at other depths, another aperture, a photograph."""
 
+TITLES = {"lytro_2067": "photograph (Lytro)"}
+"""Titles of panels whose test set is named after a file."""
+
 
 def figure(scores: pd.DataFrame, costs: pd.DataFrame):
     """Draw the accuracy of each system: one row a system, the fastest first, one panel a test set.
@@ -43,8 +46,8 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
             marker = "<" if value < SHOWN_DB[0] else ">" if value > SHOWN_DB[1] else "o"
             colour = "tab:orange" if _is_ours(name) else "tab:blue"
             axis.plot(np.clip(value, *SHOWN_DB), row, marker, color=colour, clip_on=False)
-        axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB)")
-        axis.set_title(test_set, fontsize=10)
+        axis.set(xlim=SHOWN_DB, xlabel="PSNR (dB); triangle: beyond")
+        axis.set_title(TITLES.get(test_set, test_set), fontsize=10)
         axis.grid(alpha=0.3)
     names = [f"{name}: {time:.3g} ms" for name, time in times.items()]
     axes[0, 0].set_yticks(range(len(times)), names, fontsize=9)
@@ -53,7 +56,7 @@ def figure(scores: pd.DataFrame, costs: pd.DataFrame):
 
 
 def noise_figure(scores: pd.DataFrame):
-    """Draw PSNR against light: one panel a test set, one curve a system.
+    """Draw PSNR by light: one row a system, the best in little light first, one panel a test set.
 
     Parameters
     ----------
@@ -64,36 +67,28 @@ def noise_figure(scores: pd.DataFrame):
     -------
     matplotlib.figure.Figure
     """
-    seen = scores[scores.psnr_db.notna()]
-    sets, names = list(seen.test_set.unique()), list(scores.system.unique())
+    means = scores.pivot_table("psnr_db", "system", ["test_set", "electrons"], sort=False)
+    sets, light = list(means.columns.unique(0)), sorted(means.columns.unique(1))
+    means = means.loc[means.xs(light[0], axis=1, level=1).mean(axis=1).sort_values().index]
     drawn, axes = subplots(
-        1, len(sets), figsize=(5.4 * len(sets), 7.0), sharey=True, squeeze=False,
-        layout="constrained",
+        1, len(sets), figsize=(4.5 + 3.2 * len(sets), 1.6 + 0.3 * len(means)), sharey=True,
+        squeeze=False, layout="constrained",
     )  # fmt: skip
-    handles = {}
+    colours = matplotlib.colormaps["viridis_r"](np.linspace(0.15, 1, len(light)))
     for axis, test_set in zip(axes[0], sets, strict=True):
-        rows = seen[seen.test_set == test_set]
-        for k, name in enumerate(names):
-            curve = rows[rows.system == name].groupby("electrons")["psnr_db"].mean()
-            if len(curve):
-                style = {"marker": "*", "markersize": 13, "lw": 2} if _is_ours(name) else {}
-                style = {"marker": "o", "markersize": 5, "lw": 1.2} | style
-                (handles[name],) = axis.plot(curve.index, curve, color=_colour(k), **style)
-        axis.set(xscale="log", title=test_set, xlabel="electrons in a pixel at full scale")
+        for electrons, colour in zip(light, colours, strict=True):
+            values = means[test_set, electrons].clip(lower=SHOWN_DB[0])
+            axis.plot(values, means.index, "o", color=colour, label=f"{electrons:g}", clip_on=False)
+        low, high = means[test_set].min(axis=1), means[test_set].max(axis=1)
+        axis.hlines(means.index, low.clip(lower=SHOWN_DB[0]), high, color="0.8", lw=1, zorder=0)
+        axis.set(title=test_set, xlabel="PSNR against all views without noise (dB)")
         axis.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("PSNR against all views without noise (dB)")
-    axes[0, 0].set_ylim(bottom=max(axes[0, 0].get_ylim()[0], SHOWN_DB[0]))
     drawn.legend(
-        handles.values(), handles.keys(), ncols=2, loc="outside lower center", fontsize=9,
-        frameon=False,
+        *axes[0, 0].get_legend_handles_labels(), ncols=len(light), loc="outside upper center",
+        title="electrons in a pixel at full scale", frameon=False,
     )  # fmt: skip
     return drawn
 
 
 def _is_ours(name: str) -> bool:
     return "(ours)" in name
-
-
-def _colour(number: int):
-    """Take one of twenty colours, the strong ones first; in all pictures a system has the same."""
-    return matplotlib.colormaps["tab20"]((2 * number + number // 10) % 20)

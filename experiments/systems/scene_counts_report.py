@@ -50,8 +50,12 @@ def figure(table: pd.DataFrame):
         )  # fmt: skip
         for level in rows.loc[rows["light_fields"].isna(), "psnr_db"]:
             axis.axhline(level, color=colour, linestyle="--", linewidth=1)
-    axis.plot([], [], "--", color="grey", label="shift-and-sum of the same views")
+            axis.annotate("shift-and-sum of the same views", (learnt["light_fields"].min(), level),
+                          (0, 4), textcoords="offset points", color=colour, fontsize=9)  # fmt: skip
     axis.set_xscale("log")
+    counts = sorted(table["light_fields"].dropna().unique())
+    axis.set_xticks(counts, [f"{count:,.0f}" for count in counts])
+    axis.minorticks_off()
     axis.set_xlabel("light fields to learn from")
     axis.set_ylabel("PSNR against all views (dB)")
     axis.grid(alpha=0.3, which="both")

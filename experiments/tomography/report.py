@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 import pandas as pd
@@ -142,15 +143,19 @@ def volume_figure():
     figure, axes = subplots(
         2, 3, figsize=(10, 6), layout="constrained", height_ratios=(1.4, 1), squeeze=False
     )
+    found = np.stack([lines["truth"], lines["reconstructed"]])  # on one scale, to be compared
     for (word, planes), (across, along) in zip(lines.items(), axes.T, strict=True):
-        drawn = across.imshow(planes[middle][:, 50:130], cmap="inferno", vmin=0)
+        scale = planes[None] if word == "refocused" else found
+        white = float(scale[:, middle].max())
+        drawn = across.imshow(planes[middle][:, 50:130], cmap="inferno", vmin=0, vmax=white)
         across.axhline(row, color="w", linewidth=0.5)
         across.set_title(f"{word}, plane at 0 mm", fontsize=9)
         across.axis("off")
         figure.colorbar(drawn, ax=across, shrink=0.8)
         section = along.imshow(
-            planes[:, row], cmap="inferno", vmin=0, extent=(-half, half, 13, -13), aspect="equal"
-        )
+            planes[:, row], cmap="inferno", vmin=0, vmax=float(scale[:, :, row].max()),
+            extent=(-half, half, 13, -13), aspect="equal",
+        )  # fmt: skip
         along.set_xlim(-16, 16)
         along.set_xlabel("across (mm)")
         along.set_title(f"{word}, along depth", fontsize=9)
@@ -161,13 +166,18 @@ def volume_figure():
 
 def noise_figure(table: pd.DataFrame):
     """Worst plane's error of the paper's four flames against noise, by method."""
-    figure, axis = subplots(figsize=(6.4, 4.2), layout="constrained")
+    figure, axis = subplots(figsize=(7.4, 4.2), layout="constrained")
     rows = table[table["task"] == AGAINST_NOISE]
     for method, some in rows.groupby("method", sort=False):
         shares = [float(noise.rstrip("%")) for noise in some["noise"]]
-        axis.loglog(shares, 100 * some["value"], "o-", label=method)
+        (line,) = axis.loglog(shares, 100 * some["value"], "o-")
+        axis.annotate(
+            fill(method, 20), (1.02, 100 * some["value"].iloc[-1]), color=line.get_color(),
+            xycoords=("axes fraction", "data"), va="center", fontsize=9, annotation_clip=False,
+        )  # fmt: skip
     axis.set_xlabel("noise, % of the brightest pixel")
     axis.set_ylabel("worst plane's error (%)")
-    axis.grid(alpha=0.3, which="both")
-    axis.legend(fontsize=8)
+    for ticks in (axis.xaxis, axis.yaxis):
+        ticks.set_major_formatter("{x:g}")
+    axis.grid(alpha=0.3)
     return figure

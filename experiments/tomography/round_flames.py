@@ -155,6 +155,7 @@ def round_figure():
     for axis, (name, (rows, columns, section)) in zip(axes, sections.items(), strict=False):
         _draw_half(axis, rows, columns, section, float(truth.max()))
         axis.set_title("\n".join(textwrap.wrap(name, 22)), fontsize=8)
+    axes[0].set_ylabel("height (mm)", fontsize=8)
     _draw_profiles(axes[-1], sections)
     return figure
 
@@ -179,10 +180,11 @@ def _draw_profiles(axis, sections: dict[str, Section]) -> None:
         for name, (heights, radii, section) in sections.items():
             row = int(np.argmin(np.abs(heights - height)))
             width = 2.0 if name == "truth" else 0.9
-            axis.plot(radii, section[row], color=colours[name], linewidth=width)
+            label = name if height == 0 else None
+            axis.plot(radii, section[row], color=colours[name], linewidth=width, label=label)
     axis.set_xlim(0, 9)
     axis.set_ylim(-0.02, 0.16)
-    axis.set_title("radial profiles at -9, 0 and 7 mm,\nblack: truth; colours in the panels' order",
-                   fontsize=8)  # fmt: skip
+    axis.set_title("radial profiles at -9, 0 and 7 mm", fontsize=8)
+    axis.legend(fontsize=6)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
     axis.grid(alpha=0.3)

@@ -54,6 +54,8 @@ class Folder:
         SHA-256 of each record by its name.
     tables : list of Table
     pictures : list of Path
+    names : list of str
+        Names of the files that may be opened, the records aside.
     left_out : list of str
         Sentences on files that are not shown.
     """
@@ -63,6 +65,7 @@ class Folder:
     hashes: dict[str, str] = field(default_factory=dict)
     tables: list[Table] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
 
@@ -89,6 +92,7 @@ def read_folder(path: Path) -> Folder:
     for file in files:
         if listed and file.name not in listed:
             continue
+        found.names.append(file.name)
         if file.suffix == ".csv":
             _read(found, file, _add_table)
         elif file.suffix == ".png":

@@ -68,10 +68,14 @@ def report_page(path: Path, findings: list[Finding]) -> str:
     facts |= {"records": {name: _split(record) for name, record in folder.records.items()}}
     facts |= {"warnings": _warnings(folder), "methods": methods_of(folder)}
     facts |= {"commands": _commands(folder)}
-    room = LARGEST_PAGE - len(page.render(**facts, pictures=[]).encode())
-    if room < 0:
+
+    def room_beside(viewer: str) -> int:
+        return LARGEST_PAGE - len(page.render(**facts, pictures=[], viewer=viewer).encode())
+
+    if (room := room_beside("")) < 0:
         raise InputError(f"Records and tables of {path} need more than the 5 MB of a report.")
-    return page.render(**facts, pictures=_pictures(folder, room))
+    viewer = _viewer(folder, room // 2)
+    return page.render(**facts, pictures=_pictures(folder, room_beside(viewer)), viewer=viewer)
 
 
 def _record_tables(folder: Folder) -> list[Table]:
@@ -224,6 +228,21 @@ def curves_of(table: Table) -> list[dict[str, Any]]:
             | {"first": written(float(x[0])), "last": written(float(x[-1]))}
         )
     return curves
+
+
+def _viewer(folder: Folder, room: int) -> str:
+    """Page with the planes of a reconstruction in the viewer; empty if the folder is another."""
+    if "reconstruct.json" not in folder.records or "emission.tif" not in folder.names:
+        return ""
+    from lf_flame.commands.viewer import emission_exhibit
+    from lf_flame.viewer.page import single_page
+
+    try:
+        page, _ = single_page(emission_exhibit(folder.path, None), room)
+    except InputError as error:
+        folder.left_out.append(printable(f"The viewer is not shown: {error}", 400))
+        return ""
+    return page
 
 
 def _pictures(folder: Folder, room: int) -> list[dict[str, str]]:

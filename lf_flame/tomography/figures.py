@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
+from matplotlib.ticker import LogFormatter
 
 from lf_flame._common.figures import subplots
 from lf_flame.optics.lens import Lens
@@ -169,6 +170,9 @@ def trust_figure(found: "Reconstruction"):
         right.legend(fontsize=8)
     right.set_xlabel("strength of the penalty")
     right.set_ylabel("squared residual, relative to noise")
+    for axis in (right.xaxis, right.yaxis):  # 0.01 and 6, for 10 to a power
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.4)))
     # Few strengths span less than a decade, where minor ticks have labels that would collide.
     right.tick_params(axis="x", which="minor", labelsize=6, labelrotation=60)
     right.grid(alpha=0.3)

@@ -194,7 +194,7 @@ def test_extras_that_are_named_exist_and_all_of_them_are_named():
 
 
 def test_presets_that_are_named_exist():
-    text = (ROOT / "docs" / "start.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reproduction.md").read_text(encoding="utf-8")
     presets = re.findall(r"^\| `([\w-]+)`(?: \(default\))? \| [\d,]+", text, re.MULTILINE)
     assert presets == ["paper", "closed-form", "smoke"]
     for kind in ("shapes", "flames"):

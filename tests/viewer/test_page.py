@@ -1,6 +1,5 @@
 """A page in one file: what it holds, what one does with it, and what it must not do."""
 
-import hashlib
 import io
 import json
 import shlex
@@ -13,6 +12,7 @@ from matplotlib import colormaps
 from PIL import Image
 
 from lf_flame import PAPER_CAMERA, InputError, LightField
+from lf_flame._common.output_folders import output_folder
 from lf_flame.commands.cli import commands
 from lf_flame.formats.images import read_image
 from lf_flame.refocus import f_number_aperture, refocus
@@ -118,15 +118,20 @@ def test_greys_are_coloured_as_matplotlib_does_with_a_scale(tab, tmp_path):
     assert tab.page.locator(".lf-scale span").all_inner_texts() == ["0", "2"]
 
 
-def test_emission_is_looked_at_plane_by_plane(tab, tmp_path):
+@pytest.fixture
+def reconstructed(tmp_path):
+    """A folder as `lf-flame reconstruct` leaves it: three planes, two places that glow."""
     emission = np.zeros((3, 20, 30), np.float32)
     emission[:, 4, 5], emission[:, 12, 20] = (0.02, 0.01, 0), (0.001, 0.002, 0.004)
     folder = tmp_path / "results"
-    folder.mkdir()
-    tifffile.imwrite(folder / "emission.tif", emission, photometric="minisblack")
-    sha256 = hashlib.sha256((folder / "emission.tif").read_bytes()).hexdigest()
-    record = {"depths_mm": [4, 0, -4], "cell_mm": [0.1] * 3, "files": {"emission.tif": sha256}}
-    (folder / "reconstruct.json").write_text(json.dumps(record))
+    with output_folder(folder, "reconstruct.json") as out:
+        tifffile.imwrite(out.path("emission.tif"), emission, photometric="minisblack")
+        out.facts |= {"depths_mm": [4, 0, -4], "cell_mm": [0.1] * 3}
+    return folder
+
+
+def test_emission_is_looked_at_plane_by_plane(tab, reconstructed, tmp_path):
+    folder = reconstructed
     page = tmp_path / "emission.html"
     call = ["view", str(folder), "--single-file", str(page)]
     assert CliRunner().invoke(commands, call).exit_code == 0
@@ -144,6 +149,29 @@ def test_emission_is_looked_at_plane_by_plane(tab, tmp_path):
     assert tab.page.locator(".lf-scale span").all_inner_texts() == ["0", "0.02"]
     refused = CliRunner().invoke(commands, [*call[:2], "--slopes", "0", "1"])
     assert "--slopes does not apply" in str(refused.exception)
+
+
+def test_a_report_holds_the_viewer_of_its_planes(tab, reconstructed, tmp_path):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="needs axe")
+    page = tmp_path / "report.html"
+    call = ["report", str(reconstructed), "--out", str(page)]
+    assert CliRunner().invoke(commands, call).exit_code == 0
+    assert b"<script" not in page.read_bytes()  # the report itself has none
+    tab.page.context.set_offline(True)
+    tab.page.goto(page.as_uri())
+    found = axe.Axe().run(tab.page).response["violations"]
+    assert [x["id"] for x in found if x["impact"] in ("serious", "critical")] == []
+    tab.page.get_by_text("Drag through the planes").click()
+    frame = tab.page.locator("iframe").element_handle().content_frame()
+    frame.wait_for_function("() => globalThis.lfViewer")
+    frame.evaluate("() => lfViewer.ready")
+    frame.get_by_role("slider", name="Depth").fill("-4")
+    frame.wait_for_function("() => lfViewer.state.slope === -4")
+    assert frame.locator(".lf-scale span").all_inner_texts() == ["0", "0.02"]
+    assert frame.get_by_role("img", name=f"plane at {MINUS}4.00 mm").count() == 1
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in tab.requests)
+    tab.page.set_viewport_size({"width": 390, "height": 844})
+    assert tab.page.evaluate("() => document.documentElement.scrollWidth") == 390
 
 
 def test_keys_move_the_place_and_focus(tab, two_planes, tmp_path):

@@ -120,7 +120,9 @@ export class Controls {
       input.setAttribute("aria-valuetext", output.textContent);
     }
     const image = this.viewer.find(".lf-image");
-    image.setAttribute("aria-label", `${metadata.title}, refocused at slope ${signed(state.slope, 2)}`);
+    const at = this.describe("slope", state.slope, metadata, state);
+    const what = metadata.depths_mm ? "plane at" : "refocused at slope";
+    image.setAttribute("aria-label", `${metadata.title}, ${what} ${at}`);
   }
 
   describe(field, value, { camera } = this.viewer.metadata, state = this.viewer.state) {

@@ -169,6 +169,16 @@ def test_histories_count_seconds_from_the_start(tmp_path):
     assert list(found["short"].seconds) == [3.0, 4.0, 5.5]
 
 
+def test_seeds_of_one_recipe_have_one_name_and_colour():
+    curve = pd.DataFrame({"seconds": [1.0, 9.0], "val_psnr_db": [30.0, 40.0]})
+    runs = {"paper": "by Adam", "paper-seed2": "by Adam", "solved": "in closed form"}
+    figure = learning_figure({"one": dict.fromkeys(runs, curve)}, {"one": [38.0, 41.0]}, runs)
+    drawn = {line.get_label(): line.get_color() for line in figure.axes[0].lines[::2]}
+    assert drawn == {"by Adam": "C0", "in closed form": "C1"}
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert sorted(words[1:]) == ["by Adam", "in closed form"]
+
+
 @pytest.mark.parametrize(("first", "last"), [(1.5, 9e3), (30, 4e3), (0.2, 3e4), (41, 44)])
 def test_labels_of_seconds_stand_apart(first, last):
     curve = pd.DataFrame({"seconds": np.geomspace(first, last, 9), "val_psnr_db": np.arange(9.0)})
