@@ -46,7 +46,7 @@ from lf_flame.tomography.plane_fit import (
 )
 from lf_flame.tomography.reconstruction_result import Reconstruction
 
-ITERATIONS = 160
+ITERATIONS = 80
 """Largest number of iterations of the splitting for the solution, in two fits. Each strength that
 is tried, and each draw, takes at most a quarter, starting from the nearest solution."""
 
@@ -95,7 +95,7 @@ def reconstruct(
         Strength of the regularisation. Default: by the discrepancy principle.
     iterations : int, optional
         Largest number of iterations (of the splitting method ADMM) that keep light from being
-        negative, 160 by default; or of another method, 1000 by default.
+        negative, 80 by default; or of another method, 1000 by default.
     bootstrap : int, optional
         Number of bootstrap light fields, each made of the found emission and new noise, with the
         measured dependence of noise on brightness, and fitted again for `Reconstruction.sigma`: 0,
