@@ -1,5 +1,6 @@
 """A page in one file: what it holds, what one does with it, and what it must not do."""
 
+import html
 import io
 import json
 import shlex
@@ -66,6 +67,18 @@ def test_hostile_names_are_text(tab, make_exhibit, tmp_path):
     assert tab.page.locator("h1").inner_text() == HOSTILE
     line = tab.page.locator("code").inner_text().splitlines()[2]
     assert eval(line.removeprefix("light_field = read_light_field")) == HOSTILE
+
+
+def test_a_page_inside_another_one_runs_without_an_address(tab, make_exhibit, tmp_path):
+    inside = html.escape(single_page(make_exhibit((3, 3, 8, 9)), 10**8)[0])
+    frame = f'<iframe title="inside" sandbox="allow-scripts" srcdoc="{inside}"></iframe>'
+    (tmp_path / "outside.html").write_text(frame, encoding="utf-8")
+    tab.page.goto((tmp_path / "outside.html").as_uri())
+    page = tab.page.locator("iframe").element_handle().content_frame()
+    page.wait_for_function("() => globalThis.lfViewer")
+    page.evaluate("() => lfViewer.ready")
+    page.evaluate("() => lfViewer.set({ slope: 0.5 })")
+    tab.page.wait_for_timeout(400)  # the address would be written, and refused, after 200 ms
 
 
 @pytest.mark.parametrize("renderer", ["webgl", "javascript"])
