@@ -13,6 +13,7 @@ from PIL import Image
 from lf_flame import __version__
 from lf_flame._common.printable import printable
 from lf_flame.commands.report_folder import Folder, Table, facts_of, read_folder, tables_of, written
+from lf_flame.commands.report_viewer import viewer_page
 from lf_flame.commands.verification import Finding
 from lf_flame.errors import InputError
 from lf_flame.formats.images import read_image
@@ -74,7 +75,7 @@ def report_page(path: Path, findings: list[Finding]) -> str:
 
     if (room := room_beside("")) < 0:
         raise InputError(f"Records and tables of {path} need more than the 5 MB of a report.")
-    viewer = _viewer(folder, room // 2)
+    viewer = viewer_page(folder, room // 2)
     return page.render(**facts, pictures=_pictures(folder, room_beside(viewer)), viewer=viewer)
 
 
@@ -228,21 +229,6 @@ def curves_of(table: Table) -> list[dict[str, Any]]:
             | {"first": written(float(x[0])), "last": written(float(x[-1]))}
         )
     return curves
-
-
-def _viewer(folder: Folder, room: int) -> str:
-    """Page with the planes of a reconstruction in the viewer; empty if the folder is another."""
-    if "reconstruct.json" not in folder.records or "emission.tif" not in folder.names:
-        return ""
-    from lf_flame.commands.viewer import emission_exhibit
-    from lf_flame.viewer.page import single_page
-
-    try:
-        page, _ = single_page(emission_exhibit(folder.path, None), room)
-    except InputError as error:
-        folder.left_out.append(printable(f"The viewer is not shown: {error}", 400))
-        return ""
-    return page
 
 
 def _pictures(folder: Folder, room: int) -> list[dict[str, str]]:

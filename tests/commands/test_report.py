@@ -92,6 +92,18 @@ def test_names_in_records_and_links_open_nothing(tmp_path):
         assert f"{name} is not shown" in page
 
 
+@pytest.mark.parametrize("slopes", [[], ["x"], [float("nan")], [1e9], None])
+def test_a_light_field_whose_record_makes_no_sense_is_not_shown(tmp_path, slopes):
+    folder = tmp_path / "simulated"
+    with output_folder(folder, "simulation.json") as out:
+        np.savez(out.path("light_field.npz"), views=np.zeros((3, 3, 4, 5), np.float32))
+        out.facts["slopes"] = slopes
+    assert run(folder, tmp_path / "one.html").exception is None
+    page = (tmp_path / "one.html").read_text()
+    assert "The viewer is not shown: " in page
+    assert "script" not in page
+
+
 def test_a_page_of_yours_is_not_replaced_unasked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("one").mkdir()

@@ -14,13 +14,15 @@ const options = { address: location.hash, renderer: query.get("renderer") };
 const viewer = new Viewer(document.getElementById("lf-viewer"), metadata, source, options);
 
 let waiting;
-viewer.listeners.push((state) => {
+function keepInAddress(state) {
   clearTimeout(waiting); // browsers refuse an address that changes too often
   waiting = setTimeout(() => {
     const address = toAddress(state, viewer.first);
     history.replaceState(null, "", address ? `#${address}` : location.pathname + location.search);
   }, 200);
-});
+}
+// Inside another page, as in a report, there is no address of one's own.
+if (location.protocol !== "about:") viewer.listeners.push(keepInAddress);
 addEventListener("hashchange", () => viewer.set(fromAddress(location.hash, viewer.first, metadata)));
 
 /** Frames a second of this browser, with all views. */
