@@ -197,8 +197,9 @@ class RangeFit:
             Steps of the splitting, the last as in `STEPS`.
         """
         gram = self.gram
-        linear = start is None or not nonnegative
-        if linear:
+        before = STEPS[-1]
+        if start is None or not nonnegative:
+            before = steps[0]
             values, _ = gram.decomposition
             penalised = values + gram.penalty(strength, order) + RIDGE * gram.scale
             start = gram.inverse_transform(self._solve_linear(1 / penalised)).astype(np.float32)
@@ -207,7 +208,7 @@ class RangeFit:
         may_glow = np.ones(gram.grid.shape, bool) if foreground is None else foreground
         # There is no emission beyond the grid.
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0)))
-        state, before = start, steps[0] if linear else STEPS[-1]
+        state = start
         with progress.bar("fitting", iterations) as shown:
             for number, step in enumerate(steps):
                 state = _scaled(state, roof, step / before)
