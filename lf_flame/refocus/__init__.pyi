@@ -10,7 +10,6 @@ from .focus_map import all_in_focus as all_in_focus
 from .focus_map import depth_from_focus as depth_from_focus
 from .fourier import fourier_refocus as fourier_refocus
 from .fourier import fourier_slice as fourier_slice
-from .large import refocus_large as refocus_large
 from .methods import refocus as refocus
 from .sharpness import SlopeSearch as SlopeSearch
 from .sharpness import find_sharpest_slope as find_sharpest_slope
