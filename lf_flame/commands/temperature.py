@@ -68,12 +68,9 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
     """  # noqa: D301 - click reads the backspace
     from lf_flame._common.output_folders import output_folder
     from lf_flame._common.recorded_paths import recorded_path
-    from lf_flame.tomography.axisymmetric.section_folder import (
-        is_section,
-        read_draws,
-        read_sections,
-    )
-    from lf_flame.tomography.emission_folder import read_emissions
+    from lf_flame.tomography import emission_folder
+    from lf_flame.tomography.axisymmetric import section_folder
+    from lf_flame.tomography.axisymmetric.section_folder import is_section
     from lf_flame.tomography.pyrometry import soot_temperature
     from lf_flame.tomography.temperature_output import (
         RECORD,
@@ -83,17 +80,19 @@ def temperature(folders, calibration_file, wavelengths, soot_exponent, calibrati
 
     colours = _calibration(calibration_file, wavelengths, calibration)
     every = _colour_folders(folders, colours.responses.names)
-    read = read_sections if any(map(is_section, every)) else read_emissions
+    if any(map(is_section, every)):
+        read, read_draws = section_folder.read_sections, section_folder.read_draws
+    else:
+        read, read_draws = emission_folder.read_emissions, emission_folder.read_draws
     emissions, sigmas, places = read(*every)
     _check_order(every, colours.responses.names)
     soot_exponent = _exponent(every, soot_exponent)
-    # Colours of one call are drawn together.
-    together = len(folders) == 1 and all(map(is_section, every))
     found = soot_temperature(
         emissions,
         colours.responses,
         sigmas=sigmas,
-        draws=read_draws(*every) if together else None,
+        # Colours of one call are drawn together.
+        draws=read_draws(*every) if len(folders) == 1 else None,
         gains=colours.gains,
         soot_exponent=soot_exponent,
     )

@@ -262,7 +262,10 @@ class Absorption:
         return more.reshape(self._even.dimsd)
 
     def settle(
-        self, views: np.ndarray, fit: Callable[[np.ndarray, Found | None], Found]
+        self,
+        views: np.ndarray,
+        fit: Callable[[np.ndarray, Found | None], Found],
+        start: Explained | None = None,
     ) -> tuple[Found, bool]:
         """Fit, correct the light field, and fit again until the correction converges.
 
@@ -272,6 +275,8 @@ class Absorption:
         fit : callable
             Function from a light field without absorption to the light that leaves each cell. Its
             second argument is None, or the last fit, to keep its strength.
+        start : object, optional
+            Fit of a similar light field, from which the first correction follows.
 
         Returns
         -------
@@ -280,8 +285,8 @@ class Absorption:
         settled : bool
             Whether the correction converged.
         """
-        correction = np.zeros_like(views)
-        found, fits = fit(views, None), 1
+        correction = np.zeros_like(views) if start is None else self.excess(start.cells)
+        found, fits = fit(views - correction, None), 1
         while True:
             excess = self.excess(found.cells)
             if _norm(excess - correction) <= SETTLED * _norm(views):

@@ -211,6 +211,20 @@ def read_emissions(*paths: Path) -> tuple[Colours, Colours, list[Place]]:
     return tuple(emissions), sigmas, _places(first, emissions[0].shape[1:])
 
 
+def read_draws(*paths: Path) -> Colours | None:
+    """Read the bootstrap draws of folders, each (draws, planes, rows, columns); None without.
+
+    Raises
+    ------
+    InputError
+        If a file was changed, or does not hold planes as the emission.
+    """
+    folders = [EmissionFolder(path) for path in paths]
+    if not all(folder.holds(DRAWS) for folder in folders):
+        return None
+    return tuple(one.read_like(DRAWS, one.emission(), most=None) for one in folders)
+
+
 def _places(folder: EmissionFolder, cells: tuple[int, ...]) -> list[Place]:
     """Place of each depth plane: the field of the central view, about the optical axis."""
     places = []

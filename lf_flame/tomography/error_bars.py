@@ -99,6 +99,7 @@ def redraw(
     expected: Expected,
     count: int,
     rng: np.random.Generator,
+    prior_rng: np.random.Generator,
 ) -> Iterator[RangeFit]:
     """Redraw the noise of a light field, and the prior that its penalty means (bootstrap).
 
@@ -112,7 +113,8 @@ def redraw(
     expected : Expected
     count : int
         Number of redraws.
-    rng : numpy.random.Generator
+    rng, prior_rng : numpy.random.Generator
+        Generators of the noise and of the prior.
 
     Yields
     ------
@@ -127,7 +129,9 @@ def redraw(
             off = np.float32(expected.level_error * rng.standard_normal())
             drawn = drawn + off * operator.rmatvec(even).reshape(operator.dims)
         if prior is not None and prior.noise:
-            drawn += np.float32(prior.noise) * gram.draw_penalty(prior.strength, prior.order, rng)
+            drawn += np.float32(prior.noise) * gram.draw_penalty(
+                prior.strength, prior.order, prior_rng
+            )
         yield RangeFit(gram, drawn, 0.0, 0)
 
 

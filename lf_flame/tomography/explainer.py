@@ -46,7 +46,7 @@ class Explainer:
         """Fit, and fit again until the correction for absorption converges."""
         if self._absorption is None:
             return self._fit.explain(views)
-        found, settled = self._absorption.settle(views, self._fit.explain)
+        found, settled = self._absorption.settle(views, self._fit.explain, self._fit.start)
         return replace(found, settled=settled)
 
     def emission(self, cells: np.ndarray) -> np.ndarray:

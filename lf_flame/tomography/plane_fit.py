@@ -171,7 +171,7 @@ class PlaneFit:
         start: Explanation | None = None,
     ):
         self.operator, self.gram, self._operators = operators.projection, operators.gram, operators
-        self._start = start
+        self.start = start
         # A strength that a similar light field has found is as good as one that is stated.
         self.options = replace(options, strength=start.strength) if start else options
         self.valid = None if valid is None or valid.all() else valid
@@ -252,7 +252,7 @@ class PlaneFit:
         chosen = search.find() if options.strength is None else float(options.strength)
         tried = tuple(search.tried[key] for key in sorted(search.tried))
         half = options.iterations // 2
-        nearest = self._start.state if self._start else search.nearest(chosen)
+        nearest = self.start.state if self.start else search.nearest(chosen)
         first = problem.solve(chosen, order, nonnegative, half or 1, nearest)
         draft = replace(draft, strength=chosen, tried=tried).with_fit(first)
         if not nonnegative:
@@ -348,8 +348,8 @@ class PlaneFit:
         self, problem: RangeFit, views: np.ndarray, known: Explanation | None
     ) -> tuple[np.ndarray, float]:
         """Relative variance of each pixel's noise, and the factor of correlation."""
-        if self._start is not None:
-            return self._start.uneven, self._start.shared
+        if self.start is not None:
+            return self.start.uneven, self.start.shared
         uneven = noise_by_pixel(self.operator, views, problem.unpenalised())
         return uneven, known.shared if known else self._correlation(problem, views, uneven)
 
@@ -369,8 +369,8 @@ class PlaneFit:
     ) -> Explanation:
         """Find the cells that may emit; the draw of the noise always has the same seed."""
         fitting = Fitting(draft.strength, order, noise_variance(draft.summed_noise), share)
-        if self._start is not None and self._start.strength == draft.strength:
-            brightest = self._start.brightest
+        if self.start is not None and self.start.strength == draft.strength:
+            brightest = self.start.brightest
         else:
             stack = draw_noise(self.operator, draft.pixel_noise, np.random.default_rng(0))
             noise_alone = RangeFit(self.gram, stack, 0.0, 0)

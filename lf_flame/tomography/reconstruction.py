@@ -1,5 +1,6 @@
 """Emission by depth from one light field, with error bars and warnings."""
 
+import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -222,11 +223,32 @@ class ReconstructionPlan:
             penalty = Roughness(nonnegative=background == FIT, corrected=False)
             few = min(few, ITERATIONS)
         self._options = FitOptions(noise, strength, few, as_penalty(penalty))
-        self._thickness = (
-            None if optical_thickness is None else spread_thickness(grid, optical_thickness)
-        )
+        self._thickness = _spread(grid, optical_thickness)
         self.operators = Operators(grid)
         self._absorption: Absorption | None = None
+
+    def absorbing(
+        self, optical_thickness: ArrayLike | None, *, strength: float | None = None
+    ) -> "ReconstructionPlan":
+        """Plan with the same operators and options, and another optical thickness.
+
+        Parameters
+        ----------
+        optical_thickness : float, array_like or None
+            As for `reconstruct`.
+        strength : float, optional
+            As for `reconstruct`. Default: as in this plan.
+
+        Raises
+        ------
+        InputError
+            If a shape or a value cannot be used.
+        """
+        plan = copy.copy(self)
+        if strength is not None:
+            plan._options = replace(self._options, strength=strength)
+        plan._thickness, plan._absorption = _spread(self.grid, optical_thickness), None
+        return plan
 
     def reconstruct(
         self,
@@ -235,6 +257,7 @@ class ReconstructionPlan:
         start: Reconstruction | None = None,
         bootstrap: int = 0,
         rng: int | np.random.Generator | None = 0,
+        prior_rng: np.random.Generator | None = None,
     ) -> Reconstruction:
         """Find the emission that explains a light field.
 
@@ -248,6 +271,10 @@ class ReconstructionPlan:
             alone decides.
         bootstrap, rng
             As for `reconstruct`.
+        prior_rng : numpy.random.Generator, optional
+            Generator of the bootstrap's prior and multiples of the correction. Colours of one flame
+            share it, each with a new one of the same seed: penalty and cells act on all colours
+            alike, and the ratio of two does not feel it. Default: `rng`.
 
         Returns
         -------
@@ -280,7 +307,7 @@ class ReconstructionPlan:
         # does not change; `Explainer.emission` turns it into emission.
         correction = fit.correct(found, max(1, self._options.iterations // 2))
         emission = explain.emission(found.cells + correction)
-        drawn = _draw_again(fit, fitted, correction, bootstrap, rng)
+        drawn = _draw_again(fit, fitted, correction, bootstrap, rng, prior_rng or rng)
         draws = np.array([explain.emission(cells) for cells in drawn], np.float32)
         result = Reconstruction(
             grid=grid,
@@ -326,6 +353,10 @@ class ReconstructionPlan:
             self.operators, self._absorption = Operators(grid), None
         if self._absorption is None and self._thickness is not None and self._thickness.any():
             self._absorption = Absorption(self.operators.projection, grid, self._thickness)
+
+
+def _spread(grid: FrustumGrid, optical_thickness: ArrayLike | None) -> np.ndarray | None:
+    return None if optical_thickness is None else spread_thickness(grid, optical_thickness)
 
 
 def _checked_start(start: Reconstruction, grid: FrustumGrid) -> Explanation:
@@ -381,7 +412,12 @@ class _Fitted(NamedTuple):
 
 
 def _draw_again(
-    fit: PlaneFit, fitted: _Fitted, correction: np.ndarray, count: int, rng: np.random.Generator
+    fit: PlaneFit,
+    fitted: _Fitted,
+    correction: np.ndarray,
+    count: int,
+    rng: np.random.Generator,
+    prior_rng: np.random.Generator,
 ) -> Iterator[np.ndarray]:
     """Fit light fields with redrawn noise, each with a correction of its own (bootstrap)."""
     if not count:
@@ -393,7 +429,7 @@ def _draw_again(
         fitted.level.error,
         fit.prior(found, fitted.seen),
     )
-    redrawn = redraw(fit.operator, fit.gram, expected, count, rng)
+    redrawn = redraw(fit.operator, fit.gram, expected, count, rng, prior_rng)
     for problem in progress.steps(redrawn, "error bars", count, "draw"):
         drawn = found.with_fit(fit.again(problem, found, few))
         if not fit.options.penalty.corrects:
@@ -401,7 +437,7 @@ def _draw_again(
             continue
         # The correction of each draw is multiplied by any number from 0 to 2 with equal probability
         # (JCGM 100, 4.3.7), because the remaining error of the correction is unknown.
-        yield drawn.cells + rng.uniform(0, 2) * fit.correct(drawn, few)
+        yield drawn.cells + prior_rng.uniform(0, 2) * fit.correct(drawn, few)
 
 
 def _disagreements(result: Reconstruction, fitted: _Fitted, stated: bool) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from lf_flame.tomography.absorption import MOST_THICKNESS
 from lf_flame.tomography.colour_calibration import ColourCalibration
 from lf_flame.tomography.frustum_grid import FrustumGrid
 from lf_flame.tomography.pyrometry import Temperatures, soot_temperature
-from lf_flame.tomography.reconstruction import Reconstruction, reconstruct
+from lf_flame.tomography.reconstruction import Reconstruction, ReconstructionPlan
 
 MOST_ROUNDS = 20
 """Largest number of rounds; at a total thickness of 1, each leaves two fifths of the change."""
@@ -98,14 +98,15 @@ class Steps(Generic[Found]):
     again : callable
         Emission of a colour with an optical thickness, given the emission of the last round.
     finish : callable
-        The same with error bars and warnings; thickness None for a flame that does not absorb.
+        The same of all colours, with error bars and warnings; thickness None for a flame that does
+        not absorb.
     total : callable
         Largest total of an optical thickness along a ray.
     """
 
     first: Callable[[int], Emission]
     again: Callable[[int, np.ndarray, Any], Emission]
-    finish: Callable[[int, np.ndarray | None, Any], Found]
+    finish: Callable[[np.ndarray | None, Any], tuple[Found, ...]]
     total: Callable[[np.ndarray], float]
 
 
@@ -139,12 +140,12 @@ def solve_soot(
         If no cell has a temperature, or the flame is too thick.
     """
     count = len(calibration.gains)
-    found = [steps.first(c) for c in range(count)]
     if not absorbing:
-        thin = tuple(steps.finish(c, None, found[c]) for c in range(count))
+        thin = steps.finish(None, None)
         known = temperatures_of(thin, calibration, soot_exponent)
         nothing = np.zeros((count, *thin[0].emission.shape))
         return Soot(thin, known, nothing, np.zeros(count), ())
+    found = [steps.first(c) for c in range(count)]
     thickness = np.zeros((count, *found[0].emission.shape))
     settled = False
     for number in progress.steps(range(MOST_ROUNDS), "absorption", MOST_ROUNDS, "round"):
@@ -167,7 +168,7 @@ def solve_soot(
             f"behind; or the flame was exposed longer than the furnace (--exposure of "
             f"calibrate-colours), or the colours are in another order than the channels."
         )
-    colours = tuple(steps.finish(c, thickness[c], found[c]) for c in range(count))
+    colours = steps.finish(thickness, found)
     temperatures = temperatures_of(colours, calibration, soot_exponent)
     return Soot(colours, temperatures, thickness, totals, () if settled else (UNSETTLED,))
 
@@ -224,7 +225,7 @@ def reconstruct_soot(
     seed : int, optional
         Seed of the draws.
     **options
-        Further options of `reconstruct`, for every colour.
+        Further options of `ReconstructionPlan`, for every colour.
 
     Returns
     -------
@@ -256,23 +257,31 @@ def reconstruct_soot(
     """
     lights = split_colours(light_field, calibration)
 
-    def fit(c: int, thickness: np.ndarray | None, draws: int, last: Any) -> Reconstruction:
-        chosen = dict(options)
-        if last is not None and not draws:
-            chosen["strength"] = last.strength
-        return reconstruct(
-            lights[c],
-            grid,
-            optical_thickness=thickness,
-            bootstrap=draws,
-            rng=seed + c,
-            **chosen,
+    plan = ReconstructionPlan(grid, **options)
+
+    def finish(thickness: np.ndarray | None, last: Any) -> tuple[Reconstruction, ...]:
+        by_colour = [None] * len(lights) if thickness is None else thickness
+        # With one strength for all colours, the effect of the penalty cancels in their ratios.
+        strength = max(
+            plan.absorbing(one).reconstruct(light).strength
+            for one, light in zip(by_colour, lights, strict=True)
+        )
+        return tuple(
+            plan.absorbing(one, strength=strength).reconstruct(
+                lights[c],
+                bootstrap=bootstrap,
+                rng=np.random.default_rng((seed, c)),
+                prior_rng=np.random.default_rng(seed),  # all colours draw the same prior
+            )
+            for c, one in enumerate(by_colour)
         )
 
     steps = Steps(
-        first=lambda c: fit(c, None, 0, None),
-        again=lambda c, thickness, last: fit(c, thickness, 0, last),
-        finish=lambda c, thickness, last: fit(c, thickness, bootstrap, last),
+        first=lambda c: plan.reconstruct(lights[c]),
+        again=lambda c, thickness, last: plan.absorbing(thickness).reconstruct(
+            lights[c], start=last
+        ),
+        finish=finish,
         total=lambda thickness: float(thickness.sum(axis=0).max()),
     )
     return solve_soot(steps, calibration, absorbing=absorbing, soot_exponent=soot_exponent)

@@ -62,11 +62,11 @@ class _AbsorbingFit:
         return _Round(self._fit.solve_for(self._looked.views - excess, start)[0] / leaves)
 
     def finish(
-        self, absorption: np.ndarray | None, last: _Round, bootstrap: int
+        self, absorption: np.ndarray | None, last: _Round | None, bootstrap: int
     ) -> AxisymmetricFlame:
         """Emission with error bars and warnings."""
         fit, leaves = self._fit, np.ones(self._looked.grid.shape)
-        if absorption is not None:
+        if absorption is not None and last is not None:
             excess, leaves = self._excess(absorption, last.emission)
             views = (self._looked.views - excess).astype(np.float32)
             fit = SectionFit(self._looked.grid, views, self._noise, self._rng)
@@ -176,8 +176,11 @@ def reconstruct_axisymmetric_soot(
     def again(c: int, absorption: np.ndarray, last: Any) -> Emission:
         return fits[c].again(absorption, last)
 
-    def finish(c: int, absorption: np.ndarray | None, last: Any) -> AxisymmetricFlame:
-        return fits[c].finish(absorption, last, bootstrap)
+    def finish(absorption: np.ndarray | None, last: Any) -> tuple[AxisymmetricFlame, ...]:
+        if absorption is None:
+            return tuple(one.finish(None, None, bootstrap) for one in fits)
+        every = zip(fits, absorption, last, strict=True)
+        return tuple(one.finish(by_mm, before, bootstrap) for one, by_mm, before in every)
 
     def total(absorption: np.ndarray) -> float:
         return float(2 * absorption.sum(axis=1).max() * grid.step_mm)
