@@ -271,10 +271,17 @@ class Reading:
 
     def _describe(self, grid: "LensletGrid") -> str:
         """Describe the lenslets of a raw image, and what was not searched for."""
+        said = grid.describe()
+        if grid.layout == "hexagonal":
+            said += (
+                f"; a pixel of the views is as wide as the rows are apart: in a camera file, "
+                f"multiply the lenslets' pitch and focal length by "
+                f"{grid.row_pitch / grid.pitch:.3f}; a calibration holds as it is"
+            )
         if self.white is not None or self.pitch is None:
-            return grid.describe()
+            return said
         return (
-            f"{grid.describe()}; the pitch is as given. The rotation and the position of the array "
+            f"{said}; the pitch is as given. The rotation and the position of the array "
             f"were not searched for: that needs a white image (--white)"
         )
 

@@ -282,11 +282,13 @@ def _check_edges(views: np.ndarray, noise: float, count: int) -> list[str]:
             f"subtract it in numbers that may be negative."
         ]
     if edge.is_background:
+        verb = "adds" if edge.level > 0 else "takes away"
+        # If the field is no brighter than its edge, all of its light is background.
+        share = f"about {abs(edge.adds):.0%} of" if np.isfinite(edge.adds) else "all of its"
         return [
             f"The field's edge is at {edge.level:.3g} +- {edge.error:.1g} where nothing glows, "
-            f"which {'adds' if edge.level > 0 else 'takes away'} about {abs(edge.adds):.0%} of "
-            f"light: subtract the dark frame, or fit the background (--background fit), or it "
-            f"becomes emission."
+            f"which {verb} {share} light: subtract the dark frame, or fit the "
+            f"background (--background fit), or it becomes emission."
         ]
     error = max(noise / np.sqrt(np.prod(views.shape[:2])), 1e-6 * float(views.max()))
     if edge.brightest > 8 * error and edge.brightest > 0.01 * views.max():

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import tifffile
 
 from lf_flame import InputError, LightField
+from lf_flame.commands.reading_options import Reading
 from lf_flame.formats import LensletGrid, decode_raw, estimate_grid
 from lf_flame.refocus import find_sharpest_slope
 
@@ -97,3 +99,13 @@ def test_a_mosaic_is_stated_as_what_it_can_be():
     ):
         with pytest.raises(InputError, match=message):
             decode_raw(raw, grid, bayer=pattern)
+
+
+@pytest.mark.parametrize("hexagonal", [True, False])
+def test_the_width_of_a_pixel_of_hexagonal_views_is_told(hexagonal, tmp_path, capsys):
+    raw, white = raw_of_a_plane(0.1, hexagonal)
+    for name, image in (("raw.tif", raw), ("white.tif", white)):
+        tifffile.imwrite(tmp_path / name, image.astype(np.float32))
+    Reading(white=tmp_path / "white.tif").read(tmp_path / "raw.tif")
+    said = "".join(capsys.readouterr())
+    assert ("pitch and focal length by 0.866" in said) == hexagonal

@@ -7,7 +7,7 @@ import pytest
 from own_rays import Lens, Sheet, record
 
 from lf_flame.tomography import FrustumGrid
-from lf_flame.tomography.data_checks import check_data, check_overlap, check_spacing
+from lf_flame.tomography.data_checks import _check_edges, check_data, check_overlap, check_spacing
 
 
 def quiet_views():
@@ -142,3 +142,9 @@ def test_light_behind_other_light_and_nearer_than_the_blur_is_said(camera):
     assert check_overlap(near, np.stack([flame(-0.5), flame(0.5)])) == ()
     assert check_overlap(far, behind) == ()
     assert check_overlap(near, np.zeros_like(behind)) == ()
+
+
+def test_a_field_no_brighter_than_its_edge_is_all_background():
+    views = 0.5 + np.random.default_rng(0).normal(0, 0.01, (3, 3, 12, 12))
+    (said,) = _check_edges(views.astype(np.float32), noise=0.01, count=3)
+    assert "adds all of its light" in said
