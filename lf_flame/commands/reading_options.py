@@ -209,37 +209,39 @@ class Reading:
     def read_or_open(self, source: Path) -> "LightField | LazyLightField":
         """Read a light field, or open one that exceeds the memory limit, and say so."""
         from lf_flame._common.memory import OverLimitError
-        from lf_flame.formats.view_files.sources import is_view_folder
+        from lf_flame.formats.coding import notes_on_values
 
         try:
             return self.read(source)
         except OverLimitError as error:
             if self.is_raw or any(x is not None for x in (self.views, self.mosaic, self.dark)):
                 raise
-            reason = str(error).partition(";")[0]
-        is_folder = is_view_folder(source)
-        where = "from a temporary copy" if is_folder else "from the file"
-        tell(f"{reason}: bands of rows are read {where}")
-        return self._open(source, is_folder)
-
-    def _open(self, source: Path, is_folder: bool) -> "LazyLightField":
-        """Open a light field that exceeds the memory limit, and print what was found."""
-        from tqdm import tqdm
-
-        from lf_flame import formats
-        from lf_flame.formats.coding import notes_on_values
-
-        if is_folder:
-            folder = self.scan(source, larger=True)
-            opened = folder.unpack(lambda files: tqdm(files, "unpacking", unit="view", leave=None))
-        else:
-            opened = formats.open_light_field(
-                source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
-            )
+            opened = self._open(source, error)
         v, u, t, s = opened.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
         for note in notes_on_values(opened.brightest_rows, source):
             tell(note)
+        return opened
+
+    def _open(self, source: Path, over: InputError) -> "LazyLightField":
+        """Open a light field that exceeds the memory limit, as an error says."""
+        from tqdm import tqdm
+
+        from lf_flame import formats
+        from lf_flame.formats.view_files.sources import is_view_folder
+
+        reason = str(over).partition(";")[0]
+        if is_view_folder(source):
+            tell(f"{reason}: bands of rows are read from a temporary copy")
+            folder = self.scan(source, larger=True)
+            return folder.unpack(lambda files: tqdm(files, "unpacking", unit="view", leave=None))
+        try:
+            opened = formats.open_light_field(
+                source, order=self.order, grid=self.grid, axes=self.axes, array=self.array
+            )
+        except InputError as error:
+            raise InputError(f"{over} {error}") from None
+        tell(f"{reason}: bands of rows are read from the file")
         return opened
 
     def read(self, source: Path) -> "LightField":
