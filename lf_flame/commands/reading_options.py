@@ -249,7 +249,7 @@ class Reading:
         from tqdm import tqdm
 
         from lf_flame.formats.coding import notes_on_values
-        from lf_flame.formats.reading import subtract_dark
+        from lf_flame.formats.reading import note_on_order, subtract_dark
         from lf_flame.formats.view_files.sources import is_view_folder
 
         if self.is_raw:
@@ -266,6 +266,8 @@ class Reading:
         v, u, t, s = light_field.views.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
         kept = light_field.uncounted, light_field.unknown
+        if not self.is_raw and (self.views, self.order, self.axes) == (None, None, None):
+            kept = *kept, note_on_order(light_field, source)
         for note in (*kept, *notes_on_values(light_field, source)):
             if note:
                 tell(note)

@@ -194,6 +194,28 @@ def _order_of(path: Path, stored: _Stored, stated: _Stated) -> str | None:
     return None
 
 
+def note_on_order(light_field: LightField, path: Path) -> str:
+    """Say where the parallax contradicts the order in which an array holds its views, or nothing.
+
+    Parameters
+    ----------
+    light_field : LightField
+        Views as stored, which no order was stated for.
+    path : Path
+        File that they were read from.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in ARRAY_SUFFIXES or (suffix in HDF5_SUFFIXES and is_hci(path)):
+        return ""  # the order was found
+    found = find_order(light_field.views)
+    if found.order == "row,col":
+        return ""
+    return (
+        f"The views of {path} do not move as those of an array [v, u, t, s]: {found.reason}, they "
+        f"are stored as {found.order}. Slopes are wrong unless --order or --axes says so"
+    )
+
+
 def _arranged(light_field: LightField, order: str | None) -> LightField:
     """Reorder the views of a light field, their weights and known pixels, from a stated order."""
     if not order:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from PIL import Image
+from scipy.ndimage import shift
+from skimage.data import camera as camera_picture
 from skimage.io import imread
 
 from lf_flame import PAPER_CAMERA, InputError, Layer, LightField, Scene, render
@@ -523,7 +525,7 @@ def test_figures_say_mm_where_the_camera_is_known(light_field, camera):
     figure.canvas.draw()
     ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
     assert "0\n(+0 mm)" in ticks
-    assert "1" in ticks  # nothing real is in focus there
+    assert "1.5" in ticks  # nothing real is in focus there
     found = all_in_focus(light_field, np.linspace(-1, 2, 20))
     figure = slope_map_figure(found, camera)
     figure.canvas.draw()
@@ -650,3 +652,24 @@ def test_the_sharpest_slope_of_a_light_field_larger_than_memory(
     assert record["search"]["slope"] == pytest.approx(camera.depth_to_slope(DEPTH), abs=0.02)
     low, high = record["slope_map"]
     assert low < camera.depth_to_slope(DEPTH) < high
+
+
+@pytest.mark.parametrize(
+    ("stored", "order"),
+    [("vuts", ""), ("uvts", "col,row"), ("vust", "col,row"), ("backwards", "-row,col")],
+)
+def test_an_array_whose_views_move_otherwise_is_told(tmp_path, stored, order):
+    """A photograph that moves by -0.6 pixels a view both ways, in arrays of several orders."""
+    picture = camera_picture()[:96, :128] / 255
+    moved = [[shift(picture, (-0.6 * v, -0.6 * u)) for u in range(5)] for v in range(3)]
+    views = np.array(moved, np.float32)
+    axes = {"uvts": (1, 0, 2, 3), "vust": (0, 1, 3, 2)}.get(stored, range(4))
+    views = views[::-1] if stored == "backwards" else views.transpose(*axes)
+    np.save(tmp_path / "a.npy", views)
+    args = [str(tmp_path / "a.npy"), "--slope", "0", "--out", str(tmp_path / "o")]
+    said = run(*args).output
+    assert ("do not move" in said) == bool(order)
+    assert f"they are stored as {order}" in said or not order
+    again = run(*args, f"--order={order or 'row,col'}").output
+    assert "do not move" not in again
+    assert "refocused" in again
