@@ -129,7 +129,7 @@ def test_a_dark_frame_is_taken_off(source, camera_file, flames, tmp_path):
         (["--depth-mm", -326], "main lens"),
         (["--depth-mm", 0, "--block", 7], "divide the 48 x 60"),
         (["--depth-mm", 0, "--bootstrap", 1], "bootstrap must be"),
-        (["--depth-mm", 0, "--noise", "nan"], "noise must be"),
+        (["--depth-mm", 0, "--noise", "nan"], "'nan' is no finite number"),
         (["--depth-mm", 0, "--l-curve", "--penalty", "variation"], "leave it out with"),
         (
             ["--depth-mm", 0, "--dark", "SMALL"],
