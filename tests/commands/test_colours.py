@@ -94,8 +94,9 @@ def test_one_exposure_gives_the_temperature_of_a_sooty_flame(furnace, rng):
     swapped = run("abel", "swapped.npz", *where, *CALIBRATION, "--bootstrap", 0, code=1)
     assert "in another order than the channels" in str(swapped.exception)
     # A call that was killed between two colours.
-    record_of_another = red.read_text().replace(json.loads(red.read_text())["call"], "another")
-    red.write_text(record_of_another)
+    written = json.loads(red.read_text())
+    del written[SEAL]
+    red.write_text(json.dumps(sealed(written | {"call": "another"})))
     mixed = run("temperature", "abel/flame", "--colours", "colours/colours.toml", code=1)
     assert "are not of one call" in str(mixed.exception)
 
