@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from own_rays import Lens
 from own_soot import SootFlame, planck, record
 
+from lf_flame._common.checksums import SEAL, sealed
 from lf_flame.commands.cli import commands
 from lf_flame.commands.colour_fits import read_exposed_colours
 
