@@ -265,9 +265,9 @@ class Reading:
             light_field = self.read_stored(source)
         v, u, t, s = light_field.views.shape[:4]
         tell(f"{v} x {u} views of {t} x {s} pixels")
-        kept = light_field.uncounted, light_field.unknown
+        kept = [light_field.uncounted, light_field.unknown]
         if not self.is_raw and (self.views, self.order, self.axes) == (None, None, None):
-            kept = *kept, note_on_order(light_field, source)
+            kept.append(note_on_order(light_field, source))
         for note in (*kept, *notes_on_values(light_field, source)):
             if note:
                 tell(note)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from lf_flame.tomography.penalised_fit import STEPS, Fit, RangeFit
+from lf_flame.tomography.penalised_fit import Fit, RangeFit
 
 FACTORS = (3.0, 1.5, 0.75)
 """Thresholds, as multiples of the largest value that noise alone produces; a cell below is dark.
@@ -87,8 +87,7 @@ def find_foreground(
 def brightest_noise(noise_alone: RangeFit, fitting: Fitting) -> float:
     """Largest light, averaged over neighbours, in a fit to a draw of noise without light."""
     # Noise holds no light behind other light, for which the long steps are.
-    short = STEPS[-1:]
-    cells = noise_alone.solve(fitting.strength, fitting.order, True, TRIAL, steps=short).cells
+    cells = noise_alone.solve(fitting.strength, fitting.order, True, TRIAL, long=0.0).cells
     return float(ndimage.uniform_filter(cells, NEIGHBOURS.shape).max())
 
 

@@ -12,10 +12,10 @@ from lf_flame._common import progress
 from lf_flame._common.threads import pieces, shared
 from lf_flame.tomography.frequency_gram import RIDGE, FrequencyGram, multiply
 
-STEPS = (600.0, 60.0)
-"""Steps of the splitting, in units of 1 / `FrequencyGram.scale`, each for half of the iterations:
-the long one moves light between planes behind each other, the short one finds faint light, as the
-parameters of alternating directions do (Wachspress, J. SIAM 10, 339, 1962)."""
+STEPS, LONG = (600.0, 60.0), 0.25
+"""Steps of the splitting, in units of 1 / `FrequencyGram.scale`, and the part of the iterations
+that takes the first: the long one moves light between planes behind each other, the short one finds
+faint light, as the parameters of alternating directions do (Wachspress, J. SIAM 10, 339, 1962)."""
 
 CONVERGED = 1e-4
 """Largest difference of fit and light, relative to the brightest cell, at which a fit ends."""
@@ -175,7 +175,7 @@ class RangeFit:
         iterations: int,
         start: np.ndarray | None = None,
         foreground: np.ndarray | None = None,
-        steps: tuple[float, ...] = STEPS,
+        long: float = LONG,
     ) -> Fit:
         """Fit with one strength of the regularisation.
 
@@ -193,13 +193,15 @@ class RangeFit:
             State of a similar fit. Default: the linear fit.
         foreground : ndarray of bool, shape (planes, rows, columns), optional
             Cells that may emit; others are 0. Default: all.
-        steps : tuple of float, optional
-            Steps of the splitting, the last as in `STEPS`.
+        long : float, optional
+            Part of the iterations that takes the long step.
         """
         gram = self.gram
+        first = round(long * iterations)
+        parts = [part for part in zip(STEPS, (first, iterations - first), strict=True) if part[1]]
         before = STEPS[-1]
         if start is None or not nonnegative:
-            before = steps[0]
+            before = parts[0][0]
             values, _ = gram.decomposition
             penalised = values + gram.penalty(strength, order) + RIDGE * gram.scale
             start = gram.inverse_transform(self._solve_linear(1 / penalised)).astype(np.float32)
@@ -210,10 +212,9 @@ class RangeFit:
         roof = gram.spread(np.where(may_glow, np.float32(np.inf), np.float32(0)))
         state = start
         with progress.bar("fitting", iterations) as shown:
-            for number, step in enumerate(steps):
+            for step, most in parts:
                 state = _scaled(state, roof, step / before)
                 fit, before = FrequencyFit(gram, self.stack, strength, order, step), step
-                most = -(-(iterations - number) // len(steps))
                 _split(fit, roof, state, most, shown)
         cells = gram.gather(np.clip(state, 0, roof))
         return Fit(cells, self.misfit(cells), state)

@@ -243,7 +243,7 @@ class PlaneFit:
     def _fit_smooth(self, problem: RangeFit, draft: Explanation, penalty: Roughness) -> Explanation:
         """Choose the strength, fit, find the dark cells, and fit again."""
         options, share = self.options, self._noise_share(draft)
-        few = min(options.iterations, max(20, options.iterations // 4))
+        few = min(options.iterations, max(40, options.iterations // 2))
         order, nonnegative = penalty.order, penalty.nonnegative
         variance = noise_variance(draft.summed_noise)
         search = StrengthSearch(problem, variance, share, order, nonnegative, few)

@@ -49,7 +49,7 @@ from lf_flame.tomography.reconstruction_result import Reconstruction
 
 ITERATIONS = 80
 """Largest number of iterations of the splitting for the solution, in two fits. Each strength that
-is tried, and each draw, takes at most a quarter, starting from the nearest solution."""
+is tried, and each draw, takes at most half, starting from the nearest solution."""
 
 FIT = "fit"
 """Value of `background` with which a background is fitted."""
@@ -422,7 +422,7 @@ def _draw_again(
     """Fit light fields with redrawn noise, each with a correction of its own (bootstrap)."""
     if not count:
         return
-    found, few = fitted.found, max(1, fit.options.iterations // 4)
+    found, few = fitted.found, max(1, fit.options.iterations // 2)
     expected = Expected(
         fit.smooth(found.cells + correction),
         found.pixel_noise,
