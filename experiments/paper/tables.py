@@ -17,6 +17,7 @@ from experiments.paper.result_files import (
 )
 from lf_flame._common import figures, provenance
 from lf_flame._common.atomic_files import write_json, write_text
+from lf_flame._common.checksums import SEAL
 from lf_flame._common.input_files import read_text
 from lf_flame.datasets.sampling import render_sample
 from lf_flame.datasets.store import Dataset
@@ -186,7 +187,7 @@ def write_table(
     write_text(out / f"{name}.md", "\n".join(parts))
     numbers = table.round(6).to_csv(index=False)
     record = {
-        **{key: value for key, value in run.items() if key != "test_indices"},
+        **{key: value for key, value in run.items() if key not in ("test_indices", SEAL)},
         "model": model,
         "table": table.to_dict("records"),
         "baselines": baselines.to_dict("records"),
