@@ -151,12 +151,19 @@ def round_figure():
     heights, radii, _ = sections[ALL]
     truth = round_glow(heights[:, None] / HEIGHT_MM + 0.5, radii[None, :], RADIUS_MM)
     sections = {"truth": (heights, radii, truth), **sections}
-    figure, axes = subplots(1, len(sections) + 1, figsize=(15, 4.2), layout="constrained")
+    figure, axes = subplots(
+        1,
+        len(sections) + 1,
+        figsize=(17, 4.2),
+        layout="constrained",
+        width_ratios=[*[1] * len(sections), 2],
+    )
     for axis, (name, (rows, columns, section)) in zip(axes, sections.items(), strict=False):
         _draw_half(axis, rows, columns, section, float(truth.max()))
         axis.set_title("\n".join(textwrap.wrap(name, 22)), fontsize=8)
     axes[0].set_ylabel("height (mm)", fontsize=8)
     _draw_profiles(axes[-1], sections)
+    figure.legend(loc="outside right upper", fontsize=8)
     return figure
 
 
@@ -184,7 +191,6 @@ def _draw_profiles(axis, sections: dict[str, Section]) -> None:
             axis.plot(radii, section[row], color=colours[name], linewidth=width, label=label)
     axis.set_xlim(0, 9)
     axis.set_ylim(-0.02, 0.16)
-    axis.set_title("radial profiles at -9, 0 and 7 mm", fontsize=8)
-    axis.legend(fontsize=6)
+    axis.set_title("profiles at -9, 0 and 7 mm", fontsize=8)
     axis.set_xlabel("from the axis (mm)", fontsize=8)
     axis.grid(alpha=0.3)
