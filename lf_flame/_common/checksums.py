@@ -48,7 +48,7 @@ def check_seal(path: str | Path) -> dict[str, Any]:
         If the file cannot be read, or its hash does not match.
     """
     record = read_record(path)
-    if SEAL in record and record[SEAL] != _hash(record):
+    if record.get(SEAL) not in (None, _hash(record)):
         raise InputError(f"{path} is not what was written: it does not fit its own hash.")
     return record
 

@@ -16,6 +16,7 @@ from skimage.io import imread
 
 from lf_flame import InputError, LightField
 from lf_flame._common.atomic_files import write_json
+from lf_flame._common.checksums import sealed
 from lf_flame._common.config import build, to_json
 from lf_flame.commands import cli
 from lf_flame.datasets.config import config_from_json
@@ -81,7 +82,7 @@ def sha256_of(path):
 def write_network(path, card, network):
     """Write a network beside a card that says that it belongs to it."""
     network.save(path)
-    write_json(path.with_suffix(".json"), to_json(replace(card, sha256=sha256_of(path))))
+    write_json(path.with_suffix(".json"), sealed(to_json(replace(card, sha256=sha256_of(path)))))
     return path
 
 
@@ -374,6 +375,6 @@ def test_scores_of_another_data_set_are_refused(run_folder, tmp_path):
     shutil.copytree(run_folder, tmp_path / "run", ignore=shutil.ignore_patterns("checkpoint-*"))
     record = json.loads((run_folder / "run.json").read_text())
     changed = record | {"data": str(run_folder.parent / "shapes.zarr"), "data_sha256": "0"}
-    write_json(tmp_path / "run" / "run.json", changed)
+    write_json(tmp_path / "run" / "run.json", sealed(changed))
     with pytest.raises(InputError, match="shapes.zarr is not the data set that .*run was trained"):
         predict_test_split(tmp_path / "run")

@@ -296,7 +296,7 @@ def test_a_network_that_was_cut_off_is_written_again(config, data, run, keep, kn
     shutil.copy(run / "model.keras", run.parent / "whole.keras")
     if not known:
         record = json.loads((run / "run.json").read_text())
-        del record["model_sha256"]
+        del record["model_sha256"], record["record_sha256"]
         (run / "run.json").write_text(json.dumps(record))
         before = (run / "model.keras").stat().st_ino
         train(change_recipe(config, epochs=1), "smoke", data, run, show=False)
