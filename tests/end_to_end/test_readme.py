@@ -57,7 +57,8 @@ def test_the_readme_is_one_page():
 
 
 @pytest.mark.slow
-def test_python_examples_run():
+def test_python_examples_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # some write files
     examples = [
         (path, example)
         for path in USER_TEXTS
