@@ -125,7 +125,7 @@ COMPARE := results/compare$(if $(filter closed-form,$(RUN)),,-$(RUN))
 # PHOTOGRAPHS='--photograph FOLDER -1,0,1', REFOCUSNET_WEIGHTS=FILE (the authors') where at hand;
 # what `make encodings` has trained is there to be compared, but for what is as the paper's.
 VARIANTS = $(patsubst %/model.keras,--variant %,$(filter-out %/raw/model.keras,$(wildcard runs/studies/encodings_flames/*/model.keras runs/paper/*/model.keras)))
-compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## set all refocusing systems side by side (idle machine)
+compare: $(SYSTEMS) $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(TOOLS)  ## set all refocusing systems side by side (idle machine)
 	$(EXPERIMENT) compare $(RUNS) --out $(COMPARE) $(PHOTOGRAPHS) $(VARIANTS) \
 	  $(if $(REFOCUSNET_WEIGHTS),--refocusnet-weights $(REFOCUSNET_WEIGHTS))
 
@@ -150,14 +150,14 @@ flames: | $(TOOLS)  ## measure how well emission by depth is found, beside simpl
 error-bars: | $(TOOLS)  ## count how often error bars of emission by depth hold the truth
 	$(EXPERIMENT) emission --bars 10 --out results/tomography
 
-flames-by-networks: $(RUNS)/flames/model.keras  ## take the planes of the paper's network for sections of flames
+flames-by-networks: $(RUNS)/flames/model.keras | $(TOOLS)  ## take the planes of the paper's network for sections of flames
 	$(EXPERIMENT) emission --out results/tomography \
 	  $(foreach run,$(RUNS)/flames $(PAPERS_NETWORK),--network $(run))
 
 costs: learning-costs latency | $(TOOLS)  ## measure what accuracy costs in time: simulation, refocusing, learning (idle machine)
 	$(EXPERIMENT) costs --run $(RUNS) --out results/costs
 
-latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras  ## time the trained networks on one picture
+latency: $(RUNS)/shapes/model.keras $(RUNS)/flames/model.keras | $(TOOLS)  ## time the trained networks on one picture
 	$(EXPERIMENT) latency $(RUNS)/shapes $(RUNS)/flames $(PAPERS_NETWORK) --out results/costs
 
 # Each study goes on where it was cut off; what is done is not done again.

@@ -166,7 +166,7 @@ def weights(config, preset, backbone_weights, backbone_depth):
     "--minutes",
     default=0.0,
     show_default=True,
-    help="Time after which to stop, at the end of an epoch, with the best network so far; 0: none.",
+    help="Time to stop at, at the nearest end of an epoch, with the best network so far; 0: none.",
 )
 def train(config, preset, data, out, backbone_weights, backbone_depth, seed, epochs, minutes):
     """Train the network that CONFIG describes; continues an interrupted run.

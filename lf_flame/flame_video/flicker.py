@@ -204,7 +204,7 @@ def check_times(times_s: np.ndarray, source: str = "of frames") -> None:
     ----------
     times_s : ndarray of float64, shape (frames,)
     source : str, optional
-        Whose times these are, for the message.
+        Words for these times in the message.
 
     Raises
     ------

@@ -42,9 +42,9 @@ def open_light_field(
 ) -> LazyLightField:
     """Open a light field of which rows of pixels are read when they are needed.
 
-    Of an array in ``.npy``, ``.h5``, ``.mat`` (7.3) and ``.zarr`` files parts are read where they
-    are. The views of a folder are first decoded into a temporary file, of 4 bytes a value, in the
-    folder that ``TMPDIR`` names; it is removed with the light field.
+    Arrays in ``.npy``, ``.h5``, ``.mat`` (7.3) and ``.zarr`` files are read in parts, in place. The
+    views of a folder are first decoded into a temporary file, of 4 bytes a value, in the folder
+    that ``TMPDIR`` names; it is removed with the light field.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ larger blocks, take less."""
 
 
 KEPT = 4
-"""Number of strengths whose inverse matrices are kept."""
+"""Number of inverse matrices that are kept; a strength has two, one for each step."""
 
 RIDGE = 1e-6
 """Ridge added where the unpenalised fit must be unique, relative to `FrequencyGram.scale`."""

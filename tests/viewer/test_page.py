@@ -81,6 +81,7 @@ def test_a_page_inside_another_one_runs_without_an_address(tab, make_exhibit, tm
     page.evaluate("() => lfViewer.ready")
     page.evaluate("() => lfViewer.set({ slope: 0.5 })")
     tab.page.wait_for_timeout(400)  # the address would be written, and refused, after 200 ms
+    assert page.evaluate("() => lfViewer.state.slope") == 0.5
 
 
 @pytest.mark.parametrize("renderer", ["webgl", "javascript"])

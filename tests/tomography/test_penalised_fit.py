@@ -1,0 +1,46 @@
+"""The splitting: long steps, then short ones, from one state."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lf_flame import PAPER_CAMERA, Layer, Scene, render
+from lf_flame.scenes.flames import flame_texture
+from lf_flame.tomography import FrustumGrid, reconstruct
+from lf_flame.tomography.penalised_fit import RangeFit
+from lf_flame.tomography.plane_fit import Operators
+
+CAMERA = replace(PAPER_CAMERA, views=7, lenslets=(48, 48))
+DEPTHS_MM = [1.2, 0.0, -1.2]
+GRID = FrustumGrid(CAMERA, DEPTHS_MM)
+
+
+@pytest.fixture(scope="module")
+def flames():
+    """Three flames behind each other, so near that the views hardly tell them apart."""
+    height = 0.6 * CAMERA.field_mm(0.0)[0]
+    glow = flame_texture(height, height / 5, cell_mm=height / 60)
+    places = zip(DEPTHS_MM, (-0.1, 0.06, 0.1), strict=True)
+    size = height, 0.64 * height
+    return Scene([Layer(glow, depth, size, (0.0, place * height)) for depth, place in places])
+
+
+def test_flames_that_hardly_differ_in_depth_are_told_apart(flames):
+    """With short steps alone 0.82 % off; with a state scaled by the inverse, 1.2 %."""
+    found = reconstruct(render(flames, CAMERA), GRID).emission
+    truth = [GRID.crop(GRID.average(layer, k)) for k, layer in enumerate(flames.layers)]
+    for one, true in zip(found, truth, strict=True):
+        assert np.linalg.norm(one - true) < 0.0065 * np.linalg.norm(true)
+
+
+def test_a_solution_stays_where_it_is(flames):
+    """Whatever the step: beyond the bounds the state is the step times their multipliers."""
+    operators = Operators(GRID)
+    views = render(flames, CAMERA).views
+    stack = operators.projection.rmatvec(views.ravel()).reshape(operators.projection.dims)
+    problem = RangeFit(operators.gram, stack, float(np.sum(views**2)), views.size)
+    solved = problem.solve(0.1, 3, True, 3000)
+    again = problem.solve(0.1, 3, True, 8, solved.state)
+    assert (solved.cells == 0).mean() > 0.1
+    np.testing.assert_allclose(again.cells, solved.cells, atol=3e-4 * solved.cells.max())
