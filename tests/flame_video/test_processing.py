@@ -26,7 +26,7 @@ CAMERA = PlenopticCamera(
     main_lens_focal_mm=150.0, focus_distance_mm=326.0, lenslet_focal_mm=0.4,
     lenslet_pitch_mm=0.112, views=3, lenslets=(ROWS, COLUMNS),
 )  # fmt: skip
-DEPTHS = (float(CAMERA.slope_to_depth(-SLOPE)), 0.0)
+DEPTHS = (float(CAMERA.slope_to_depth(SLOPE)), 0.0)
 
 
 def bar(top, rows=ROWS):
@@ -169,22 +169,18 @@ def test_lengths_are_in_mm_with_the_size_of_a_pixel():
 
 
 def test_emission_of_a_frame_is_that_of_its_light_field_alone():
-    """A background of 0.2 is fitted; the second frame starts from the first.
-
-    Of 80 iterations each, both are 3 to 4 % of the peak from the end of 2,000 in some faint cells.
-    """
+    """A background of 0.2 is fitted; the second frame starts from the first."""
     camera, depths = CAMERA, DEPTHS
     options = {"noise": 0.01, "strength": 0.1, "background": "fit"}
     (step,) = find_steps("emission", camera=camera, depths_mm=depths, **options)
     before, noise = {}, 0.01 * np.random.default_rng(1).standard_normal((3, 3, ROWS, COLUMNS))
     grid = FrustumGrid(camera, depths)
-    for top in (8, 9):
+    for top, limit in ((8, 0.0), (9, 0.02)):
         light_field = LightField(0.2 + bar(top) + noise)
         found = step(Frame(light_field, before=before))
         alone = reconstruct(light_field, grid, **options)
-        apart = np.abs(found["emission"].values - alone.emission) / alone.emission.max()
-        assert apart.max() < 0.04
-        assert np.sqrt(np.mean(apart**2)) < 0.005
+        apart = np.abs(found["emission"].values - alone.emission).max()
+        assert apart <= limit * alone.emission.max()
     assert before["emission"][0].background == pytest.approx(0.2, abs=0.01)
     assert len(pickle.dumps(step)) < 5000  # each process makes its own plan
 
