@@ -227,14 +227,18 @@ def test_the_simulators_lenslets_are_focused_at_infinity():
     assert np.nanmedian(found.depth) == pytest.approx(-slope * views, rel=0.01)
 
 
+@pytest.fixture(scope="module")
+def raw_levels():
+    raw = Camera(blur=BLURRED[::-1]).record(4.4, Waves((30, 90)))
+    return np.rint(40000 * raw).astype(np.uint16)
+
+
 @pytest.fixture
-def call(tmp_path, monkeypatch):
+def call(raw_levels, tmp_path, monkeypatch):
     """Call of the program on files of a camera in the working folder."""
     monkeypatch.chdir(tmp_path)
-    camera = Camera(blur=BLURRED[::-1])
-    raw = camera.record(4.4, Waves((30, 90)))
-    write_image("raw.png", np.rint(40000 * raw).astype(np.uint16))
-    Path("camera.xml").write_text(camera.xml())
+    write_image("raw.png", raw_levels)
+    Path("camera.xml").write_text(Camera().xml())
     return lambda *words: CliRunner().invoke(commands, words)
 
 
@@ -365,7 +369,7 @@ def test_a_calibration_that_is_none_is_refused(tmp_path, text, message):
      {"rotation": np.pi / 2 + 0.04}],
 )  # fmt: skip
 def test_a_calibration_of_other_lenslets_is_refused(tmp_path, changes):
-    camera = Camera(columns=changes.get("rotation", 0) > 1)
+    camera = Camera(shape=(200, 230), columns=changes.get("rotation", 0) > 1)
     raw = camera.record(3.1, Waves())
     write_image(tmp_path / "raw.png", np.rint(40000 * raw).astype(np.uint16))
     (tmp_path / "camera.xml").write_text(camera.xml(**changes))
