@@ -27,9 +27,7 @@ def both(scene, camera, tolerance=1e-4):
     )
 
 
-@pytest.mark.parametrize(
-    ("aperture", "shift"), [({}, 0.3), (ROUND, 0.0)], ids=["square", "round"]
-)
+@pytest.mark.parametrize(("aperture", "shift"), [({}, 0.3), (ROUND, 0.0)], ids=["square", "round"])
 def test_an_edge_in_the_focal_plane_bleeds_by_the_share_thrown_beyond_it(aperture, shift):
     """Along an edge inside a lenslet, anywhere: the pattern's integral from each point of it."""
     camera = replace(CAMERA, **aperture)
