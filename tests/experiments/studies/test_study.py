@@ -210,7 +210,7 @@ def test_a_changed_variant_is_refused(done, monkeypatch):
 
 @pytest.mark.slow
 def test_a_study_along_an_axis(folder):
-    path = write(folder, CURVE)
+    path = write(folder, CURVE, f'{STUDY}model = {{ backbone_depth = "none" }}\n')
     arguments = ["study", str(path), "--out", "out", "--work", "work", "--workers", "1"]
     shown = CliRunner().invoke(commands, [*arguments, "--paper", str(PAPER)])
     assert shown.exit_code == 0, shown.output
