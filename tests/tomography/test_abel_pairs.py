@@ -229,7 +229,7 @@ def test_single_view_says_what_it_cannot_see():
     ids=["solid", "hollow", "broad"],
 )
 def test_bars_of_95_per_cent_hold_the_truth(transform, kind):
-    """25 draws of noise, 3 % of the peak, by bright nodes."""
+    """50 draws of noise, 3 % of the peak, by bright nodes."""
     lens = replace(camera("f/4"), lenslets=(10, 120))
     clean = photograph(transform, lens).views
     grid = AxisymmetricGrid(lens, AXIS, DEPTH, 1.06 * RADIUS)
@@ -237,7 +237,7 @@ def test_bars_of_95_per_cent_hold_the_truth(transform, kind):
     truth = np.where(radii < 1, transform(np.clip(radii, None, 1 - 1e-9))[0], 0)
     bright = truth > 0.05 * truth.max()
     held = []
-    for draw in range(25):
+    for draw in range(50):
         rng = np.random.default_rng(draw)
         unit = (0.03**2 if kind == "photons" else 1.0) * clean.max()
         noisy = rng.poisson(clean / unit) * unit if kind == "photons" else clean

@@ -210,7 +210,8 @@ def test_a_changed_variant_is_refused(done, monkeypatch):
 
 @pytest.mark.slow
 def test_a_study_along_an_axis(folder):
-    path = write(folder, CURVE, f'{STUDY}model = {{ backbone_depth = "none" }}\n')
+    light = 'recipe = { batch_size = 3, neck = "positions" }\nmodel = { backbone_depth = "none" }\n'
+    path = write(folder, CURVE, f"{STUDY.partition('recipe')[0]}{light}")
     arguments = ["study", str(path), "--out", "out", "--work", "work", "--workers", "1"]
     shown = CliRunner().invoke(commands, [*arguments, "--paper", str(PAPER)])
     assert shown.exit_code == 0, shown.output
