@@ -341,7 +341,6 @@ def test_from_data_set_to_table(tmp_path):
 @pytest.mark.slow
 def test_who_waits_for_the_compiler_is_told_so_once(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
-    monkeypatch.setenv("NUMBA_OPT", "0")  # what is compiled is of no account
     np.save(tmp_path / "field.npy", np.ones((2, 2, 4, 4), np.float32))
     refocus = ("refocus", "field.npy", "--slope", "0.5", "--out")
     first, second = (run(*refocus, out, cwd=tmp_path) for out in ("one", "two"))
